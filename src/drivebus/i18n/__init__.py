@@ -1,0 +1,53 @@
+"""One look-up for every sentence that a user sees.
+
+Catalogues are JSON files beside this module, ``<room>.<language>.json``, each an object of key → sentence with
+``{name}`` places. A key is ``room.name``; rooms never share keys, languages always have the same keys (a test).
+"""
+
+from __future__ import annotations
+
+import json
+import locale
+import os
+from functools import cache
+from importlib import resources
+from typing import Any
+
+LANGUAGES = ("en", "zh")
+
+
+@cache
+def catalogue(language: str) -> dict[str, str]:
+    """All sentences of a language, by key."""
+    found: dict[str, str] = {}
+    for entry in resources.files(__package__).iterdir():
+        if entry.name.endswith(f".{language}.json"):
+            found.update(json.loads(entry.read_text(encoding="utf-8")))
+    return found
+
+
+class _Places(dict[str, Any]):
+    """Leaves a place without a value standing, so that a wrong sentence never hides an error."""
+
+    def __missing__(self, key: str) -> str:
+        return "{" + key + "}"
+
+
+def text(key: str, language: str = "en", /, **params: Any) -> str:
+    """The sentence for ``key``; English where the language lacks it, the key itself where nobody knows it."""
+    sentence = catalogue(language).get(key) or catalogue("en").get(key)
+    if sentence is None:
+        return f"{key} {params}" if params else key
+    return sentence.format_map(_Places({name: _shown(value, language) for name, value in params.items()}))
+
+
+def _shown(value: Any, language: str) -> Any:
+    """Texts in both languages (``Text`` of a profile) show their own side; everything else shows itself."""
+    return getattr(value, language) if hasattr(value, "en") and hasattr(value, "zh") else value
+
+
+def preferred() -> str:
+    """The user's language: DRIVEBUS_LANG, else the locale; "zh" or "en"."""
+    names = (os.environ.get(name, "") for name in ("DRIVEBUS_LANG", "LC_ALL", "LC_MESSAGES", "LANG"))
+    chosen = next((name for name in names if name), "") or (locale.getlocale()[0] or "")
+    return "zh" if chosen.lower().startswith(("zh", "chinese")) else "en"

@@ -1,0 +1,25 @@
+"""What the outside world is to pure code: a clock, chance and a store, as Protocols."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic seconds; never the wall clock (F21)."""
+
+    def __call__(self) -> float: ...
+
+
+class Rng(Protocol):
+    """Chance with a seed (``random.Random`` fits)."""
+
+    def random(self) -> float: ...
+    def randrange(self, start: int, stop: int, /) -> int: ...
+
+
+class Store(Protocol):
+    """A small persistent mapping (EEPROM wear, proofs); writes are durable when ``put`` returns."""
+
+    def get(self, key: str) -> str | None: ...
+    def put(self, key: str, value: str) -> None: ...
