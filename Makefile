@@ -1,0 +1,56 @@
+# drivebus: `make demo` shows a virtual plant, `make test` runs every test. Both set up .venv first.
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' && echo $$p && break; done)
+UV := $(shell command -v uv 2>/dev/null)
+ifdef UV
+INSTALL = VIRTUAL_ENV=$(VENV) uv pip install -q
+else
+INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
+endif
+LOCKS := requirements/base.txt requirements/build.txt
+
+.PHONY: help demo test check docs bench lock clean python
+help: ## List what can be made
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14
+
+demo: $(VENV)/.base ## A virtual plant, live in the terminal; no hardware needed
+	@$(BIN)/drivebus demo $(ARGS)
+
+test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_REQUIRE_PEERS=1: fail)
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
+	$(BIN)/python -m pytest tests/test_house.py $(ARGS)
+
+docs: $(VENV)/.test ## Write the generated pages again
+	$(BIN)/python docs/generate.py
+
+bench: $(VENV)/.test ## Benchmarks beside their peers; writes docs/reports/
+	$(BIN)/python -m benchmarks $(ARGS)
+
+python:
+	@test -n "$(PYTHON)" || { echo "drivebus needs Python 3.11 or newer, and this machine has none on its path."; \
+	echo "Install it: Debian/Ubuntu: sudo apt install python3 python3-venv · Fedora: sudo dnf install python3 · macOS: brew install python"; \
+	echo "drivebus 需要 Python 3.11 或更高版本。安装：Debian/Ubuntu: sudo apt install python3 python3-venv"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "$(PYTHON) has no venv module."; \
+	echo "Install it: sudo apt install $$($(PYTHON) -c 'import sys; print("python3.%d-venv" % sys.version_info[1])')"; \
+	echo "$(PYTHON) 缺少 venv 模块，请用上面的命令安装。"; exit 1; }
+
+$(VENV)/.base: $(LOCKS) pyproject.toml | python
+	@echo "Setting up $(VENV) (once, about a minute) · 正在准备运行环境（仅一次）"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(INSTALL) --require-hashes -r requirements/base.txt -r requirements/build.txt
+	@$(INSTALL) --no-build-isolation --no-deps -e .
+	@touch $@
+
+$(VENV)/.test: requirements/test.txt $(VENV)/.base
+	@$(INSTALL) --require-hashes -r requirements/test.txt
+	@touch $@
+
+lock: ## Pin every dependency again: versions and hashes, no addresses
+	sh requirements/lock.sh
+
+clean: ## Remove the environment and caches
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
