@@ -1,1 +1,1 @@
-"""To be described by its first module."""
+"""Public kits for tests: virtual time (``virtual``), scripted ports (``playbook``)."""
