@@ -1,0 +1,108 @@
+"""Check sums and strict digits that the protocols share. No frame and no field lives here.
+
+Digits are decoded by 256-entry tables only: ``int(text, 16)`` by itself takes ``+1``, `` 1`` and ``1_0`` (T19).
+"""
+
+from __future__ import annotations
+
+from drivebus.errors import AlphabetError
+
+_BAD = 0
+"""What a table gives for a byte that is no digit; no digit translates to it."""
+
+
+def _alphabet(*spellings: tuple[bytes, bytes]) -> bytes:
+    """A table from every allowed spelling to its canonical digit, and from all else to ``_BAD``."""
+    table = bytearray(256)
+    for written, meant in spellings:
+        for byte, digit in zip(written, meant, strict=True):
+            table[byte] = digit
+    return bytes(table)
+
+
+_DIGITS = b"0123456789ABCDEF"
+DECIMAL = _alphabet((_DIGITS[:10], _DIGITS[:10]))
+"""0-9."""
+STRICT = _alphabet((_DIGITS, _DIGITS))
+"""0-9 and A-F (41H-46H)."""
+EITHER_CASE = _alphabet((_DIGITS, _DIGITS), (b"abcdef", b"ABCDEF"))
+"""0-9, A-F and a-f."""
+TOLERANT = _alphabet((_DIGITS, _DIGITS), (b"abcdef", b"ABCDEF"), (b"\x3a\x3b\x3c\x3d\x3e\x3f", b"ABCDEF"))
+"""Also 3AH-3FH, the C320 manual's other spelling of A-F (T02)."""
+
+
+def _crc_entry(byte: int) -> int:
+    for _ in range(8):
+        byte = (byte >> 1) ^ 0xA001 if byte & 1 else byte >> 1
+    return byte
+
+
+_CRC = tuple(map(_crc_entry, range(256)))
+
+
+def sum16(data: bytes) -> int:
+    """The 16-bit sum of the bytes (C320)."""
+    return sum(data) & 0xFFFF
+
+
+def lrc(data: bytes) -> int:
+    """The 8-bit longitudinal check of Modbus ASCII: two's complement of the sum, over the *decoded* bytes."""
+    return -sum(data) & 0xFF
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/MODBUS (polynomial A001H reflected, start FFFFH); on the wire its low byte goes first."""
+    crc, table = 0xFFFF, _CRC
+    for byte in data:
+        crc = (crc >> 8) ^ table[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def hex_digits(value: int, width: int) -> bytes:
+    """``value`` as ``width`` upper-case ASCII hex digits. Raises ValueError where it does not fit."""
+    if not 0 <= value < 1 << 4 * width:
+        raise ValueError(f"{value} does not fit {width} hex digits")
+    return b"%0*X" % (width, value)
+
+
+def decimal_digits(value: int, width: int) -> bytes:
+    """``value`` as ``width`` ASCII decimal digits. Raises ValueError where it does not fit."""
+    if not 0 <= value < 10**width:
+        raise ValueError(f"{value} does not fit {width} decimal digits")
+    return b"%0*d" % (width, value)
+
+
+def hex_pairs(data: bytes) -> bytes:
+    """Each byte as two upper-case ASCII hex digits (Modbus ASCII)."""
+    return data.hex().upper().encode("ascii")
+
+
+def canonical(digits: bytes, table: bytes = STRICT, start: int = 0) -> bytes:
+    """The digits in their canonical spelling.
+
+    Raises AlphabetError with the first bad byte and its position (counted from ``start``).
+    """
+    found = digits.translate(table)
+    if _BAD in found:
+        at = found.index(_BAD)
+        raise AlphabetError("protocols.alphabet", expected="0-9 A-F", found=digits[at], position=start + at)
+    return found
+
+
+def hex_value(digits: bytes, table: bytes = STRICT, start: int = 0) -> int:
+    """The number that ASCII hex digits write. Raises AlphabetError for anything that ``table`` does not know."""
+    return int(canonical(digits, table, start), 16)
+
+
+def decimal_value(digits: bytes, start: int = 0) -> int:
+    """The number that ASCII decimal digits write. Raises AlphabetError for anything but 0-9."""
+    found = digits.translate(DECIMAL)
+    if _BAD in found:
+        at = found.index(_BAD)
+        raise AlphabetError("protocols.alphabet", expected="0-9", found=digits[at], position=start + at)
+    return int(found)
+
+
+def hex_bytes(digits: bytes, table: bytes = STRICT, start: int = 0) -> bytes:
+    """The bytes that pairs of hex digits write. Raises AlphabetError for a bad digit, ValueError for an odd count."""
+    return bytes.fromhex(canonical(digits, table, start).decode("ascii"))

@@ -1,0 +1,51 @@
+"""What a frame says, for people and for JSON: the result of every protocol's ``describe``. Values only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from drivebus.errors import ProtocolError
+
+Direction = Literal["request", "response"]
+Note = tuple[str, Mapping[str, Any]]
+"""An i18n key and its params."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One thing that a reply may mean where its request is not known."""
+
+    note: Note
+    fields: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A frame explained. ``valid`` means: a tolerant reader of this direction takes these bytes as one whole frame.
+
+    ``problems`` say why it is not valid; ``errata`` where it differs from what a correct sender emits, which is
+    ``canonical``; ``hazards`` what it does besides, or instead of, what it seems to do.
+    """
+
+    family: str
+    encoding: str
+    direction: Direction
+    valid: bool
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    problems: tuple[Note, ...] = ()
+    errata: tuple[Note, ...] = ()
+    hazards: tuple[Note, ...] = ()
+    canonical: bytes | None = None
+    readings: tuple[Candidate, ...] = ()
+
+
+def note(key: str, **params: Any) -> Note:
+    """A sentence to be looked up when the language is known."""
+    return key, params
+
+
+def problem(error: ProtocolError) -> Note:
+    """The note of a protocol error."""
+    return error.key, error.params
