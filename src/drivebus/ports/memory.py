@@ -1,0 +1,131 @@
+"""Two ports joined in memory, for tests and for programs that want no hardware.
+
+Not modelled: parity, framing errors, collisions, echo, noise, half duplex (each direction has its own wire) and
+the operating system's buffers. With ``paced=on`` each byte arrives when its last stop bit would, by the event
+loop's own clock, so that a virtual loop gives exact durations; without, whole chunks arrive at the next turn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from weakref import WeakValueDictionary
+
+from drivebus.errors import LinkError, PortLost, PortUnavailable
+from drivebus.line import LineSettings
+from drivebus.ports.link import Link
+from drivebus.ports.port import Capabilities, Echo, Receiver
+
+
+class _Wire:
+    """What the two ends share. Ends taken by name are given out once each."""
+
+    __slots__ = ("__weakref__", "ends", "plugged", "taken")
+
+    def __init__(self) -> None:
+        self.ends: list[MemoryPort] = []
+        self.plugged = True
+        self.taken = 0
+
+
+class MemoryPort:
+    """One end of a pair. See ``pair``."""
+
+    def __init__(self, wire: _Wire, name: str, settings: LineSettings, paced: bool, echo: Echo = "off") -> None:
+        self.settings = settings
+        self.capabilities = Capabilities(paced=paced)
+        self.echo: Echo = echo
+        self._wire = wire
+        self._name = name
+        self._receiver: Receiver | None = None
+        self._opening = 0
+        self._free_at = 0.0
+        wire.ends.append(self)
+
+    @property
+    def identity(self) -> str:
+        return f"memory:{self._name}"
+
+    @property
+    def url(self) -> str:
+        return f"memory://{self._name}"
+
+    @property
+    def other(self) -> MemoryPort:
+        """The far end."""
+        left, right = self._wire.ends
+        return right if self is left else left
+
+    async def open(self, receiver: Receiver) -> None:
+        """Raises PortUnavailable while unplugged or already open."""
+        if not self._wire.plugged:
+            raise PortUnavailable("ports.memory-unplugged", port=self.url)
+        if self._receiver is not None:
+            raise PortUnavailable("ports.already-open", port=self.url)
+        self._receiver = receiver
+        self._opening += 1
+        self._free_at = 0.0
+
+    def write(self, data: bytes, /) -> None:
+        """Raises PortLost where the port is not open. Bytes for a far end that is not open are gone, as on a wire."""
+        if self._receiver is None:
+            raise PortLost("ports.not-open", port=self.url)
+        loop = asyncio.get_running_loop()
+        far = self.other
+        if not self.capabilities.paced:
+            loop.call_soon(far._arrive, bytes(data), far._opening)
+            return
+        at = max(loop.time(), self._free_at)
+        for index in range(len(data)):
+            at += self.settings.character_s
+            loop.call_at(at, far._arrive, data[index : index + 1], far._opening)
+        self._free_at = at
+
+    async def close(self) -> None:
+        """Bytes still on their way to this end are dropped."""
+        self._receiver = None
+        self._opening += 1
+
+    def unplug(self) -> None:
+        """Both ends lose their port and can't be opened until ``plug``."""
+        self._wire.plugged = False
+        for end in self._wire.ends:
+            end._lose()
+
+    def plug(self) -> None:
+        """Make the pair openable again."""
+        self._wire.plugged = True
+
+    def _lose(self) -> None:
+        receiver, self._receiver = self._receiver, None
+        self._opening += 1
+        if receiver is not None:
+            receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
+
+    def _arrive(self, data: bytes, opening: int) -> None:
+        if self._receiver is not None and opening == self._opening:
+            self._receiver.data_received(data)
+
+
+_named: WeakValueDictionary[str, _Wire] = WeakValueDictionary()
+
+
+def pair(
+    settings: LineSettings | None = None, *, paced: bool = False, name: str = "pair", echo: Echo = "off"
+) -> tuple[MemoryPort, MemoryPort]:
+    """Two joined ports, not yet opened. What one writes, the other receives."""
+    wire = _Wire()
+    line = settings or LineSettings()
+    return MemoryPort(wire, name, line, paced, echo), MemoryPort(wire, name, line, paced, echo)
+
+
+def open_port(link: Link) -> MemoryPort:
+    """``memory://name``: the first caller gets one end, the second the other. Raises LinkError for a third."""
+    link.only("paced", "echo")
+    wire = _named.get(link.path)
+    if wire is None:
+        left, _ = pair(link.settings, paced=link.flag("paced"), name=link.path)
+        wire = _named[link.path] = left._wire
+    if wire.taken == 2:
+        raise LinkError("ports.memory-taken", link=link.text, name=link.path)
+    wire.taken += 1
+    return wire.ends[wire.taken - 1]

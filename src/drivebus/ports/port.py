@@ -1,0 +1,88 @@
+"""What a port is to everybody above: bytes in, bytes out, and what it can promise. No I/O lives here.
+
+A port belongs to one event loop. Its life: ``open(receiver)`` → ``write`` and ``receiver.data_received`` →
+either ``close()`` (silent) or one ``receiver.port_lost``; after both it may be opened again, and then finds
+its device by the identity that it remembers (F12).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+from drivebus.errors import PortLost
+from drivebus.line import LineSettings
+
+Echo = Literal["detect", "on", "off"]
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What is real about a port (ruling 9): shown to the user, never fatal."""
+
+    paced: bool = False
+    """Bytes take their character time: 'before our own last stop bit' means something."""
+    parity: bool = False
+    """The parity of every received byte is checked and bad bytes are counted in ``marks``."""
+    direction_control: bool = False
+    """The port itself switches the RS485 driver (kernel TIOCSRS485); False: the adapter does."""
+
+
+class Receiver(Protocol):
+    """Who is told what comes in. Called from the event loop, never from within ``write`` or ``open``."""
+
+    def data_received(self, data: bytes, marks: int = 0) -> None:
+        """Bytes as they came; ``marks`` of them had a parity or framing error, or were a break (G20)."""
+        ...
+
+    def port_lost(self, error: PortLost) -> None:
+        """The open port is gone. Exactly once per ``open``, never after ``close``."""
+        ...
+
+
+class Port(Protocol):
+    """One line to a bus. Made unopened by ``drivebus.ports.open_port``."""
+
+    @property
+    def settings(self) -> LineSettings: ...
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Final once ``open`` has returned."""
+        ...
+
+    @property
+    def identity(self) -> str:
+        """A name that survives replugging and renumbering as far as the port has one; key of stored proofs."""
+        ...
+
+    @property
+    def url(self) -> str:
+        """The LINK that opens this port again."""
+        ...
+
+    @property
+    def echo(self) -> Echo:
+        """What the user said about the adapter's echo (F03)."""
+        ...
+
+    async def open(self, receiver: Receiver) -> None:
+        """Open, or open again. Raises PortUnavailable with why and what to do."""
+        ...
+
+    def write(self, data: bytes, /) -> None:
+        """Send at once; never blocks, never keeps bytes of an earlier opening. Raises PortLost where it is not open."""
+        ...
+
+    async def close(self) -> None:
+        """Let go of everything. Idempotent; the receiver hears nothing of it."""
+        ...
+
+
+@runtime_checkable
+class Quietable(Protocol):
+    """A port that can be told not to wake the loop for a while."""
+
+    def quiet_until(self, when: float, /) -> None:
+        """Deliver nothing before loop time ``when``; bytes wait in the kernel. ``when`` in the past: deliver now."""
+        ...
