@@ -1,0 +1,40 @@
+"""What every measured client shares: its arguments, the round, and the figures it prints."""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from typing import Any
+
+PATH, STATIONS, SECONDS, BAUD = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
+REGISTERS = 4
+
+
+def wrong(station: int, register: int, values: Any) -> bool:
+    """True where a reply was believed that belongs to another request."""
+    return list(values) != [station << 8 | (register + n) & 255 for n in range(REGISTERS)]
+
+
+class Meter:
+    """CPU and wall time from its creation to ``report``."""
+
+    def __init__(self) -> None:
+        self.done = self.failed = self.wrong = 0
+        self.cpu, self.wall = self._cpu(), time.monotonic()
+
+    @staticmethod
+    def _cpu() -> float:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        return used.ru_utime + used.ru_stime
+
+    def over(self) -> bool:
+        return time.monotonic() - self.wall >= SECONDS
+
+    def report(self, **more: Any) -> None:
+        """One JSON line for the harness."""
+        wall, cpu = time.monotonic() - self.wall, self._cpu() - self.cpu
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        figures = {"done": self.done, "failed": self.failed, "wrong": self.wrong, "cpu_s": cpu, "wall_s": wall}
+        print(json.dumps(figures | {"peak_kib": peak} | more), flush=True)

@@ -1,0 +1,178 @@
+/* A crowd of Modbus RTU stations on ptys, for measuring masters. Nobody here shares code with drivebus.
+ *
+ *   station LINES STATIONS BAUD BITS DELAY_US DEAD LATE_PERMILLE LATE_US
+ *
+ * Prints one pty path per line, then "ready". BAUD 0: unpaced, answers at once in one write. Otherwise a reply begins
+ * when the request's last bit would have arrived (BITS a character) plus DELAY_US, and its bytes are delivered one by
+ * one, each when its last bit would have arrived. DEAD: that address never answers. LATE_PERMILLE of the replies come
+ * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply believed for another request shows.
+ * Ends at end of file on stdin and prints counts as JSON; "gap" is the silence before a request, in characters,
+ * measured here: from the last bit of the last reply to the moment the request is seen.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#define QUEUE 4096
+struct event { int64_t at; uint8_t byte; };
+struct line {
+    int fd, slave, have, started;
+    uint8_t in[512];
+    struct event out[QUEUE];
+    int head, tail;
+    int64_t heard, quiet_since, first;
+    long requests, replies, late, bad, shortgaps;
+    double smallest, gaps;
+    int64_t useful;
+};
+
+static int64_t now_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000000LL + t.tv_nsec;
+}
+
+static uint16_t crc16(const uint8_t *p, int n) {
+    uint16_t c = 0xFFFF;
+    while (n--) {
+        c ^= *p++;
+        for (int i = 0; i < 8; i++) c = c & 1 ? (c >> 1) ^ 0xA001 : c >> 1;
+    }
+    return c;
+}
+
+static uint32_t seed = 1;
+static uint32_t chance(void) { seed = seed * 1664525u + 1013904223u; return seed >> 8; }
+
+static int64_t character; /* ns, 0 = unpaced */
+static int64_t delay, late_ns;
+static int dead, late_permille;
+
+static void reply(struct line *l, int64_t arrived) {
+    uint8_t *q = l->in, out[256];
+    int n = q[4] << 8 | q[5], len;
+    if (q[1] == 3 && n >= 1 && n <= 125) {
+        int reg = q[2] << 8 | q[3];
+        out[0] = q[0]; out[1] = 3; out[2] = (uint8_t)(2 * n);
+        for (int i = 0; i < n; i++) { out[3 + 2 * i] = q[0]; out[4 + 2 * i] = (uint8_t)(reg + i); }
+        len = 3 + 2 * n;
+    } else {
+        memcpy(out, q, 6);
+        len = 6;
+    }
+    uint16_t c = crc16(out, len);
+    out[len++] = c & 255; out[len++] = c >> 8;
+    int is_late = late_permille && (int)(chance() % 1000) < late_permille;
+    if (!character && !is_late) {
+        if (write(l->fd, out, len) == len) l->replies++;
+        l->quiet_since = now_ns();
+        return;
+    }
+    int64_t at = arrived + delay + (is_late ? late_ns : 0);
+    l->late += is_late;
+    if (!is_late) l->useful += character * (8 + len) + delay + character * 7 / 2;
+    if (l->head != l->tail && l->out[(l->tail + QUEUE - 1) % QUEUE].at > at) at = l->out[(l->tail + QUEUE - 1) % QUEUE].at;
+    for (int i = 0; i < len; i++) {
+        at += character;
+        l->out[l->tail] = (struct event){at, out[i]};
+        l->tail = (l->tail + 1) % QUEUE;
+    }
+    l->replies++;
+}
+
+static void read_line(struct line *l, int64_t t) {
+    ssize_t n = read(l->fd, l->in + l->have, sizeof l->in - l->have);
+    if (n <= 0) return;
+    if (l->have == 0) {
+        l->heard = t;
+        if (l->started && character) {
+            double gap = (double)(t - l->quiet_since) / (double)character;
+            if (gap < l->smallest) l->smallest = gap;
+            if (gap < 3.5) l->shortgaps++;
+            l->gaps += gap;
+        }
+        if (!l->started) { l->started = 1; l->first = t; }
+    }
+    l->have += (int)n;
+    while (l->have >= 8) {
+        int64_t arrived = l->heard + 8 * character;
+        if (crc16(l->in, 6) == (l->in[6] | l->in[7] << 8)) {
+            l->requests++;
+            l->quiet_since = arrived;
+            if (l->in[0] != dead && l->in[0] != 0) reply(l, arrived);
+        } else {
+            l->bad++;
+        }
+        memmove(l->in, l->in + 8, (size_t)(l->have -= 8));
+    }
+}
+
+int main(int argc, char **argv) {
+    if (argc < 9) return 2;
+    int lines = atoi(argv[1]);
+    int baud = atoi(argv[3]);
+    character = baud ? 1000000000LL * atoi(argv[4]) / baud : 0;
+    delay = 1000LL * atoi(argv[5]);
+    dead = atoi(argv[6]);
+    late_permille = atoi(argv[7]);
+    late_ns = 1000LL * atoi(argv[8]);
+    struct line *all = calloc((size_t)lines, sizeof *all);
+    int ep = epoll_create1(0);
+    for (int i = 0; i < lines; i++) {
+        struct line *l = &all[i];
+        struct termios raw;
+        l->fd = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
+        grantpt(l->fd); unlockpt(l->fd);
+        l->slave = open(ptsname(l->fd), O_RDWR | O_NOCTTY);
+        tcgetattr(l->slave, &raw); cfmakeraw(&raw); tcsetattr(l->slave, TCSANOW, &raw);
+        l->smallest = 1e9;
+        struct epoll_event e = {.events = EPOLLIN, .data.ptr = l};
+        epoll_ctl(ep, EPOLL_CTL_ADD, l->fd, &e);
+        printf("%s\n", ptsname(l->fd));
+    }
+    struct epoll_event in = {.events = EPOLLIN, .data.ptr = NULL};
+    epoll_ctl(ep, EPOLL_CTL_ADD, 0, &in);
+    printf("ready\n");
+    fflush(stdout);
+    for (int stop = 0; !stop;) {
+        struct epoll_event e[64];
+        int n = epoll_wait(ep, e, 64, character || late_permille ? 0 : 100);
+        int64_t t = now_ns();
+        for (int i = 0; i < n; i++) {
+            if (e[i].data.ptr) { read_line(e[i].data.ptr, t); continue; }
+            char c[16];
+            if (read(0, c, sizeof c) <= 0) stop = 1;
+        }
+        if (!character && !late_permille) continue;
+        for (int i = 0; i < lines; i++) {
+            struct line *l = &all[i];
+            while (l->head != l->tail && l->out[l->head].at <= t) {
+                if (write(l->fd, &l->out[l->head].byte, 1) != 1 && errno == EAGAIN) break;
+                l->quiet_since = character ? l->out[l->head].at : t;
+                l->head = (l->head + 1) % QUEUE;
+            }
+        }
+    }
+    long requests = 0, replies = 0, late = 0, bad = 0, shortgaps = 0;
+    double smallest = 1e9, gaps = 0, use = 0;
+    for (int i = 0; i < lines; i++) {
+        struct line *l = &all[i];
+        requests += l->requests; replies += l->replies; late += l->late; bad += l->bad; shortgaps += l->shortgaps;
+        if (l->smallest < smallest) smallest = l->smallest;
+        gaps += l->gaps;
+        if (l->started) use += (double)l->useful / (double)(l->quiet_since - l->first + 1);
+    }
+    printf("{\"requests\": %ld, \"replies\": %ld, \"late\": %ld, \"bad\": %ld, \"short_gaps\": %ld, "
+           "\"smallest_gap\": %.3f, \"mean_gap\": %.3f, \"utilisation\": %.4f}\n",
+           requests, replies, late, bad, shortgaps, smallest, requests ? gaps / (double)requests : 0.0, use / lines);
+    return 0;
+}
