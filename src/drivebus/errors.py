@@ -52,6 +52,8 @@ class DrivebusError(Exception):
 
     scope: ClassVar[Scope] = Scope.REQUEST
     retryable: ClassVar[bool] = False
+    outcome: Any = None
+    """The ``drives.state.Outcome`` of a command that ended in this error: its word and its evidence."""
 
     def __init__(self, key: str, /, **params: Any) -> None:
         self.key = key
