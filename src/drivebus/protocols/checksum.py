@@ -50,9 +50,12 @@ def lrc(data: bytes) -> int:
     return -sum(data) & 0xFF
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16/MODBUS (polynomial A001H reflected, start FFFFH); on the wire its low byte goes first."""
-    crc, table = 0xFFFF, _CRC
+def crc16(data: bytes, crc: int = 0xFFFF) -> int:
+    """CRC-16/MODBUS (polynomial A001H reflected, start FFFFH); on the wire its low byte goes first.
+
+    ``crc`` is what the bytes before gave; over a whole frame with its CRC the result is 0.
+    """
+    table = _CRC
     for byte in data:
         crc = (crc >> 8) ^ table[(crc ^ byte) & 0xFF]
     return crc

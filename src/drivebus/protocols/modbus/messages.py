@@ -1,0 +1,156 @@
+"""Modbus requests and replies as values, and the limits of their fields. No bytes live here.
+
+Source: Modbus Application Protocol V1.1b3, section 6; what the drives use of it: VC660 manual §5, DF800 manual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+READ_FUNCTIONS: Final = frozenset((1, 2, 3, 4))
+"""Functions that only read: 01 coils, 02 discrete inputs, 03 holding registers, 04 input registers."""
+REGISTER_FUNCTIONS: Final = frozenset((3, 4))
+ECHO_FUNCTIONS: Final = frozenset((5, 6, 8, 15, 16))
+"""Functions whose reply is six octets and a check: an echo of the request or of its first fields."""
+FUNCTIONS: Final = READ_FUNCTIONS | ECHO_FUNCTIONS
+
+BROADCAST: Final = 0
+ADDRESSES: Final = range(1, 248)
+"""Stations; 248-255 are reserved (Serial Line V1.02, 2.2)."""
+MAX_READ: Final = 125
+MAX_WRITE: Final = 123
+MAX_READ_BITS: Final = 2000
+MAX_WRITE_BITS: Final = 1968
+
+ILLEGAL_FUNCTION: Final = 1
+ILLEGAL_REGISTER: Final = 2
+ILLEGAL_VALUE: Final = 3
+DEVICE_FAILURE: Final = 4
+EXCEPTION_CODES: Final = frozenset((1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
+"""Codes that V1.1b3 section 7 documents; VC660 documents 1 to 4."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRegisters:
+    """Read ``count`` registers from ``register``: function 03 (holding) or 04 (input)."""
+
+    address: int
+    register: int
+    count: int = 1
+    function: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBits:
+    """Read ``count`` bits from ``register``: function 01 (coils) or 02 (discrete inputs)."""
+
+    address: int
+    register: int
+    count: int = 1
+    function: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class WriteRegister:
+    """Write one holding register (06)."""
+
+    address: int
+    register: int
+    value: int
+    function: ClassVar[int] = 6
+
+
+@dataclass(frozen=True, slots=True)
+class WriteRegisters:
+    """Write consecutive holding registers (10H)."""
+
+    address: int
+    register: int
+    values: tuple[int, ...]
+    function: ClassVar[int] = 16
+
+
+@dataclass(frozen=True, slots=True)
+class WriteBit:
+    """Write one coil (05)."""
+
+    address: int
+    register: int
+    value: bool
+    function: ClassVar[int] = 5
+
+
+@dataclass(frozen=True, slots=True)
+class WriteBits:
+    """Write consecutive coils (0FH)."""
+
+    address: int
+    register: int
+    values: tuple[bool, ...]
+    function: ClassVar[int] = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Loopback:
+    """Loop-back test (08, sub-function 0000): the station returns ``data``, a 16-bit word."""
+
+    address: int
+    data: int
+    function: ClassVar[int] = 8
+
+
+Request = ReadRegisters | ReadBits | WriteRegister | WriteRegisters | WriteBit | WriteBits | Loopback
+
+
+@dataclass(frozen=True, slots=True)
+class Registers:
+    """Answer to a read of registers."""
+
+    address: int
+    function: int
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Bits:
+    """Answer to a read of bits, as many as were asked for."""
+
+    address: int
+    function: int
+    values: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Answer to a write. ``value`` is the word (05: 0000H or FF00H) or, for 0FH and 10H, the count.
+
+    It equals the request's own first bytes, so an echoing adapter can forge it: it confirms nothing (ruling 1).
+    """
+
+    address: int
+    function: int
+    register: int
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class Looped:
+    """Answer to a loop-back test."""
+
+    address: int
+    data: int
+    function: ClassVar[int] = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorReply:
+    """The station's own refusal: an exception code, or None for DF800's short form, which gives no reason."""
+
+    address: int
+    function: int
+    """Of the request, without the top bit."""
+    code: int | None
+
+
+Reply = Registers | Bits | Written | Looped | ErrorReply
