@@ -7,7 +7,7 @@ DZB100 ("query", n) and ("parameter", n); Modbus ("holding", register).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from drivebus.message import StationTiming
@@ -59,6 +59,8 @@ class Signal:
     maximum: float | None = None
     """Plausible range: outside it a reading is uncertain (range check of RELIABILITY 4)."""
     evidence: Evidence = Evidence("assumed", "")
+    uncertain: str | None = None
+    """An i18n key where every reading of it is at best uncertain (its scale is not published): the reading's reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,12 @@ class Parameter:
     help: Text | None = None
     caveat: str | None = None
     factory: float | None = None
+    """The factory setting as a value, not as a raw word."""
     evidence: Evidence = Evidence("assumed", "")
+    readable: bool = True
+    """False for a write-only register (VC660 2002H ..., DF800 2000H)."""
+    listed: bool = True
+    """False where the profile does not know it and only the notation gave its address: raw word, no range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +96,8 @@ class Precondition:
     """Raw values, any of which will do."""
     keypad: Text
     """The keypad step that mends it."""
+    unreadable: Text | None = None
+    """Set where the host can't read it: why, and what to supply. Then the user is told, nothing is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +124,23 @@ class CommandBit:
 @dataclass(frozen=True, slots=True)
 class CommandMap:
     """How a Modbus model takes commands. Names: start, stop, coast, quick_stop, reset, forward, reverse,
-    jog_forward, jog_reverse, jog_stop, pause, hold_ramp. What is absent the model can't do."""
+    jog_forward, jog_reverse, jog_stop, pause, hold_ramp. What is absent the model can't do.
+    ``resolved`` puts in the bits that an open question's setting decides (DF800: direction_field)."""
 
     register: int
     bits: Mapping[str, CommandBit]
     setpoint_register: int
     rewrite_levels_after_pulse: bool = False
     function: int = 6
+    variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
+    """Setting → its value → bits that stand only under that value."""
+
+    def resolved(self, settings: Mapping[str, Any]) -> CommandMap:
+        """The map under these settings, all bits in ``bits``. A setting without a known value adds none."""
+        bits = dict(self.bits)
+        for setting, choices in self.variants.items():
+            bits |= choices.get(str(settings.get(setting)), {})
+        return replace(self, bits=bits, variants={})
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +206,33 @@ class LineDefaults:
 
 
 @dataclass(frozen=True, slots=True)
+class OpenQuestion:
+    """What nothing in the manuals settles: a setting, its default, why, and how to settle it."""
+
+    setting: str
+    default: str | int | float | bool
+    choices: tuple[str | int | float | bool, ...]
+    """The values it can have; empty where any value of the default's type will do."""
+    text: Text
+    reason: Text
+    settle: Text
+    where: str | None = None
+    """Part of the profile that answers it (``[timing]``); None: a setting, in ``settings`` too."""
+
+
+Style = Literal["sifang", "dzb", "consecutive", "hundreds", "register"]
+
+
+@dataclass(frozen=True, slots=True)
+class NotationRule:
+    """How the manual's parameter notation becomes an address; see ``profiles.notation``."""
+
+    style: Style
+    highest: int
+    """Largest parameter address (the index part of the locator)."""
+
+
+@dataclass(frozen=True, slots=True)
 class DriveProfile:
     """All that drivebus knows of one drive model."""
 
@@ -232,3 +278,35 @@ class DriveProfile:
     source: str = ""
     """File that it was read from."""
     format_version: int = 1
+    open_questions: tuple[OpenQuestion, ...] = ()
+    notation: NotationRule = NotationRule("register", 0xFFFF)
+    unplaced: Mapping[str, Text] = field(default_factory=dict)
+    """Parameters that the manual names and whose address is unknown until the user supplies something: why."""
+    roles: Mapping[str, str] = field(default_factory=dict)
+    """Parameters with a part in the protocol, by part: monitor_selector (what a class-4 reply carries), protocol,
+    comm_loss, address, baud, format, reply_delay. Absent where unknown."""
+    fault_label: str = ""
+    """Label of a code that ``faults`` does not list, e.g. ``Fu.{code}``."""
+    fault_text: Text | None = None
+    """Text of such a code, with a place ``{code}``."""
+    evidence: Mapping[str, Evidence] = field(default_factory=dict)
+    """Where whole sections come from: line, timing, limits, setpoint, write_rule, comm_loss, commands, status."""
+
+    def fault(self, code: int) -> FaultEntry:
+        """The entry of a fault code; one made from label and text above where the maker does not publish it."""
+        known = self.faults.get(code)
+        if known is not None:
+            return known
+        text = self.fault_text or Text("fault {code}, not described in the manual", "故障 {code}，手册未说明")
+        return FaultEntry(
+            code,
+            self.fault_label.replace("{code}", str(code)),
+            Text(text.en.replace("{code}", str(code)), text.zh.replace("{code}", str(code))),
+        )
+
+    def writable_registers(self) -> frozenset[int]:
+        """Modbus: the only registers that may ever be written (T12), EEPROM forms not counted."""
+        listed = {p.locator[1] for p in self.parameters.values() if p.writable and p.locator[0] == "holding"}
+        if self.commands is not None:
+            listed |= {self.commands.register, self.commands.setpoint_register}
+        return frozenset(listed)

@@ -1,0 +1,113 @@
+"""What is wrong with a profile file: file, line, key, found, expected, remedy; and the one error that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus import i18n
+from drivebus.errors import ProfileError
+from drivebus.profiles.model import Text
+
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Complaint:
+    """One fault of one file. ``kind`` is the i18n key of its sentence, ``profiles.<kind>``."""
+
+    kind: str
+    key: str
+    """Dotted, as it would be written: ``signals.output_frequency.unit``; empty for the whole file."""
+    found: str
+    expected: Text
+    remedy: Text
+    file: str = ""
+    line: int | None = None
+
+    def text(self, language: str = "en") -> str:
+        """The whole sentence: where, what was found, what was expected, what to do."""
+        return i18n.text(
+            "profiles.complaint",
+            language,
+            file=self.file,
+            line="?" if self.line is None else self.line,
+            key=self.key or "-",
+            what=i18n.text(f"profiles.kind.{self.kind}", language),
+            found=self.found,
+            expected=self.expected,
+            remedy=self.remedy,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A complaint that does not know yet where its key stands."""
+
+    kind: str
+    path: Path
+    found: Any
+    params: dict[str, Any]
+    """Places of the sentences ``profiles.expected.<kind>`` and ``profiles.remedy.<kind>``."""
+
+
+def problem(kind: str, path: Sequence[str | int], found: Any, /, **params: Any) -> Problem:
+    return Problem(kind, tuple(path), found, params)
+
+
+def complain(found: Problem, file: str, line: int | None) -> Complaint:
+    """The complaint, with its sentences in both languages."""
+    return Complaint(
+        found.kind,
+        dotted(found.path),
+        shown(found.found),
+        both(f"profiles.expected.{found.kind}", **found.params),
+        both(f"profiles.remedy.{found.kind}", **found.params),
+        file,
+        line,
+    )
+
+
+def refusal(complaints: Sequence[Complaint]) -> ProfileError:
+    """The error for a file with these faults. ``params`` carries the first one's facts and all ``complaints``."""
+    first = complaints[0]
+    everything = Text(*("\n".join(c.text(language) for c in complaints) for language in i18n.LANGUAGES))
+    return ProfileError(
+        "profiles.refused",
+        file=first.file,
+        line=first.line,
+        key=first.key,
+        found=first.found,
+        expected=first.expected,
+        remedy=first.remedy,
+        count=len(complaints),
+        everything=everything,
+        complaints=tuple(complaints),
+    )
+
+
+def both(key: str, /, **params: Any) -> Text:
+    """A sentence of the catalogues in both languages."""
+    return Text(i18n.text(key, "en", **params), i18n.text(key, "zh", **params))
+
+
+def dotted(path: Sequence[str | int]) -> str:
+    """A path as TOML writes it: parts that are no bare key are quoted."""
+    return ".".join(_quoted(str(part)) for part in path)
+
+
+def _quoted(part: str) -> str:
+    bare = part.isascii() and part.replace("_", "").replace("-", "").isalnum()
+    return part if bare else f'"{part}"'
+
+
+def shown(value: Any) -> str:
+    """A TOML value as one would write it, cut at 60 characters."""
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, str):
+        text = f'"{value}"'
+    else:
+        text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,196 @@
+"""TOML → ``DriveProfile``: finds the file, follows ``extends``, and refuses with file, line, key and remedy.
+
+Three places, in this order: the profiles that come with drivebus, the user's own directory
+(``$XDG_CONFIG_HOME/drivebus/profiles``), a path. A user's profile may not take the name of one that comes with
+drivebus: nobody's ``vc660`` changes silently.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from drivebus.errors import ProfileError
+from drivebus.profiles import build, check, complaint, locate
+from drivebus.profiles.complaint import Problem, problem
+from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.notation import nearest
+from drivebus.profiles.schema import FORMAT, ProfileIn
+
+DATA = Path(__file__).parent / "data"
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """One file of a chain: the user's first, then what it extends."""
+
+    path: Path
+    text: str
+    data: Mapping[str, Any]
+
+
+def models() -> list[str]:
+    """Names that ``load`` knows: those that come with drivebus, then the user's own."""
+    own = sorted(_own())
+    return [*_shipped(), *own]
+
+
+def load(model: str | Path) -> DriveProfile:
+    """The profile of a model by name, or of a TOML file by path.
+
+    Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``complaints``.
+    """
+    path = _find(model)
+    return _load(path, path.stat().st_mtime_ns)
+
+
+@cache
+def _load(path: Path, changed_ns: int) -> DriveProfile:
+    """One parse a file version; profiles are frozen, so they can be shared."""
+    sources = _chain(path)
+    merged = _merged(sources)
+    try:
+        profile_in = ProfileIn.model_validate(merged)
+    except ValidationError as error:
+        raise _refuse(sources, check.from_pydantic(error)) from None
+    problems = list(check.problems(profile_in))
+    if problems:
+        raise _refuse(sources, problems)
+    return build.profile(profile_in, str(path))
+
+
+@cache
+def _shipped() -> dict[str, Path]:
+    return {path.stem: path for path in sorted(DATA.glob("*/*.toml"))}
+
+
+def own_directory() -> Path:
+    """Where the user's own profiles are looked for."""
+    base = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(base) if base else Path.home() / ".config") / "drivebus" / "profiles"
+
+
+def _own() -> dict[str, Path]:
+    return {path.stem: path for path in own_directory().glob("*.toml")}
+
+
+def _find(model: str | Path, beside: Path | None = None) -> Path:
+    """The file of a model name or path. Raises ProfileError where there is none, or two of one name."""
+    name = str(model)
+    if isinstance(model, Path) or name.endswith(".toml") or "/" in name or os.sep in name:
+        path = (beside or Path()) / Path(name).expanduser()
+        if not path.is_file():
+            raise _lone(path, problem("no_file", (), name))
+        return path.resolve()
+    shipped, own = _shipped().get(name), _own().get(name)
+    if shipped and own:
+        raise _lone(own, problem("shadows", (), name))
+    found = shipped or own
+    if found is None:
+        known = models()
+        near = ", ".join(nearest(name, known) or known)
+        raise _lone(Path(name), problem("no_model", (), name, known=", ".join(known), near=near))
+    return found
+
+
+def _lone(path: Path, found: Problem, line: int | None = None) -> ProfileError:
+    return complaint.refusal([complaint.complain(found, str(path), line)])
+
+
+def _chain(path: Path) -> list[_Source]:
+    """The file and all that it extends. Raises ProfileError for a circle, a missing base or bad TOML."""
+    sources = [_read(path)]
+    while (base := sources[-1].data.get("extends")) is not None:
+        here = sources[-1]
+        if not isinstance(base, str):
+            raise _refuse([here], [problem("type", ("extends",), base, type=complaint.both("profiles.type.string"))])
+        base_path = _base(here, base)
+        if any(source.path == base_path for source in sources):
+            circle = " -> ".join(source.path.name for source in sources) + f" -> {base_path.name}"
+            raise _refuse([here], [problem("circle", ("extends",), base, circle=circle)])
+        sources.append(_read(base_path))
+    return sources
+
+
+def _base(here: _Source, base: str) -> Path:
+    try:
+        return _find(base, here.path.parent)
+    except ProfileError as error:
+        if error.params["file"] == str(here.path):
+            raise
+        known = ", ".join(models())
+        raise _refuse([here], [problem("no_base", ("extends",), base, known=known)]) from None
+
+
+def _read(path: Path) -> _Source:
+    """One file as text and data. Only its format and encoding are judged here."""
+    raw = path.read_bytes()
+    if raw.startswith(b"\xef\xbb\xbf"):
+        raise _lone(path, problem("bom", (), "EF BB BF"), 1)
+    try:
+        text = raw.decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise _lone(path, problem("encoding", (), f"{raw[error.start]:02X}H"), line) from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _lone(path, problem("toml", (), str(error).split(" (at ")[0]), _toml_line(error, text)) from None
+    source = _Source(path, text, data)
+    version = data.get("format")
+    if type(version) is not int or not 1 <= version <= FORMAT:
+        kind = "newer" if type(version) is int and version > FORMAT else "format"
+        raise _refuse([source], [problem(kind, ("format",), version, newest=FORMAT)])
+    return source
+
+
+def _toml_line(error: tomllib.TOMLDecodeError, text: str) -> int:
+    at = re.search(r"line (\d+)", str(error))
+    return int(at[1]) if at else text.rstrip("\n").count("\n") + 1
+
+
+def _merged(sources: list[_Source]) -> dict[str, Any]:
+    """The last base first, each file over it; ``extends`` itself is gone."""
+    result: dict[str, Any] = {}
+    for source in reversed(sources):
+        result = _over(result, {key: value for key, value in source.data.items() if key != "extends"})
+    return result
+
+
+def _over(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables merge key by key; everything else, lists too, is replaced."""
+    merged = dict(base)
+    for key, value in top.items():
+        below = merged.get(key)
+        merged[key] = _over(below, value) if isinstance(value, Mapping) and isinstance(below, Mapping) else value
+    return merged
+
+
+def _refuse(sources: list[_Source], problems: list[Problem]) -> ProfileError:
+    """Every problem at the line where its key stands: in the nearest file that has it."""
+    placed = sorted((_placed(sources, found) for found in problems), key=lambda c: (c.file, c.line or 0))
+    return complaint.refusal(placed)
+
+
+def _placed(sources: list[_Source], found: Problem) -> complaint.Complaint:
+    for source in _with_key(sources, found):
+        return complaint.complain(found, str(source.path), locate.line_of(source.text, found.path))
+    best = max(sources, key=lambda source: _depth(source, found))
+    return complaint.complain(found, str(best.path), locate.line_of(best.text, found.path) or 1)
+
+
+def _with_key(sources: list[_Source], found: Problem) -> Iterator[_Source]:
+    return (source for source in sources if locate.has(source.text, found.path))
+
+
+def _depth(source: _Source, found: Problem) -> int:
+    """How many parts of the path stand in this file."""
+    return max((n for n in range(len(found.path) + 1) if locate.has(source.text, found.path[:n])), default=0)

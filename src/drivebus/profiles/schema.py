@@ -1,0 +1,231 @@
+"""The shape of a profile file: pydantic, strict, nothing unknown allowed. What needs two keys at once is in ``check``.
+
+A file is TOML with ``format = 1``. Everything that a user may override has a key of its own (signals by name,
+parameters and preconditions by notation, faults by code, caveats by id), so that ``extends`` is a plain merge.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+FORMAT = 1
+"""Newest file format that this drivebus reads."""
+
+Capability = Literal[
+    "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write",
+    "write_ram", "save", "identify", "broadcast_stop", "status",
+]  # fmt: skip
+CommandName = Literal[
+    "start", "stop", "coast", "quick_stop", "reset", "forward", "reverse", "jog_forward", "jog_reverse", "jog_stop",
+    "pause", "hold_ramp",
+]  # fmt: skip
+StatusName = Literal[
+    "ready", "fault", "under_voltage", "running", "emergency_stopping", "paused", "speed_search", "dc_braking",
+    "jogging", "set_reverse", "output_reverse",
+]  # fmt: skip
+Section = Literal["line", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus"]
+Role = Literal["monitor_selector", "protocol", "comm_loss", "address", "baud", "format", "reply_delay"]
+Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
+Choice = str | int | float | bool
+Word = Annotated[int, Field(ge=0, le=0xFFFF)]
+Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
+Sentence = Annotated[str, StringConstraints(min_length=1)]
+EvidenceLine = Annotated[
+    str, StringConstraints(pattern=r"^(manual|computed|sister|assumed|user|measured)([,:]? \S.*)?$")
+]
+"""First word: the kind of evidence; the rest: where."""
+
+
+class Strict(BaseModel):
+    """No unknown keys, no coercion."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class TextIn(Strict):
+    en: Sentence
+    zh: Sentence
+
+
+class ScaleIn(Strict):
+    factor: Annotated[float, Field(gt=0)] = 1.0
+    offset: float = 0.0
+    coding: Literal["binary", "signed", "bcd"] = "binary"
+    decimals: Annotated[int, Field(ge=0, le=4)] = 0
+
+
+class SetpointIn(ScaleIn):
+    evidence: EvidenceLine = "assumed"
+
+
+class ValueIn(ScaleIn):
+    text: TextIn
+    register_: Annotated[Word | None, Field(alias="register")] = None
+    """Modbus: the address where the notation alone does not give it."""
+    unit: Unit = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    evidence: EvidenceLine
+
+
+class SignalIn(ValueIn):
+    notation: Sentence
+    period_s: Annotated[float, Field(gt=0, le=86400)] = 1.0
+    scale_published: bool = True
+
+
+class ParameterIn(ValueIn):
+    writable: bool = True
+    readable: bool = True
+    choices: dict[str, TextIn] = {}
+    help: TextIn | None = None
+    caveat: str | None = None
+    factory: float | None = None
+
+
+class PreconditionIn(Strict):
+    accepted: Annotated[list[Word], Field(min_length=1)]
+    keypad: TextIn
+
+
+class FaultIn(Strict):
+    label: str = ""
+    text: TextIn
+    cause: TextIn | None = None
+    remedy: TextIn | None = None
+
+
+class CaveatIn(Strict):
+    text: TextIn
+    evidence: EvidenceLine
+
+
+class OpenIn(Strict):
+    default: Choice
+    choices: list[Choice] = []
+    text: TextIn
+    reason: TextIn
+    settle: TextIn
+    where: str | None = None
+    """The part of the profile that answers it, where it is no setting of its own: ``[timing]``."""
+
+
+class BitIn(Strict):
+    mask: Annotated[int, Field(ge=1, le=0xFFFF)]
+    value: Word
+    pulse: bool = False
+
+
+class CommandsIn(Strict):
+    register_: Annotated[Word, Field(alias="register")]
+    setpoint_register: Word
+    function: Literal[6, 16] = 6
+    rewrite_levels_after_pulse: bool = False
+    bits: dict[CommandName, BitIn]
+    variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
+    evidence: EvidenceLine
+
+
+class StatusIn(Strict):
+    register_: Annotated[Word, Field(alias="register")]
+    bits: dict[StatusName, Annotated[int, Field(ge=1, le=0xFFFF)]]
+    reserved_mask: Word = 0
+    fault_registers: list[Word] = []
+    evidence: EvidenceLine
+
+
+class ModbusIn(Strict):
+    functions: list[Literal[1, 2, 3, 4, 5, 6, 8, 15, 16]] = [3, 6]
+    max_read: Annotated[int, Field(ge=1, le=125)] = 125
+    error_form: Literal["exception", "short"] = "exception"
+    loopback: bool = False
+    evidence: EvidenceLine
+
+
+class LineIn(Strict):
+    baud: int
+    format: str
+    bauds: Annotated[list[int], Field(min_length=1)]
+    formats: Annotated[list[str], Field(min_length=1)]
+    evidence: EvidenceLine
+
+
+class TimingIn(Strict):
+    gap_characters: Annotated[float, Field(ge=0, le=100)] = 3.5
+    gap_floor_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    reply_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.1
+    reply_delay_characters: Annotated[float, Field(ge=0, le=100)] = 0.0
+    adapter_s: Annotated[float, Field(ge=0, le=10)] = 0.02
+    turnaround_s: Annotated[float, Field(ge=0, le=10)] = 0.1
+    lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    evidence: EvidenceLine
+
+
+class LimitsIn(Strict):
+    minimum_hz: Annotated[float, Field(ge=0)]
+    maximum_hz: Annotated[float, Field(gt=0, le=4000)]
+    evidence: EvidenceLine
+
+
+class WriteIn(Strict):
+    ram: bool
+    eeprom: bool = True
+    eeprom_address_bit: Word | None = None
+    evidence: EvidenceLine
+
+
+class CommLossIn(Strict):
+    time: str | None = None
+    action: str | None = None
+    trips_values: list[Word] = []
+    evidence: EvidenceLine = "assumed"
+
+
+class NotationIn(Strict):
+    style: Literal["sifang", "dzb", "consecutive", "hundreds", "register"]
+    highest: Word = 0xFFFF
+
+
+class UnknownFaultIn(Strict):
+    label: str = ""
+    text: TextIn
+
+
+class ProfileIn(Strict):
+    """A whole file, after ``extends`` has been merged in."""
+
+    format: int
+    model: Name
+    maker: TextIn
+    title: TextIn
+    family: Literal["sifang", "dzb", "modbus"]
+    grade: Literal["draft", "bench", "proved"]
+    encodings: Annotated[list[Literal["ascii", "hex", "rtu"]], Field(min_length=1)]
+    addresses: Annotated[list[Annotated[int, Field(ge=0, le=247)]], Field(min_length=2, max_length=2)]
+    broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
+    capabilities: list[Capability]
+    notation: NotationIn
+    line: LineIn
+    timing: TimingIn
+    limits: LimitsIn
+    setpoint: SetpointIn
+    write: WriteIn
+    comm_loss: CommLossIn = CommLossIn()
+    roles: dict[Role, str] = {}
+    ramp: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
+    group_sizes: dict[str, Annotated[int, Field(ge=1, le=4096)]] = {}
+    signals: dict[Name, SignalIn] = {}
+    parameters: dict[str, ParameterIn] = {}
+    preconditions: dict[str, PreconditionIn] = {}
+    faults: dict[str, FaultIn] = {}
+    unknown_fault: UnknownFaultIn | None = None
+    caveats: dict[str, CaveatIn] = {}
+    settings: dict[Name, Choice] = {}
+    open: dict[Name, OpenIn] = {}
+    modbus: ModbusIn | None = None
+    commands: CommandsIn | None = None
+    status: StatusIn | None = None
+    keypad: list[TextIn] = []
+    wiring: TextIn | None = None
