@@ -22,6 +22,8 @@ ERROR_SIZE: Final = 11
 """Shortest reply: ':', six digits, two of LRC, CR LF."""
 SMALLEST: Final = 9
 LARGEST: Final = 513
+_FIRST_REPLY: Final = Incomplete(ERROR_SIZE)
+_FIRST_REQUEST: Final = Incomplete(SMALLEST)
 RESYNC: Final = 4
 """With ``resync``: this many bytes of junk may stand before ':' (RELIABILITY 6.4, leading garbage)."""
 
@@ -73,6 +75,8 @@ class AsciiCodec:
 
     def decode_reply(self, request: Request, data: bytes, /) -> Verdict:
         """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
+        if len(data) < ERROR_SIZE:
+            return _FIRST_REPLY
         junk = self._start(data)
         frame = data[junk:]
         if len(frame) < ERROR_SIZE:
@@ -97,6 +101,8 @@ class AsciiCodec:
 
     def decode_request(self, data: bytes, /) -> Verdict:
         """Station side: the request at offset 0. Raises BadRequest where a station answers with an exception."""
+        if len(data) < SMALLEST:
+            return _FIRST_REQUEST
         junk = self._start(data)
         frame = data[junk:]
         if len(frame) < SMALLEST:
@@ -132,14 +138,11 @@ class AsciiCodec:
 
     def _start(self, data: bytes) -> int:
         """Where ':' stands: at 0, or after a little junk where that is allowed. Raises HeaderError."""
-        if not data or data[0] == START:
+        if data[0] == START:
             return 0
-        if self.resync:
-            found = data.find(START, 0, RESYNC + 1)
-            if found > 0:
-                return found
-            if len(data) <= RESYNC:
-                return len(data)
+        found = data.find(START, 0, RESYNC + 1) if self.resync else -1
+        if found > 0:
+            return found
         raise HeaderError("modbus.start", expected=START, found=data[0])
 
     def reply_size(self, request: Request, /) -> int:

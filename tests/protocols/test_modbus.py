@@ -1,0 +1,411 @@
+"""What a Modbus codec takes and refuses, with both numbers."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.errors import (
+    AddressError,
+    AlphabetError,
+    ChecksumError,
+    CodeError,
+    EchoError,
+    HeaderError,
+    LengthError,
+    ProtocolError,
+    TerminatorError,
+)
+from drivebus.message import Complete, Incomplete
+from drivebus.protocols.checksum import lrc
+from drivebus.protocols.modbus import (
+    AsciiCodec,
+    BadRequest,
+    Bits,
+    ErrorReply,
+    Loopback,
+    Looped,
+    ReadBits,
+    ReadRegisters,
+    Registers,
+    Request,
+    RtuCodec,
+    WriteBit,
+    WriteBits,
+    WriteRegister,
+    WriteRegisters,
+    Written,
+    request_of,
+    written,
+)
+from drivebus.protocols.modbus.ascii import with_check as ascii_frame
+from drivebus.protocols.modbus.rtu import with_check as rtu_frame
+
+CODECS = [RtuCodec(), AsciiCodec(), RtuCodec("short"), AsciiCodec("short")]
+NAMES = ["rtu", "ascii", "rtu-short", "ascii-short"]
+every_codec = pytest.mark.parametrize("codec", CODECS, ids=NAMES)
+Codec = RtuCodec | AsciiCodec
+
+
+def frame(codec: Codec, octets: str) -> bytes:
+    """Octets with their proper check, whatever they say."""
+    return (rtu_frame if codec.encoding == "rtu" else ascii_frame)(bytes.fromhex(octets))
+
+
+REFUSED = [
+    ("another byte count", ReadRegisters(1, 0, 2), "01 03 02 00 01", LengthError, 4, 2),
+    ("another function", ReadRegisters(1, 0, 1), "01 04 02 00 01", EchoError, 3, 4),
+    ("another function's exception", ReadRegisters(1, 0, 1), "01 86 02", EchoError, 3, 0x86),
+    ("another register", WriteRegister(1, 2, 3), "01 06 00 12 00 03", EchoError, 2, 0x12),
+    ("another value", WriteRegister(1, 2, 3), "01 06 00 02 00 04", EchoError, 3, 4),
+    ("another coil", WriteBit(1, 2, True), "01 05 00 03 FF 00", EchoError, 2, 3),
+    ("a coil left off", WriteBit(1, 2, True), "01 05 00 02 00 00", EchoError, 0xFF00, 0),
+    ("another first register", WriteRegisters(1, 2, (1, 2)), "01 10 00 03 00 02", EchoError, 2, 3),
+    ("another count of registers", WriteRegisters(1, 2, (1, 2)), "01 10 00 02 00 01", EchoError, 2, 1),
+    ("another count of coils", WriteBits(1, 2, (True,)), "01 0F 00 02 00 02", EchoError, 1, 2),
+    ("other loop-back data", Loopback(1, 0x5AA5), "01 08 00 00 5A A4", EchoError, 0x5AA5, 0x5AA4),
+    ("another sub-function", Loopback(1, 0x5AA5), "01 08 00 01 5A A5", EchoError, 0, 1),
+    ("an exception nobody documented", ReadRegisters(1, 0, 1), "01 83 09", CodeError, "1-8, 10, 11", 9),
+    ("padding that is not zero", ReadBits(1, 0, 3), "01 01 01 0D", CodeError, 0, 1),
+]
+
+
+@every_codec
+@pytest.mark.parametrize(
+    ("asked", "octets", "error", "expected", "found"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
+)
+def test_a_reply_that_differs_from_its_request_is_refused_with_both_numbers(
+    codec: Codec, asked: Request, octets: str, error: type[ProtocolError], expected: object, found: object
+) -> None:
+    with pytest.raises(error) as caught:
+        codec.decode_reply(asked, frame(codec, octets))
+    assert type(caught.value) is error
+    assert (caught.value.expected, caught.value.found, caught.value.size) == (expected, found, 0)
+
+
+FOREIGN = [
+    ("its read", ReadRegisters(1, 0, 2), "07 03 04 00 01 00 02"),
+    ("a read of another size", ReadRegisters(1, 0, 2), "07 03 02 00 01"),
+    ("its echo", WriteRegister(1, 0, 2), "07 06 00 00 00 02"),
+    ("a read while a write is asked", WriteRegister(1, 0, 2), "07 03 02 00 01"),
+    ("an exception", ReadRegisters(1, 0, 2), "07 83 02"),
+    ("an exception of another function", ReadRegisters(1, 0, 2), "07 86 02"),
+]
+
+
+@every_codec
+@pytest.mark.parametrize(("asked", "octets"), [row[1:] for row in FOREIGN], ids=[row[0] for row in FOREIGN])
+def test_another_stations_whole_frame_tells_its_size_f02(codec: Codec, asked: Request, octets: str) -> None:
+    data = frame(codec, octets)
+    with pytest.raises(AddressError) as caught:
+        codec.decode_reply(asked, data + b"\x01\x03")
+    assert (caught.value.expected, caught.value.found, caught.value.size) == (1, 7, len(data))
+
+
+@every_codec
+@pytest.mark.parametrize(("asked", "octets"), [row[1:] for row in FOREIGN], ids=[row[0] for row in FOREIGN])
+def test_another_stations_frame_with_a_bad_check_is_noise(codec: Codec, asked: Request, octets: str) -> None:
+    data = bytearray(frame(codec, octets))
+    place = -4 if codec.encoding == "ascii" else -1
+    data[place] = 0x31 if data[place] == 0x30 else 0x30
+    with pytest.raises(ChecksumError) as caught:
+        codec.decode_reply(asked, bytes(data))
+    assert caught.value.size == 0
+
+
+@pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
+@pytest.mark.parametrize("function", ["03", "06"])
+def test_another_stations_short_error_tells_its_size_f02(codec: Codec, function: str) -> None:
+    asked = ReadRegisters(1, 0, 2) if function == "03" else WriteRegister(1, 0, 2)
+    data = frame(codec, f"07 {function} 00")
+    with pytest.raises(AddressError) as caught:
+        codec.decode_reply(asked, data)
+    assert (caught.value.found, caught.value.size) == (7, len(data))
+
+
+@every_codec
+def test_a_foreign_frame_whose_length_nobody_can_tell_is_refused_at_once(codec: Codec) -> None:
+    with pytest.raises(AddressError) as caught:
+        codec.decode_reply(ReadRegisters(1, 0, 2), frame(codec, "07 42 01 02 03 04"))
+    assert caught.value.size == 0
+
+
+@every_codec
+@pytest.mark.parametrize("function", [1, 2, 3, 4, 5, 6, 8, 15, 16])
+def test_exceptions_are_replies_in_both_error_forms(codec: Codec, function: int) -> None:
+    asked = next(each for each in REQUESTS if each.function == function)
+    reply = ErrorReply(asked.address, function, 2)
+    data = codec.encode_reply(reply)
+    assert codec.decode_reply(asked, data) == Complete(reply, len(data))
+
+
+@pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
+@pytest.mark.parametrize("function", [1, 2, 3, 4, 5, 6, 8, 15, 16])
+def test_short_errors_are_replies_to_every_function_t15(codec: Codec, function: int) -> None:
+    asked = next(each for each in REQUESTS if each.function == function)
+    reply = ErrorReply(asked.address, function, None)
+    data = codec.encode_reply(reply)
+    assert codec.decode_reply(asked, data) == Complete(reply, len(data))
+    assert len(data) == (5 if codec.encoding == "rtu" else 11)
+
+
+@pytest.mark.parametrize("codec", CODECS[:2], ids=NAMES[:2])
+def test_short_errors_are_no_replies_of_a_standard_station(codec: Codec) -> None:
+    with pytest.raises(LengthError):
+        codec.decode_reply(ReadRegisters(1, 0, 1), codec.encode_reply(ErrorReply(1, 3, None)))
+    verdict = codec.decode_reply(WriteRegister(1, 0, 1), codec.encode_reply(ErrorReply(1, 6, None)))
+    assert verdict == Incomplete(codec.reply_size(WriteRegister(1, 0, 1)))
+
+
+REQUESTS: list[Request] = [
+    ReadBits(3, 0x13, 19),
+    ReadBits(3, 0xFFFF, 1, 2),
+    ReadRegisters(3, 0x6B, 3),
+    ReadRegisters(3, 8, 1, 4),
+    WriteBit(3, 0xAC, True),
+    WriteRegister(3, 1, 3),
+    Loopback(3, 0xA537),
+    WriteBits(3, 0x13, (True, False, True, True, False, False, True, True, True, False)),
+    WriteRegisters(3, 1, (10, 258)),
+]
+REPLIES = [
+    Bits(3, 1, (True,) * 19),
+    Bits(3, 2, (False,)),
+    Registers(3, 3, (0, 1, 0xFFFF)),
+    Registers(3, 4, (10,)),
+    Written(3, 5, 0xAC, 0xFF00),
+    Written(3, 6, 1, 3),
+    Looped(3, 0xA537),
+    Written(3, 15, 0x13, 10),
+    Written(3, 16, 1, 2),
+]
+
+
+@every_codec
+@pytest.mark.parametrize("asked", REQUESTS, ids=str)
+def test_every_function_goes_there_and_back(codec: Codec, asked: Request) -> None:
+    sent = codec.encode_request(asked)
+    assert codec.decode_request(sent) == Complete(asked, len(sent))
+    reply = REPLIES[REQUESTS.index(asked)]
+    data = codec.encode_reply(reply)
+    assert codec.decode_reply(asked, data) == Complete(reply, len(data))
+    assert codec.reply_size(asked) == codec.largest_reply(asked) == len(data)
+    assert codec.address_of(asked) == 3
+
+
+def test_ascii_lengths_are_those_of_the_df800_table() -> None:
+    codec = AsciiCodec("short")
+    assert len(codec.encode_request(ReadRegisters(1, 0, 4))) == len(codec.encode_request(WriteRegister(1, 0, 4))) == 17
+    assert [codec.reply_size(ReadRegisters(1, 0, count)) for count in (1, 2, 3, 4)] == [15, 19, 23, 27]
+
+
+@every_codec
+def test_nobody_answers_a_broadcast_f10(codec: Codec) -> None:
+    stop = WriteRegister(0, 0x2000, 2)
+    assert codec.reply_size(stop) == codec.largest_reply(stop) == 0
+    assert codec.broadcast_address == 0
+    with pytest.raises(HeaderError) as caught:
+        codec.decode_reply(stop, frame(codec, "07 06 20 00 00 02"))
+    assert caught.value.found == 7
+
+
+OUT_OF_RANGE: list[Request] = [
+    ReadRegisters(0, 0, 1),
+    ReadRegisters(248, 0, 1),
+    ReadRegisters(1, 0, 0),
+    ReadRegisters(1, 0, 5),
+    ReadRegisters(1, 0xFFFF, 2),
+    ReadRegisters(1, -1, 1),
+    ReadRegisters(1, 0, 1, 6),
+    ReadBits(0, 0, 1),
+    ReadBits(1, 0, 2001),
+    ReadBits(1, 0, 1, 3),
+    WriteRegister(1, 0x10000, 0),
+    WriteRegister(1, 0, 0x10000),
+    WriteRegister(1, 0, -1),
+    WriteRegister(-1, 0, 0),
+    WriteRegisters(1, 0, ()),
+    WriteRegisters(1, 0, (0,) * 124),
+    WriteRegisters(1, 0xFFFF, (0, 0)),
+    WriteRegisters(1, 0, (0x10000,)),
+    WriteBits(1, 0, ()),
+    WriteBits(1, 0, (True,) * 1969),
+    WriteBit(1, 0x10000, True),
+    Loopback(0, 1),
+    Loopback(1, 0x10000),
+]
+
+
+@pytest.mark.parametrize("request_", OUT_OF_RANGE, ids=str)
+@pytest.mark.parametrize("codec", [RtuCodec(max_read=4), AsciiCodec(max_read=4)], ids=NAMES[:2])
+def test_a_request_out_of_range_is_never_encoded(codec: Codec, request_: Request) -> None:
+    with pytest.raises(ValueError, match=r"-?\d+.*expected -?\d+ to \d+"):
+        codec.encode_request(request_)
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        Registers(0, 3, (1,)),
+        Registers(1, 3, ()),
+        Registers(1, 3, (0,) * 126),
+        Registers(1, 3, (-1,)),
+        Registers(1, 6, (1,)),
+        Bits(1, 3, (True,)),
+        Written(1, 3, 0, 0),
+        Written(1, 6, 0, 65536),
+        Looped(1, 65536),
+        ErrorReply(1, 3, 0),
+        ErrorReply(1, 0x83, 1),
+    ],
+    ids=str,
+)
+def test_a_reply_out_of_range_is_never_encoded(reply: Registers | Bits | Written | Looped | ErrorReply) -> None:
+    with pytest.raises(ValueError, match=r"\d"):
+        RtuCodec().encode_reply(reply)
+
+
+BAD_REQUESTS = [
+    ("unknown function", "05 2B 0E 01 00", 1),
+    ("function 16H, the manual's own example of an exception", "05 16 00 00", 1),
+    ("a sub-function other than 0000", "05 08 00 01 12 34", 1),
+    ("no registers at all", "05 03 00 00 00 00", 3),
+    ("too many registers", "05 03 00 00 00 7E", 3),
+    ("beyond the last register", "05 03 FF FF 00 02", 2),
+    ("a coil neither on nor off", "05 05 00 00 12 34", 3),
+    ("a byte count that does not fit", "05 10 00 00 00 02 02 00 01", 3),
+    ("coils with padding", "05 0F 00 00 00 03 01 0F", 3),
+]
+
+
+@every_codec
+@pytest.mark.parametrize(("octets", "code"), [row[1:] for row in BAD_REQUESTS], ids=[row[0] for row in BAD_REQUESTS])
+def test_a_bad_request_tells_the_station_its_exception(codec: Codec, octets: str, code: int) -> None:
+    data = frame(codec, octets)
+    with pytest.raises(BadRequest) as caught:
+        codec.decode_request(data)
+    error = caught.value
+    assert (error.address, error.function, error.code, error.size) == (5, data_function(octets), code, len(data))
+    for end in range(len(data)):
+        assert isinstance(codec.decode_request(data[:end]), Incomplete)
+
+
+def data_function(octets: str) -> int:
+    return bytes.fromhex(octets)[1]
+
+
+def test_the_exception_to_an_unknown_function_is_the_manuals() -> None:
+    """vc660-exception: 01 96 01 8E 60."""
+    with pytest.raises(BadRequest) as caught:
+        RtuCodec().decode_request(rtu_frame(bytes.fromhex("01 16 00 00")))
+    refusal = ErrorReply(caught.value.address, caught.value.function, caught.value.code)
+    assert RtuCodec().encode_reply(refusal) == bytes.fromhex("01 96 01 8E 60")
+
+
+def test_an_unknown_function_without_an_end_is_refused_at_the_largest_frame() -> None:
+    rtu, ascii_ = b"\x01\x2b" + b"\x55" * 300, b":012B" + b"0" * 600
+    assert isinstance(RtuCodec().decode_request(rtu[:255]), Incomplete)
+    for codec, data, largest in ((RtuCodec(), rtu, 256), (AsciiCodec(), ascii_, 513)):
+        with pytest.raises(LengthError) as caught:
+            codec.decode_request(data)
+        assert caught.value.expected == largest
+
+
+@every_codec
+def test_a_reserved_address_is_no_station(codec: Codec) -> None:
+    with pytest.raises(AddressError) as caught:
+        codec.decode_request(frame(codec, "F8 03 00 00 00 01"))
+    assert (caught.value.expected, caught.value.found) == (247, 248)
+
+
+@pytest.mark.parametrize("place", range(1, 15))
+def test_every_byte_that_is_no_upper_case_digit_is_refused_in_every_place_t19(place: int) -> None:
+    codec, asked = AsciiCodec(), ReadRegisters(1, 0, 1)
+    whole = codec.encode_reply(Registers(1, 3, (0xAB,)))
+    if place >= len(whole) - 2:
+        error: type[ProtocolError] = TerminatorError
+    else:
+        error = AlphabetError
+    for byte in range(256):
+        if byte in b"0123456789ABCDEF" or byte == whole[place]:
+            continue
+        data = whole[:place] + bytes((byte,)) + whole[place + 1 :]
+        with pytest.raises(error):
+            codec.decode_reply(asked, data)
+
+
+def test_ascii_is_strict_at_offset_0() -> None:
+    data = AsciiCodec().encode_reply(Registers(1, 3, (7,)))
+    with pytest.raises(HeaderError) as caught:
+        AsciiCodec().decode_reply(ReadRegisters(1, 0, 1), b"\xff" + data)
+    assert (caught.value.expected, caught.value.found) == (0x3A, 0xFF)
+
+
+@pytest.mark.parametrize("junk", [b"", b"\x00", b"\xff\xfe", b"01\r\n"])
+def test_resync_forgives_a_little_junk_once_when_it_is_switched_on(junk: bytes) -> None:
+    """Ruling 10."""
+    codec, asked = AsciiCodec(resync=True), ReadRegisters(1, 0, 1)
+    reply = codec.encode_reply(Registers(1, 3, (7,)))
+    assert codec.decode_reply(asked, junk + reply) == Complete(Registers(1, 3, (7,)), len(junk + reply))
+    for end in range(len(junk + reply)):
+        assert isinstance(codec.decode_reply(asked, (junk + reply)[:end]), Incomplete)
+    request = codec.encode_request(asked)
+    assert codec.decode_request(junk + request) == Complete(asked, len(junk + request))
+    assert codec.largest_reply(asked) >= len(junk + reply)
+
+
+def test_resync_ends_after_four_bytes_and_at_the_first_colon() -> None:
+    codec, asked = AsciiCodec(resync=True), ReadRegisters(1, 0, 1)
+    reply = codec.encode_reply(Registers(1, 3, (7,)))
+    with pytest.raises(HeaderError):
+        codec.decode_reply(asked, b"\x00" * 5 + reply)
+    with pytest.raises(AlphabetError):
+        codec.decode_reply(asked, b"::" + reply)
+
+
+def test_lrc_is_over_the_decoded_bytes() -> None:
+    assert lrc(bytes.fromhex("01 06 20 00 00 02")) == 0xD7
+
+
+CHANGES = [
+    (ReadRegisters(1, 0, 2), ()),
+    (ReadBits(1, 0, 2), ()),
+    (Loopback(1, 0x5AA5), ()),
+    (WriteRegister(1, 0x2000, 1), (("holding", 0x2000, 1),)),
+    (WriteRegisters(1, 0x2000, (1, 2)), (("holding", 0x2000, 1), ("holding", 0x2001, 2))),
+    (WriteBit(1, 5, True), (("coil", 5, 1),)),
+    (WriteBits(1, 5, (True, False)), (("coil", 5, 1), ("coil", 6, 0))),
+]
+
+
+@pytest.mark.parametrize("codec", CODECS[:2], ids=NAMES[:2])
+@pytest.mark.parametrize(("asked", "changes"), CHANGES, ids=[str(row[0]) for row in CHANGES])
+def test_what_a_frame_writes_is_told_from_its_bytes(codec: Codec, asked: Request, changes: object) -> None:
+    assert written(codec.encode_request(asked), codec.encoding) == changes
+    assert request_of(codec.encode_request(asked), codec.encoding) == asked
+
+
+@pytest.mark.parametrize("codec", CODECS[:2], ids=NAMES[:2])
+def test_bytes_that_are_not_one_whole_request_are_never_called_harmless(codec: Codec) -> None:
+    start = codec.encode_request(WriteRegister(1, 0x2000, 1))
+    read = codec.encode_request(ReadRegisters(1, 0, 1))
+    for data in (start[:-1], start + b"\x00", read + start, start[:-3] + b"\x00" + start[-2:], b""):
+        with pytest.raises(ProtocolError):
+            written(data, codec.encoding)
+
+
+def test_one_sentence_of_each_error_is_pinned() -> None:
+    rtu, ascii_, asked = RtuCodec(), AsciiCodec(), ReadRegisters(1, 0, 1)
+    cases: list[tuple[Codec, bytes, str]] = [
+        (rtu, frame(rtu, "07 03 02 00 01"), "station 7 answered, station 1 was asked"),
+        (rtu, frame(rtu, "01 03 04 00 01 00 02"), "byte count 4 received, 2 expected"),
+        (rtu, frame(rtu, "01 04 02 00 01"), "function 4 answered, function 3 was asked"),
+        (rtu, bytes.fromhex("01 03 02 00 01 00 00"), "CRC 0000H received, 8479H computed"),
+        (ascii_, b":0103020001F8\r\n", "LRC F8H received, F9H computed"),
+        (ascii_, b":0103020001F9\n\r", "the frame ends with 0A 0D, 0D 0A expected"),
+        (ascii_, b"*0103020001F9\r\n", "the frame begins with 2AH, 3AH (':') expected"),
+    ]
+    for codec, data, sentence in cases:
+        with pytest.raises(ProtocolError) as caught:
+            codec.decode_reply(asked, data)
+        assert str(caught.value) == sentence
+        assert caught.value.text("zh") not in ("", sentence)
