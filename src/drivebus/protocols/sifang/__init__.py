@@ -8,6 +8,8 @@ effect     what a frame does to the drive, from its bytes
 explain    what a frame says, for people
 """
 
+from drivebus.protocols.sifang.codec import SifangCodec
+from drivebus.protocols.sifang.effect import effect
 from drivebus.protocols.sifang.messages import (
     Control,
     Heard,
@@ -43,8 +45,10 @@ __all__ = [
     "Reply",
     "Request",
     "Response",
+    "SifangCodec",
     "State",
     "WriteParameter",
+    "effect",
     "monitor_index",
     "monitor_item",
     "parameter_name",

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from drivebus.errors import AlphabetError, ChecksumError, TerminatorError
+from drivebus.errors import AlphabetError, ChecksumError, HeaderError, TerminatorError
 from drivebus.protocols.checksum import canonical
 
 ASCII_HEAD = 0x2A
@@ -75,6 +75,12 @@ class Form(Protocol):
     def build(self, layout: Layout, *values: int) -> bytes: ...
     def digit(self, byte: int, position: int) -> int: ...
     def read(self, layout: Layout, frame: bytes) -> Fields: ...
+
+
+def check_head(form: Form, data: bytes) -> None:
+    """Raises HeaderError unless ``data`` is empty or begins as the form does."""
+    if data and data[0] != form.head:
+        raise HeaderError("protocols.header", expected=form.head, found=data[0])
 
 
 def _check_end(frame: bytes) -> None:

@@ -112,3 +112,10 @@ def monitor_index(item: int, coding: MonitorIndex = "binary") -> int | None:
     if coding == "binary":
         return item
     return int(f"{item:X}") if f"{item:X}".isdecimal() else None
+
+
+KIND_AT = 3
+"""The byte whose digit tells the length: class of a request, response code of a reply."""
+OPERATIONS = {int(operation): operation for operation in Operation}
+STATES = {int(state): state for state in State}
+RESPONSES = {int(response): response for response in Response}
