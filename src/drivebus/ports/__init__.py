@@ -7,13 +7,16 @@ Nothing here knows a frame. Modules of a scheme are imported when it is used, th
 from __future__ import annotations
 
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivebus.errors import LinkError
 from drivebus.ports.link import EXAMPLES, Link, parse_link
 from drivebus.ports.port import Capabilities, Port, Receiver
 
-__all__ = ["Capabilities", "Link", "Port", "Receiver", "open_port", "parse_link"]
+if TYPE_CHECKING:
+    from drivebus.ports.listing import PortInfo
+
+__all__ = ["Capabilities", "Link", "Port", "Receiver", "list_ports", "open_port", "parse_link"]
 
 
 def open_port(link: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> Port:
@@ -25,3 +28,10 @@ def open_port(link: str, *, baud: int | None = None, format: str | None = None, 
         raise LinkError("ports.scheme", link=link, found=parsed.scheme, expected=known, examples=EXAMPLES)
     port: Port = found[0].load()(parsed)
     return port
+
+
+def list_ports() -> list[PortInfo]:
+    """The serial ports of this machine: device, what it is, its stable name, who holds it."""
+    from drivebus.ports.listing import list_ports as listed
+
+    return listed()

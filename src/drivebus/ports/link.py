@@ -14,6 +14,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from drivebus.errors import LinkError
 from drivebus.line import LineSettings
+from drivebus.ports.port import Echo
 
 DEFAULT_BAUD = 9600
 """The baud rate that all four families leave the factory with, or offer first."""
@@ -61,6 +62,11 @@ class Link:
         if found not in words:
             raise LinkError("ports.option", link=self.text, name=name, found=found, expected=", ".join(words))
         return found
+
+    def echo(self) -> Echo:
+        """What the user says of the adapter's echo. Raises LinkError."""
+        found = self.choice("echo", ("detect", "on", "off"), "detect")
+        return "on" if found == "on" else "off" if found == "off" else "detect"
 
     def flag(self, name: str, default: bool = False) -> bool:
         """An option that is on or off. Raises LinkError."""

@@ -1,0 +1,122 @@
+"""One owner for a serial device (F14, G18): a lock file of our own, flock and TIOCEXCL on the device.
+
+The lock file tells the second drivebus the first one's pid; flock refuses every program that asks (serialx, picocom,
+minicom, us); TIOCEXCL refuses everybody else without root. The kernel drops both locks when their process dies, so a
+file left by a killed drivebus is stale by itself: its pid is no lock, the flock on it is.
+"""
+
+# ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import sys
+from pathlib import Path
+
+assert sys.platform != "win32"  # Windows opens COM ports exclusively by itself
+
+import fcntl
+import termios
+
+
+class Busy(OSError):
+    """Somebody else owns the device; ``pid`` where it is a drivebus that says who it is."""
+
+    def __init__(self, pid: int | None = None) -> None:
+        super().__init__(errno.EBUSY, os.strerror(errno.EBUSY))
+        self.pid = pid
+
+
+def state_dir() -> Path:
+    """Where lock files live: XDG_STATE_HOME/drivebus/locks, else ~/.local/state/drivebus/locks."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
+    return root / "drivebus" / "locks"
+
+
+def owner(device: str) -> int | None:
+    """The pid of the living drivebus that owns ``device``, as its lock file says."""
+    try:
+        file = os.open(_file(device), os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        _flock(file)
+    except Busy:
+        return _pid(file)
+    finally:
+        os.close(file)
+    return None
+
+
+class Lock:
+    """Ownership of a device from construction to ``release``. Raises Busy, or OSError where the device is gone."""
+
+    def __init__(self, fd: int, device: str, *, exclusive: bool = True) -> None:
+        """``exclusive``: TIOCEXCL too. Not for a pty: its flag would outlive us for as long as its peer lives."""
+        self._fd = fd
+        self._exclusive = exclusive
+        self._file = _claim(device)
+        try:
+            _flock(fd)
+            if exclusive:
+                fcntl.ioctl(fd, termios.TIOCEXCL)
+        except BaseException:
+            self._forget()
+            raise
+
+    def release(self) -> None:
+        """Give the device back; call before closing its descriptor. Idempotent."""
+        if self._exclusive:
+            self._exclusive = False
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._fd, termios.TIOCNXCL)
+        self._forget()
+
+    def _forget(self) -> None:
+        file, self._file = self._file, -1
+        if file >= 0:
+            with contextlib.suppress(OSError):
+                os.ftruncate(file, 0)
+            os.close(file)
+
+
+def _claim(device: str) -> int:
+    """Our lock file, locked and with our pid in it; -1 where the state directory can't be written (flock remains)."""
+    path = _file(device)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return -1
+    try:
+        _flock(file)
+        os.ftruncate(file, 0)
+        os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
+    except Busy:
+        pid = _pid(file)
+        os.close(file)
+        raise Busy(pid) from None
+    except OSError:
+        os.close(file)
+        return -1
+    return file
+
+
+def _flock(fd: int) -> None:
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise Busy from None
+
+
+def _pid(file: int) -> int | None:
+    text = os.pread(file, 32, 0).strip()
+    return int(text) if text.isdigit() else None
+
+
+def _file(device: str) -> Path:
+    return state_dir() / (re.sub(r"[^A-Za-z0-9._-]", "-", device.strip("/")) + ".lock")

@@ -1,0 +1,138 @@
+"""F14, G18: one owner for a port; the second is told who the first one is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import PortUnavailable
+from drivebus.ports import open_port
+from drivebus.ports.locks import Busy, Lock, owner, state_dir
+from ports.conftest import Pty
+from ports.sink import Sink
+
+HOLD = (
+    "import asyncio, sys\n"
+    "from drivebus.ports import open_port\n"
+    "class Nobody:\n"
+    "    def data_received(self, data, marks=0): ...\n"
+    "    def port_lost(self, error): ...\n"
+    "async def main():\n"
+    "    await open_port(sys.argv[1]).open(Nobody())\n"
+    "    print('open', flush=True)\n"
+    "    await asyncio.sleep(60)\n"
+    "asyncio.run(main())\n"
+)
+
+
+@pytest.fixture
+def first(pty: Pty) -> Iterator[subprocess.Popen[bytes]]:
+    """Another drivebus that holds the pty."""
+    with subprocess.Popen([sys.executable, "-c", HOLD, pty.path], stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"open\n"
+        yield child
+        child.kill()
+
+
+async def test_a_second_instance_is_refused_100_times_of_100_with_the_pid_of_the_first(
+    pty: Pty, first: subprocess.Popen[bytes]
+) -> None:
+    port = open_port(pty.path)
+    for _ in range(100):
+        with pytest.raises(PortUnavailable) as caught:
+            await port.open(Sink())
+        assert (caught.value.key, caught.value.params["pid"]) == ("ports.held-drivebus", first.pid)
+    assert str(first.pid) in str(caught.value)
+    assert str(first.pid) in caught.value.text("zh")
+
+
+async def test_the_lock_of_a_killed_instance_is_stale_and_does_not_stand_in_the_way(
+    pty: Pty, first: subprocess.Popen[bytes]
+) -> None:
+    os.kill(first.pid, signal.SIGKILL)
+    first.wait()
+    files = list(state_dir().iterdir())
+    assert [file.read_text() for file in files] == [f"{first.pid}\n"]
+    assert owner(pty.path) is None
+    port = open_port(pty.path)
+    await port.open(Sink())
+    assert [file.read_text() for file in files] == [f"{os.getpid()}\n"]
+    await port.close()
+    assert [file.read_text() for file in files] == [""]
+
+
+async def test_this_program_can_not_open_a_port_twice(pty: Pty) -> None:
+    one, two = open_port(pty.path), open_port(pty.path)
+    await one.open(Sink())
+    with pytest.raises(PortUnavailable) as caught:
+        await one.open(Sink())
+    assert caught.value.key == "ports.already-open"
+    with pytest.raises(PortUnavailable) as caught:
+        await two.open(Sink())
+    assert caught.value.key == "ports.already-open"
+    await one.close()
+    await two.open(Sink())
+    await two.close()
+
+
+async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_path: Path) -> None:
+    (tmp_path / "alias").symlink_to(pty.path)
+    one, two = open_port(pty.path), open_port(str(tmp_path / "alias"))
+    await one.open(Sink())
+    with pytest.raises(PortUnavailable):
+        await two.open(Sink())
+    await one.close()
+
+
+def test_a_program_that_only_knows_flock_is_refused_and_refuses_us(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without our lock file (another user's state directory) the device's own lock still stands."""
+    import fcntl
+
+    stranger = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    ours = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(stranger, fcntl.LOCK_EX)
+    with pytest.raises(Busy) as caught:
+        Lock(ours, pty.path)
+    assert caught.value.pid is None
+    fcntl.flock(stranger, fcntl.LOCK_UN)
+    lock = Lock(ours, pty.path, exclusive=False)
+    with pytest.raises(BlockingIOError):
+        fcntl.flock(stranger, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    lock.release()
+    lock.release()
+    os.close(ours)
+    os.close(stranger)
+
+
+def test_an_exclusive_lock_sets_the_terminal_flag_and_takes_it_back(pty: Pty) -> None:
+    import fcntl
+
+    TIOCGEXCL = 0x80045440
+    fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    lock = Lock(fd, pty.path)
+    assert int.from_bytes(fcntl.ioctl(fd, TIOCGEXCL, bytes(4)), sys.byteorder) == 1
+    lock.release()
+    assert int.from_bytes(fcntl.ioctl(fd, TIOCGEXCL, bytes(4)), sys.byteorder) == 0
+    os.close(fd)
+
+
+def test_a_state_directory_that_can_not_be_written_leaves_the_lock_on_the_device(
+    pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    one = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    two = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    lock = Lock(one, pty.path, exclusive=False)
+    with pytest.raises(Busy):
+        Lock(two, pty.path, exclusive=False)
+    lock.release()
+    os.close(one)
+    os.close(two)
