@@ -4,6 +4,7 @@ PDU in ``messages`` and ``pdu``, the two encodings in ``rtu`` and ``ascii``, ``e
 """
 
 from drivebus.protocols.modbus.ascii import AsciiCodec
+from drivebus.protocols.modbus.describe import describe
 from drivebus.protocols.modbus.effects import Change, request_of, written
 from drivebus.protocols.modbus.messages import (
     Bits,
@@ -44,6 +45,7 @@ __all__ = [
     "WriteRegister",
     "WriteRegisters",
     "Written",
+    "describe",
     "request_of",
     "written",
 ]

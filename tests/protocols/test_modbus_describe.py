@@ -1,0 +1,93 @@
+"""What the tolerant reader says of Modbus frames."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.protocols.describe import Description
+from drivebus.protocols.modbus import describe
+from vectorfile import Vector, load
+
+VECTORS = (*load("vc660"), *load("df800"))
+FORM = {"vc660": "exception", "df800": "short"}
+
+
+def described(vector: Vector, request: bytes | None = None) -> Description:
+    form = "short" if vector.family == "df800" else "exception"
+    direction = "request" if vector.direction == "request" else "response"
+    return describe(vector.data, vector.encoding, direction, request, form)
+
+
+def bare(fields: dict[str, object]) -> dict[str, object]:
+    """Without what only a profile knows."""
+    return {name: value for name, value in fields.items() if name not in ("frequency_hz", "parameter")}
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.id)
+def test_a_vector_is_read_with_its_request_and_without(vector: Vector) -> None:
+    asked = vector.request
+    for request in (None, asked.data if asked else None):
+        found = described(vector, request)
+        if vector.line.get("decodable", True):
+            assert found.valid
+            assert found.fields | bare(vector.fields) == found.fields
+            assert found.canonical == vector.data
+        else:
+            assert not found.valid
+            assert [key for key, _ in found.problems] == ["modbus.crc"]
+            assert found.fields["registers"] == [0xC388, 2, 5000, 0]
+
+
+def test_a_read_reply_without_its_request_says_what_is_missing() -> None:
+    found = describe(bytes.fromhex("01 03 06 13 88 0F 9E 00 80 A0 93"), "rtu", "response")
+    assert [(reading.note[0], reading.fields) for reading in found.readings] == [
+        ("modbus.reading.registers", {"function": 3, "count": 3})
+    ]
+
+
+def test_a_write_reply_is_its_request_or_an_echo_f03() -> None:
+    found = describe(bytes.fromhex("01 06 20 00 00 01 43 CA"), "rtu", "response")
+    assert [reading.note[0] for reading in found.readings] == ["modbus.reading.echo"]
+
+
+def test_a_short_error_may_be_the_beginning_of_an_echo_t15() -> None:
+    found = describe(bytes.fromhex("01 06 00 23 A0"), "rtu", "response", None, "short")
+    assert found.fields == {"address": 1, "function": 6, "error": True}
+    assert found.readings[0].note == ("modbus.reading.cut_echo", {"register": 0x23, "high": 0xA0})
+
+
+def test_lower_case_digits_are_read_and_called_an_erratum() -> None:
+    found = describe(b":010620000002d7\r\n", "ascii", "request")
+    assert found.valid
+    assert found.errata == (("modbus.lower_case", {}),)
+    assert found.canonical == b":010620000002D7\r\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("01 06 20 00 00 01 43", "modbus.length"),
+        ("01 06 20 00 00 01 43 CA 00", "modbus.trailing"),
+        ("01 06 20 00 00 01 43 CB", "modbus.crc"),
+        ("01 03 00 00 00 7E C5 EA", "modbus.count"),
+        ("", "modbus.length"),
+    ],
+)
+def test_what_is_wrong_with_a_request_is_named(text: str, key: str) -> None:
+    found = describe(bytes.fromhex(text), "rtu", "request")
+    assert (found.valid, [each for each, _ in found.problems]) == (False, [key])
+
+
+def test_any_bytes_get_a_description() -> None:
+    import random
+
+    rng = random.Random(2)
+    for turn in range(3000):
+        data = rng.randbytes(rng.randrange(24))
+        if turn % 2:
+            data = b"\x01" + bytes((rng.choice((1, 3, 5, 6, 8, 15, 16, 0x83)),)) + data
+        request = None if turn % 3 else rng.randbytes(8)
+        for encoding in ("rtu", "ascii"):
+            for direction in ("request", "response"):
+                found = describe(data, encoding, direction, request, "short" if turn % 5 else "exception")
+                assert found.valid or found.problems
