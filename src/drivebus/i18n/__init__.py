@@ -10,7 +10,6 @@ import json
 import locale
 import os
 from functools import cache
-from importlib import resources
 from typing import Any
 
 LANGUAGES = ("en", "zh")
@@ -20,9 +19,11 @@ LANGUAGES = ("en", "zh")
 def catalogue(language: str) -> dict[str, str]:
     """All sentences of a language, by key."""
     found: dict[str, str] = {}
-    for entry in resources.files(__package__).iterdir():
-        if entry.name.endswith(f".{language}.json"):
-            found.update(json.loads(entry.read_text(encoding="utf-8")))
+    folder = os.path.dirname(__file__)  # noqa: PTH120  importlib.resources alone costs a third of a bare click start
+    for name in sorted(os.listdir(folder)):  # noqa: PTH208
+        if name.endswith(f".{language}.json"):
+            with open(os.path.join(folder, name), encoding="utf-8") as file:  # noqa: PTH118, PTH123
+                found.update(json.load(file))
     return found
 
 

@@ -1,0 +1,96 @@
+"""From LINK, --model and --address to an open bus and a drive on it."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus
+    from drivebus.drives import Drive
+    from drivebus.line import LineSettings
+    from drivebus.ports.port import Port
+    from drivebus.profiles import DriveProfile
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What the options of a drive verb say: where, what, how."""
+
+    link: str
+    model: str
+    address: int
+    baud: int | None = None
+    format: str | None = None
+    encoding: str | None = None
+    set: tuple[tuple[str, str], ...] = ()
+    """``--set NAME=VALUE``: open questions of the family, answered for this drive."""
+
+    def profile(self) -> DriveProfile:
+        """Raises ProfileError for a model nobody knows."""
+        from drivebus import profiles
+
+        return profiles.load(self.model)
+
+    def settings(self) -> dict[str, Any]:
+        """``--set`` as values. Raises ConfigurationError for a name or value that the profile does not know."""
+        profile = self.profile()
+        return {name: _value(profile, name, text) for name, text in self.set}
+
+    def line(self) -> LineSettings:
+        """Settings of the line: the options', else the LINK's, else the profile's."""
+        return open_port(self.link, self.profile(), self.baud, self.format).settings
+
+
+def _value(profile: DriveProfile, name: str, text: str) -> Any:
+    from drivebus.errors import ConfigurationError
+
+    if name not in profile.settings:
+        known = ", ".join(sorted(profile.settings)) or "–"
+        raise ConfigurationError("cli.setting_unknown", model=profile.model, found=name, expected=known)
+    question = next((one for one in profile.open_questions if one.setting == name), None)
+    choices = question.choices if question else ()
+    value = _typed(text, profile.settings[name])
+    if value is None or (choices and value not in choices):
+        expected = ", ".join(str(choice) for choice in choices) or type(profile.settings[name]).__name__
+        raise ConfigurationError("cli.setting_value", name=name, found=text, expected=expected)
+    return value
+
+
+_WORDS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+
+
+def _typed(text: str, like: Any) -> Any:
+    """``text`` as a value of the same type as ``like``; None where it is none."""
+    if isinstance(like, bool):
+        return _WORDS.get(text.lower())
+    try:
+        return type(like)(text) if isinstance(like, int | float) else text
+    except ValueError:
+        return None
+
+
+def open_port(link: str, profile: DriveProfile | None, baud: int | None, format: str | None) -> Port:
+    """An unopened port. What neither the options nor the LINK say comes from the profile's line. Raises LinkError."""
+    from drivebus import ports
+    from drivebus.ports.link import parse_link
+
+    if profile is not None:
+        given = parse_link(link).given
+        baud = baud if baud is not None or "baud" in given else profile.line.baud
+        format = format if format is not None or "format" in given else profile.line.format
+    return ports.open_port(link, baud=baud, format=format)
+
+
+@asynccontextmanager
+async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
+    """The open bus with the drive on it; closed afterwards. Raises PortUnavailable, LinkError, ProfileError."""
+    from drivebus.bus import Bus
+    from drivebus.drives import Drive
+
+    profile = target.profile()
+    port = open_port(target.link, profile, target.baud, target.format)
+    async with Bus(port) as bus:
+        yield bus, Drive(bus, profile, target.address, encoding=target.encoding, settings=target.settings())

@@ -1,0 +1,105 @@
+"""The full-screen view (textual): a table of drives, a table of lines, the news, and the keys."""
+
+from __future__ import annotations
+
+from textual.app import App, ComposeResult
+from textual.events import Resize
+from textual.widgets import Footer, Static
+
+from drivebus.cli import voice
+from drivebus.cli.live.feed import Control, Feed
+from drivebus.cli.live.tables import Table, drive_cells, drive_columns, line_cells, line_columns
+
+REFRESH_S = 0.25
+STEP_HZ = 5.0
+WIDE = 100
+"""From so many cells on a fault is shown with its text."""
+
+
+class Screen(App[int]):
+    """Shows a feed until q. With a control its keys command the selected drive; without one it only reads."""
+
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
+    #drives { height: auto; max-height: 60%; }
+    #lines { height: auto; margin-top: 1; }
+    #news { height: 1fr; min-height: 2; margin-top: 1; padding: 0 1; color: $text-muted; }
+    """
+
+    def __init__(self, feed: Feed, control: Control | None = None) -> None:
+        super().__init__()
+        self._feed = feed
+        self._control = control
+        self._drives = Table("drive", id="drives", cursor_type="row" if control else "none")
+        self._lines = Table("line", id="lines", cursor_type="none")
+        self._news = Static(id="news", markup=False)
+        self._name_the_keys()
+
+    def _name_the_keys(self) -> None:
+        """Bindings in the user's language."""
+        keys = {"r": "run", "s": "stop", "plus": "faster", "minus": "slower", "x": "reset", "space": "stop_all"}
+        for key, action in keys.items() if self._control else ():
+            shown = {"plus": "+", "minus": "-"}.get(key)
+            self.bind(key, action, description=voice.say(f"live.key.{action}"), key_display=shown)
+        self.bind("q", "quit", description=voice.say("live.key.quit"))
+
+    def compose(self) -> ComposeResult:
+        yield Static(self._feed.title, id="title", markup=False)
+        yield self._drives
+        yield self._lines
+        yield self._news
+        yield Footer(show_command_palette=False)
+
+    async def on_mount(self) -> None:
+        self._lay_out(self.size.width)
+        self._lines.can_focus = False
+        self._drives.focus()
+        await self._feed.start()
+        self.set_interval(REFRESH_S, self.refresh_rows)
+
+    async def on_unmount(self) -> None:
+        await self._feed.close()
+
+    def on_resize(self, event: Resize) -> None:
+        self._lay_out(event.size.width)
+
+    def _lay_out(self, cells: int) -> None:
+        self._drives.lay_out(drive_columns(cells))
+        self._lines.lay_out(line_columns(cells))
+
+    def refresh_rows(self) -> None:
+        """Take the newest rows from the feed."""
+        now, wide = self._feed.now(), self.size.width >= WIDE
+        self._drives.put([drive_cells(row, now, wide) for row in self._feed.drives()])
+        self._lines.put([line_cells(row) for row in self._feed.lines()])
+        self._news.update("\n".join(self._feed.news()[-max(1, self._news.size.height) :]))
+
+    def _selected(self) -> str | None:
+        rows = self._feed.drives()
+        index = self._drives.cursor_row
+        return rows[index].key if 0 <= index < len(rows) else None
+
+    def _command(self, verb: str, *numbers: float) -> None:
+        key = self._selected()
+        if self._control is not None and key is not None:
+            getattr(self._control, verb)(key, *numbers)
+
+    def action_run(self) -> None:
+        self._command("run")
+
+    def action_stop(self) -> None:
+        self._command("stop")
+
+    def action_faster(self) -> None:
+        self._command("change", STEP_HZ)
+
+    def action_slower(self) -> None:
+        self._command("change", -STEP_HZ)
+
+    def action_reset(self) -> None:
+        self._command("reset")
+
+    def action_stop_all(self) -> None:
+        if self._control is not None:
+            self._control.stop_all()

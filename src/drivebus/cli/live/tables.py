@@ -1,0 +1,117 @@
+"""The two tables of the full-screen view: columns, cells and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from rich.text import Text
+from textual.coordinate import Coordinate
+from textual.widgets import DataTable
+
+from drivebus.cli import voice
+from drivebus.cli.live.model import SIGNALS, DriveRow, LineRow
+
+STALE_S = 3.0
+"""Older values are dimmed: they are history, not the present."""
+
+DRIVE_COLUMNS = {"name": 13, "state": 13, "direction": 5} | dict(zip(SIGNALS, (8, 8, 7, 6, 6), strict=True))
+AGE_CELLS = 6
+LINE_COLUMNS = {"line": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
+_RIGHT = frozenset({*SIGNALS, "age", "rate"})
+_BAR_CELLS = 10
+
+_STATE_STYLE = {
+    "running": "bold green",
+    "accelerating": "green",
+    "decelerating": "green",
+    "jogging": "green",
+    "braking": "green",
+    "fault": "bold red",
+    "emergency_stopped": "bold red",
+    "not_ready": "yellow",
+    "unknown": "yellow",
+}
+
+
+def drive_columns(cells: int) -> dict[str, int]:
+    """Widths of the drive table's columns on a terminal so wide: the fault takes what is left."""
+    return DRIVE_COLUMNS | {"fault": max(8, cells - sum(DRIVE_COLUMNS.values()) - AGE_CELLS - 1), "age": AGE_CELLS}
+
+
+def line_columns(cells: int) -> dict[str, int]:
+    """Widths of the line table's columns: the error counters take what is left."""
+    return LINE_COLUMNS | {"errors": max(12, cells - sum(LINE_COLUMNS.values()) - 1)}
+
+
+def drive_cells(row: DriveRow, now: float, wide: bool = True) -> list[Text]:
+    """One row of the drive table."""
+    age = row.age_s(now)
+    fresh = row.presence == "online" and age is not None and age <= STALE_S
+    style = "" if fresh else "dim"
+    fault = f"{row.fault_label} {row.fault_text}".strip() if wide else row.fault_label
+    return [
+        _cell(row.name, "name", "bold"),
+        _cell(row.state_text(), "state", _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),
+        _cell(row.direction_text(), "direction", style),
+        *[_cell(row.cell(signal), signal, style) for signal in SIGNALS],
+        _cell(f" {fault}", "fault", "bold red"),
+        _cell(row.age_text(now), "age", style if fresh else "yellow"),
+    ]
+
+
+def line_cells(row: LineRow) -> list[Text]:
+    """One row of the line table."""
+    rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
+    return [
+        _cell(row.name, "line", "bold"),
+        _cell(row.settings, "settings"),
+        _cell(voice.say("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
+        _cell(load_bar(row.load), "load"),
+        _cell(rate, "rate"),
+        _cell(f" {row.errors_text()}", "errors", "yellow" if any(row.errors.values()) else "dim"),
+    ]
+
+
+def load_bar(load: float | None) -> str:
+    """A bar and the percentage."""
+    if load is None:
+        return "–"
+    full = min(_BAR_CELLS, round(load * _BAR_CELLS))
+    return "█" * full + "░" * (_BAR_CELLS - full) + f" {load * 100:3.0f} %"
+
+
+class Table(DataTable[Text]):
+    """A DataTable that redraws only the cells that changed."""
+
+    def __init__(self, room: str, **rest: Any) -> None:
+        super().__init__(cell_padding=0, **rest)
+        self._room = room
+        self._rows: list[list[Text]] = []
+
+    def lay_out(self, widths: Mapping[str, int]) -> None:
+        """(Re)make the columns; the selected row stays selected."""
+        selected = self.cursor_row
+        self.clear(columns=True)
+        for name, cells in widths.items():
+            self.add_column(_cell(voice.say(f"live.{self._room}.{name}"), name), key=name, width=cells)
+        for row in self._rows:
+            self.add_row(*row)
+        if self._rows:
+            self.move_cursor(row=selected)
+
+    def put(self, rows: Sequence[list[Text]]) -> None:
+        """Show these rows; their number only grows (drives and lines do not vanish, they fall silent)."""
+        for index, row in enumerate(rows):
+            if index == len(self._rows):
+                self._rows.append(row)
+                self.add_row(*row)
+            for column, cell in enumerate(row):
+                if cell != self._rows[index][column] or cell.style != self._rows[index][column].style:
+                    self.update_cell_at(Coordinate(index, column), cell)
+            self._rows[index] = row
+
+
+def _cell(text: str, name: str, style: str = "") -> Text:
+    side: Literal["left", "right"] = "right" if name in _RIGHT else "left"
+    return Text(text, style=style, justify=side, no_wrap=True, overflow="ellipsis")

@@ -1,0 +1,40 @@
+"""The tree of verbs. Nothing is imported here but the frame: ``drivebus --help`` must cost little more than click."""
+
+from __future__ import annotations
+
+import click
+
+from drivebus.cli.command import LazyGroup, Option
+
+
+def _verbs(*names: str) -> dict[str, str]:
+    return {name: f"drivebus.cli.verbs.{name.replace('-', '_')}:command" for name in names}
+
+
+SECTIONS = {
+    "cli.section.look": _verbs("status", "read"),
+    "cli.section.move": _verbs("run", "set-frequency", "stop", "coast", "reset"),
+    "cli.section.change": _verbs("write"),
+    "cli.section.tools": _verbs("decode", "models", "ports", "profile", "completion"),
+}
+
+
+def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        from importlib.metadata import version
+
+        click.echo(f"drivebus {version('drivebus')}")
+        ctx.exit()
+
+
+cli = LazyGroup(
+    "drivebus",
+    topic="drivebus",
+    sections=SECTIONS,
+    no_args_is_help=True,
+    params=[Option(["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_version)],
+    examples=(
+        "drivebus status sim://c320@1 --model c320 --address 1",
+        "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 25 --dry-run",
+    ),
+)

@@ -1,0 +1,1 @@
+"""One module a verb; each has ``command`` and imports what it needs when it runs."""

@@ -1,0 +1,113 @@
+"""``decode``: a frame explained, byte for byte. The explaining is ``commissioning.explain``'s."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, voice
+from drivebus.cli.command import Argument, OneOf, Option, Verb
+from drivebus.cli.exits import Exit
+
+if TYPE_CHECKING:
+    from drivebus.protocols.describe import Description, Note
+
+
+def read_hex(text: str) -> bytes:
+    """Bytes of ``2A 30 30`` or ``2a3030``; blanks, colons between pairs and 0x are allowed. Raises ValueError."""
+    digits = text.replace("0x", " ").replace("0X", " ").replace(":", " ").replace(",", " ").split()
+    if not digits or any(len(part) % 2 or not part.isascii() for part in digits):
+        raise ValueError(text)
+    return bytes.fromhex("".join(digits))
+
+
+HEX = options.Parsed("hex", read_hex, "cli.expect.hex")
+
+
+def _decode(
+    hex: tuple[bytes, ...], model: str, encoding: str | None, direction: str | None, request: bytes | None
+) -> Exit:
+    from drivebus.commissioning.explain import explain
+
+    data = b"".join(hex)
+    found = explain(model, data, encoding=encoding, direction=direction, request=request)
+    voice.document(as_document(model, data, found))
+    voice.show(page(model, data, found))
+    return Exit.DONE if found.valid else Exit.INVALID_FRAME
+
+
+def as_document(model: str, data: bytes, found: Description) -> dict[str, Any]:
+    """The JSON of a frame; ``fields`` has at least the keys of the worked vectors."""
+    return {
+        "model": model,
+        "family": found.family,
+        "encoding": found.encoding,
+        "direction": found.direction,
+        "valid": found.valid,
+        "hex": data,
+        "fields": dict(found.fields),
+        "problems": _sentences(found.problems),
+        "errata": _sentences(found.errata),
+        "hazards": _sentences(found.hazards),
+        "canonical_hex": found.canonical,
+        "readings": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.readings],
+    }
+
+
+def page(model: str, data: bytes, found: Description) -> str:
+    """The same for people."""
+    from drivebus.cli.layout import two_columns
+
+    verdict = voice.say("decode.valid" if found.valid else "decode.invalid")
+    way = voice.say(f"decode.{found.direction}")
+    lines = [voice.say("decode.title", model=model, encoding=found.encoding, direction=way, verdict=verdict)]
+    lines.append(f"  {voice.plain(data)}")
+    if found.fields:
+        lines += ["", two_columns([(name, shown(name, value)) for name, value in found.fields.items()], 98)]
+    for kind in ("problems", "errata", "hazards"):
+        lines += [f"{voice.say(f'decode.{kind}')} {text}" for text in _sentences(getattr(found, kind))]
+    if found.canonical is not None and found.canonical != data:
+        lines.append(voice.say("decode.canonical", hex=voice.plain(found.canonical)))
+    for reading in found.readings:
+        inside = ", ".join(f"{name} = {shown(name, value)}" for name, value in reading.fields.items())
+        lines.append(voice.say("decode.reading", text=_sentence(reading.note), fields=inside))
+    return "\n".join(lines)
+
+
+_WORDS = frozenset({"data", "register", "value", "raw", "word", "crc"})
+
+
+def shown(name: str, value: Any) -> str:
+    """A field's value; words of the wire with their hexadecimal form beside."""
+    if isinstance(value, bool) or value is None:
+        return voice.say(f"decode.{str(value).lower()}")
+    if isinstance(value, int) and name in _WORDS:
+        return f"{value} ({value:04X}H)"
+    if isinstance(value, list | tuple):
+        return ", ".join(shown(name, each) for each in value)
+    return str(voice.plain(value)) if not isinstance(value, str | int | float) else str(value)
+
+
+def _sentence(note: Note) -> str:
+    return voice.say(note[0], **note[1])
+
+
+def _sentences(notes: tuple[Note, ...]) -> list[str]:
+    return [_sentence(note) for note in notes]
+
+
+command = Verb(
+    "decode",
+    callback=_decode,
+    params=[
+        Argument(["hex"], nargs=-1, required=True, type=HEX, metavar="HEX..."),
+        options.model(),
+        options.encoding(),
+        Option(["--direction"], type=OneOf(["request", "response"]), example="--direction response"),
+        Option(["--request"], type=HEX, metavar="HEX", example='--request "51 03 01 30 31 30 31 30 30 30 30"'),
+    ],
+    examples=(
+        "drivebus decode --model c320 2A 30 30 34 30 33 30 30 30 30 30 31 42 37 0D",
+        'drivebus decode --model vc660 --direction response --request "01 03 30 02 00 01 2A CA" 01 03 02 13 88 B5 12',
+        "drivebus decode --model dzb100 --json 4303013031303130334538",
+    ),
+)

@@ -1,0 +1,20 @@
+"""``reset``: fault reset, once; then read whether the fault is gone."""
+
+from __future__ import annotations
+
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_verb import command as send
+from drivebus.cli.drive_verb import drive_verb, simple
+from drivebus.cli.exits import Exit
+
+
+async def _reset(target: Target) -> Exit:
+    return await send(target, lambda drive: drive.reset_fault())
+
+
+command = drive_verb(
+    "reset",
+    _reset,
+    simple("reset", lambda dry: [frame.request for frame in dry.dialect.reset()], "dry.note.confirm"),
+    examples=("drivebus reset /dev/ttyUSB0 --model c320 --address 1",),
+)

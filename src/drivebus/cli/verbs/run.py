@@ -1,0 +1,187 @@
+"""``run``: start a drive and stay attached; whatever ends the verb stops the drive, unless ``--detach`` was said."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivebus.cli import connect, options, voice
+from drivebus.cli.command import Option
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_verb import drive_verb, tell
+from drivebus.cli.exits import Exit
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus
+    from drivebus.cli.dry import DryRun
+    from drivebus.cli.ending import Ending
+    from drivebus.drives import Drive
+    from drivebus.drives.state import Direction, DriveStatus
+
+PERIOD_S = 0.5
+"""Between two looks at the drive; each look is a few frames."""
+OFF_TWICE = 2
+"""Two looks must agree that the output is off before the user hears that the drive stopped by itself."""
+
+
+async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> Exit:
+    from drivebus.cli.ending import listening
+
+    with listening() as ending:
+        async with connect.drive(target) as (bus, drive):
+            if detach:
+                await _say_comm_loss(target, drive)
+            started = await _start(bus, drive, ending, frequency, _direction(reverse), wait)
+            if detach and started is Exit.DONE and not ending.come:
+                voice.tell("run.detached")
+                return started
+            ended = await _watch(bus, drive, ending) if started is Exit.DONE else started
+            return await _stop(bus, drive, Exit.INTERRUPTED if ending.come else ended)
+
+
+def _direction(reverse: bool) -> Direction | None:
+    from drivebus.drives.state import Direction
+
+    return Direction.REVERSE if reverse else None
+
+
+async def _start(
+    bus: Bus, drive: Drive, ending: Ending, frequency_hz: float, direction: Direction | None, wait: bool
+) -> Exit:
+    """Start. What was refused before anything left is raised; anything else that goes wrong is followed by a stop."""
+    from drivebus.cli import exits
+    from drivebus.errors import DrivebusError
+
+    try:
+        outcome = await ending.race(drive.run(frequency_hz, direction, wait=wait))
+    except DrivebusError as error:
+        if nothing_moved(error):
+            raise
+        return exits.report(error)
+    if outcome is None:
+        return Exit.INTERRUPTED
+    code = tell(outcome, bus.now(), event="started", stream=True)
+    if code is Exit.DONE:
+        voice.tell("run.attached")
+    return code
+
+
+def nothing_moved(error: Exception) -> bool:
+    """Nothing left the host, or the drive itself said no: there is nothing to stop."""
+    from drivebus import errors
+
+    return isinstance(
+        error,
+        errors.ConfigurationError
+        | errors.CapabilityError
+        | errors.LimitError
+        | errors.PreflightError
+        | errors.GateError
+        | errors.Refused
+        | errors.PortUnavailable,
+    )
+
+
+async def _watch(bus: Bus, drive: Drive, ending: Ending) -> Exit:
+    """Show the drive until the end comes, a fault, or its output is off by somebody else's hand."""
+    from drivebus.errors import BusError
+
+    off = 0
+    while not ending.come:
+        try:
+            status = await ending.race(drive.status())
+        except BusError as error:
+            _show_text(error.text(voice.language()))
+            await ending.wait(PERIOD_S)
+            continue
+        if status is None:
+            break
+        _show(bus, status)
+        off = off + 1 if status.state.output_off else 0
+        if status.fault is not None or off >= OFF_TWICE:
+            click.echo()
+            voice.tell("run.fault" if status.fault is not None else "run.off_by_itself")
+            return Exit.REFUSED
+        await ending.wait(PERIOD_S)
+    return Exit.INTERRUPTED
+
+
+def _show(bus: Bus, status: DriveStatus) -> None:
+    from drivebus.cli.live.model import status_document
+    from drivebus.cli.outcome import status_line
+
+    voice.document({"event": "status"} | status_document(status, bus.now()), stream=True)
+    _show_text(status_line(status))
+
+
+def _show_text(text: str) -> None:
+    """Redraw one line on a terminal; print a line elsewhere."""
+    if voice.as_json():
+        return
+    if sys.stdout.isatty():
+        import shutil
+
+        from drivebus.cli.layout import wrap
+
+        line = (wrap(text, shutil.get_terminal_size().columns - 1) or [""])[0]
+        click.echo(f"\r\x1b[K{line}", nl=False)
+    else:
+        click.echo(text)
+
+
+async def _stop(bus: Bus, drive: Drive, code: Exit) -> Exit:
+    """Stop and confirm; an unconfirmed stop outweighs every other ending."""
+    if sys.stdout.isatty() and not voice.as_json():
+        click.echo()
+    voice.tell("run.stopping")
+    outcome = await drive.stop(wait=True)
+    stopped = tell(outcome, bus.now(), event="stopped", stream=True)
+    return code if stopped is Exit.DONE else stopped
+
+
+async def _say_comm_loss(target: Target, drive: Drive) -> None:
+    """Before a detached start: what the drive itself will do when nobody speaks to it any more."""
+    from drivebus.cli.comm_loss import read_comm_loss
+
+    found = await read_comm_loss(target.profile(), drive)
+    voice.document({"event": "comm_loss"} | found.as_document(), stream=True)
+    voice.show(found.text())
+
+
+def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> Exit:
+    dialect = dry.dialect
+    wanted = [dialect.profile.parameters.get(one.notation) for one in dialect.profile.preconditions]
+    dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
+    dry.add("state", dialect.state_reads())
+    dry.add("start", [frame.request for frame in start_frames(dialect, frequency, _direction(reverse))])
+    return dry.show("dry.note.fewer", "dry.note.confirm")
+
+
+def start_frames(dialect: Any, frequency_hz: float, direction: Direction | None) -> list[Any]:
+    """What a start is made of: the frequency first, where the start itself does not carry it."""
+    from drivebus.drives.book import Book
+
+    word = dialect.setpoint_word(frequency_hz)
+    before = () if dialect.carries_frequency else dialect.set_frequency(word, Book())
+    return [*before, *dialect.start(direction, word)]
+
+
+command = drive_verb(
+    "run",
+    _run,
+    _plan,
+    extra=(
+        Option(["--frequency"], type=options.FREQUENCY, required=True, metavar="HZ", example="--frequency 25"),
+        Option(["--reverse"], is_flag=True),
+        Option(["--wait"], is_flag=True),
+        Option(["--detach"], is_flag=True),
+    ),
+    examples=(
+        "drivebus run /dev/ttyUSB0 --model c320 --address 1 --frequency 25",
+        "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 10 --reverse --wait",
+        "drivebus run sim://c320@1 --model c320 --address 1 --frequency 50 --detach",
+        "drivebus run /dev/ttyUSB0 --model df800 --address 2 --frequency 5 --dry-run",
+    ),
+)

@@ -1,0 +1,64 @@
+"""``write``: parameters, to RAM unless ``--save``; each is read back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivebus.cli import options
+from drivebus.cli.command import Argument, Option
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_verb import command as send
+from drivebus.cli.drive_verb import drive_verb
+from drivebus.cli.exits import Exit
+from drivebus.cli.verbs.read import found
+
+if TYPE_CHECKING:
+    from drivebus.cli.dry import DryRun
+
+Assignments = tuple[tuple[str, float], ...]
+
+
+def assigned(text: str) -> tuple[str, float]:
+    """``F1.07=10.0``. Raises ValueError."""
+    name, value = options.assignment(text)
+    return name, float(value)
+
+
+async def _write(target: Target, settings: Assignments, save: bool) -> Exit:
+    return await send(target, lambda drive: drive.write(dict(settings), save=save))
+
+
+def _plan(dry: DryRun, settings: Assignments, save: bool) -> Exit:
+    from drivebus.errors import ConfigurationError
+    from drivebus.profiles.model import Parameter
+
+    for name, value in settings:
+        entry = found(dry.dialect.profile, name)
+        if not isinstance(entry, Parameter):
+            raise ConfigurationError("cli.not_a_parameter", name=name)
+        dry.add("compare", [dry.dialect.read_parameter(entry)])
+        dry.add("write", [dry.dialect.write_parameter(entry, entry.scale.raw(value), save).request])
+        dry.add("verify", [dry.dialect.read_parameter(entry)])
+    return dry.show()
+
+
+command = drive_verb(
+    "write",
+    _write,
+    _plan,
+    extra=(
+        Argument(
+            ["settings"],
+            nargs=-1,
+            required=True,
+            metavar="NAME=VALUE...",
+            type=options.Parsed("assignment", assigned, "cli.expect.assignment"),
+        ),
+        Option(["--save"], is_flag=True),
+    ),
+    examples=(
+        "drivebus write /dev/ttyUSB0 F1.10=1 --model c320 --address 1",
+        "drivebus write /dev/ttyUSB0 F1.07=10.0 F1.08=12.5 --save --model df800 --address 2",
+        "drivebus write /dev/ttyUSB0 10=15.0 --save --model dzb100 --address 5 --dry-run",
+    ),
+)

@@ -1,0 +1,90 @@
+"""How a verb speaks: in which language, as sentences or as JSON, and to which stream."""
+
+from __future__ import annotations
+
+import json
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from drivebus import i18n
+
+
+@dataclass(slots=True)
+class Voice:
+    """What ``--lang`` and ``--json`` ask for."""
+
+    language: str
+    as_json: bool = False
+
+
+_voice: ContextVar[Voice | None] = ContextVar("drivebus_voice", default=None)
+
+
+def listen(arguments: list[str]) -> Voice:
+    """Find ``--lang`` and ``--json`` wherever they stand, before anything is parsed: ``--help`` and a wrong option
+    must already speak the right language."""
+    voice = Voice(i18n.preferred())
+    own = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    for index, argument in enumerate(own):
+        name, _, value = argument.partition("=")
+        if name == "--lang":
+            wanted = value or (own[index + 1] if index + 1 < len(own) else "")
+            voice.language = wanted if wanted in i18n.LANGUAGES else voice.language
+        voice.as_json = voice.as_json or argument == "--json"
+    _voice.set(voice)
+    return voice
+
+
+def current() -> Voice:
+    """The voice of this invocation; the user's own language outside one."""
+    return _voice.get() or Voice(i18n.preferred())
+
+
+def language() -> str:
+    return current().language
+
+
+def as_json() -> bool:
+    return current().as_json
+
+
+def say(key: str, /, **params: Any) -> str:
+    """The sentence for ``key`` in the user's language."""
+    return i18n.text(key, language(), **params)
+
+
+def tell(key: str, /, **params: Any) -> None:
+    """A sentence on standard output; nothing where JSON was asked for."""
+    if not as_json():
+        click.echo(say(key, **params))
+
+
+def note(key: str, /, **params: Any) -> None:
+    """A sentence beside the result, on standard error: progress, warnings, what happens next."""
+    click.echo(say(key, **params), err=True)
+
+
+def show(text: str) -> None:
+    """Ready text on standard output; nothing where JSON was asked for."""
+    if not as_json():
+        click.echo(text)
+
+
+def document(value: Any, *, stream: bool = False) -> None:
+    """One JSON document where it was asked for; ``stream`` puts it on one line."""
+    if as_json():
+        click.echo(json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=plain))
+
+
+def plain(value: Any) -> Any:
+    """JSON form of what the library hands out: bytes as spaced hex, enums by value, texts in the user's language."""
+    if isinstance(value, bytes | bytearray):
+        return bytes(value).hex(" ").upper()
+    if hasattr(value, "en") and hasattr(value, "zh"):
+        return getattr(value, language())
+    if isinstance(value, set | frozenset):
+        return sorted(value)
+    return getattr(value, "value", None) if hasattr(value, "value") else str(value)
