@@ -17,6 +17,7 @@ from drivebus.protocols.sifang.messages import (
 )
 from drivebus.protocols.sifang.tables import BROADCAST, KIND_AT, OPERATIONS, Operation
 
+_STOPS = (Operation.STOP, Operation.JOG_STOP, Operation.EMERGENCY_STOP)
 REQUEST_LAYOUTS = {0: READ, 1: READ, 2: READ, 3: WRITE, 4: CONTROL, 5: WRITE}
 
 
@@ -46,10 +47,12 @@ def read_key(request: Request) -> tuple[int, int]:
 
 
 def _control_data(request: Control) -> int:
-    """A stop, a reset or a jog stop never carries a frequency (its flipped bits could then order it)."""
-    in_range("data", request.data, 0xFFFF)
+    """Only an operation that sets a frequency has data. A stop is never refused for having some: it sends 0000."""
+    if request.operation in _STOPS:
+        return 0
     if request.operation not in OPERATIONS:
         raise ValueError(f"operation {request.operation} is not one of the manual's (2.4.4)")
+    in_range("data", request.data, 0xFFFF)
     if request.data and not Operation(request.operation).sets_frequency:
         raise ValueError(f"operation {request.operation:02X}H takes no data, {request.data} given")
     return request.data

@@ -1,0 +1,384 @@
+"""DZB100 frames: golden vectors with their verdicts, the traps T08-T11, T19 and T20, and what garbage may not do."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivebus.errors import AddressError, AlphabetError, ChecksumError, CodeError, EchoError, HeaderError, ProtocolError
+from drivebus.message import Complete, Effect, Incomplete
+from drivebus.protocols import dzb
+from drivebus.protocols.dzb import Command, DzbCodec
+from protocols.vectors import Vector, load
+
+VECTORS = load("dzb100")
+REQUESTS = [v for v in VECTORS.values() if v.direction == "request"]
+REPLIES = [v for v in VECTORS.values() if v.direction == "response"]
+CODEC = DzbCodec()
+RUN = dzb.Control(1, Command.FORWARD, 0x64)
+
+addresses = st.integers(1, 31)
+words = st.integers(0, 0xFFFF)
+moving = st.sampled_from([c for c in Command if not c.stops and c is not Command.RESET])
+requests = st.one_of(
+    st.builds(dzb.Control, addresses, moving, words),
+    st.builds(dzb.Control, addresses, st.sampled_from([Command.STOP, Command.STOP_2, Command.RESET])),
+    st.builds(dzb.Control, st.just(0), moving, words, st.just(True)),
+    st.builds(dzb.WriteParameter, addresses, st.integers(0, 80), words),
+    st.builds(dzb.ReadParameter, addresses, st.integers(0, 80)),
+    st.builds(dzb.Query, addresses, st.integers(0, 3)),
+)
+
+
+def request_of(reply: Vector) -> dzb.Request:
+    if reply.reply_to:
+        return CODEC.decode_request(VECTORS[reply.reply_to].bytes).message
+    address = reply.fields["address"]
+    return dzb.Query(address, 3) if reply.fields["head"] == "Q" else dzb.WriteParameter(address, 99, 5)
+
+
+def fields_of(message: Any) -> dict[str, Any]:
+    head = message.head if isinstance(message.head, str) else chr(message.head)
+    word = dzb.StateWord.parse(message.data) if head == "Q" else None
+    return {
+        "head": head,
+        "address": message.address,
+        "data": message.data,
+        "broadcast": getattr(message, "everyone", False),
+        "accepted": getattr(message, "accepted", None),
+        {"C": "command", "Q": "item"}.get(head, "parameter"): message.index,
+        **({"command": word.command, "state": word.state, "fault_code": word.fault_code} if word else {}),
+    }
+
+
+def stated(vector: Vector) -> dict[str, Any]:
+    return {name: value for name, value in vector.fields.items() if name not in ("value", "frequency_hz")}
+
+
+@pytest.mark.parametrize("vector", REQUESTS, ids=repr)
+def test_a_station_hears_every_request(vector: Vector) -> None:
+    verdict = CODEC.decode_request(vector.bytes)
+    assert verdict.size == 11
+    assert stated(vector).items() <= fields_of(verdict.message).items()
+    assert CODEC.encode_request(verdict.message) == vector.canonical
+
+
+@pytest.mark.parametrize("vector", REPLIES, ids=repr)
+def test_a_reply_is_read_against_its_request(vector: Vector) -> None:
+    verdict = CODEC.decode_reply(request_of(vector), vector.bytes)
+    assert stated(vector).items() <= fields_of(verdict.message).items()
+    assert CODEC.encode_reply(verdict.message) == vector.canonical
+
+
+@given(requests)
+def test_every_request_comes_back(request: dzb.Request) -> None:
+    frame = CODEC.encode_request(request)
+    assert CODEC.decode_request(frame) == Complete(request, 11)
+    assert frame[1] == 3
+
+
+@given(requests, words, st.booleans())
+def test_every_answer_comes_back_against_its_request(request: dzb.Request, word: int, accepted: bool) -> None:
+    """Done echoes what was sent; a read answers its own data; refused may carry any."""
+    echoes = isinstance(request, dzb.Control | dzb.WriteParameter) and accepted
+    reply = dzb.Reply(chr(request.head), request.address, request.index, request.data if echoes else word, accepted)
+    frame = CODEC.encode_reply(reply)
+    if request.address == 0:  # nobody answers for everybody
+        with pytest.raises(AddressError):
+            CODEC.decode_reply(request, frame)
+    else:
+        assert CODEC.decode_reply(request, frame) == Complete(reply, 11)
+
+
+@given(st.sampled_from(range(9)))
+def test_t20_a_state_digit_comes_back(digit: int) -> None:
+    reply = dzb.Reply("C", 1, 1, 0x64, None, digit)
+    assert CODEC.decode_reply(RUN, CODEC.encode_reply(reply)) == Complete(reply, 11)
+
+
+@pytest.mark.parametrize("vector", VECTORS.values(), ids=repr)
+def test_byte_by_byte_is_the_same_as_whole_and_a_frame_ends_at_eleven_bytes(vector: Vector) -> None:
+    def decode(data: bytes) -> Any:
+        if vector.direction == "request":
+            return CODEC.decode_request(data)
+        return CODEC.decode_reply(request_of(vector), data)
+
+    assert [decode(vector.bytes[:end]) for end in range(11)] == [Incomplete(11)] * 11
+    assert decode(vector.bytes + b"C\x03") == decode(vector.bytes)
+
+
+@pytest.mark.parametrize("command", [Command.STOP, Command.STOP_2])
+@given(data=words, everyone=st.booleans())
+def test_t11_a_stop_leaves_with_0000_whatever_it_is_given(command: Command, data: int, everyone: bool) -> None:
+    frame = CODEC.encode_request(dzb.Control(0 if everyone else 9, command, data, everyone))
+    assert frame[7:] == b"0000"
+    assert dzb.effect(frame) is Effect.STOP
+
+
+@pytest.mark.parametrize("command", [Command.STOP, Command.STOP_2])
+def test_t11_a_single_flip_of_a_stop_that_a_drive_obeys_as_a_run_runs_at_zero(command: Command) -> None:
+    frame = CODEC.encode_request(dzb.Control(1, command))
+    runs = [
+        heard
+        for heard in map(heard_or_none, flips(frame))
+        if isinstance(heard, dzb.Control) and not heard.command.stops and heard.command is not Command.RESET
+    ]
+    assert {heard.data for heard in runs} == {0}
+    assert len(runs) == {Command.STOP: 2, Command.STOP_2: 2}[command]
+
+
+def flips(frame: bytes) -> list[bytes]:
+    number = int.from_bytes(frame, "big")
+    return [(number ^ 1 << bit).to_bytes(len(frame), "big") for bit in range(8 * len(frame))]
+
+
+def heard_or_none(frame: bytes) -> Any:
+    try:
+        return CODEC.decode_request(frame).message
+    except ProtocolError:
+        return None
+
+
+@given(addresses, st.integers(0, 80))
+def test_t09_a_parameter_is_read_with_r_never_with_p(address: int, parameter: int) -> None:
+    frame = CODEC.encode_request(dzb.ReadParameter(address, parameter))
+    assert frame[:1] == b"R"
+    assert frame[7:] == b"0000"
+    assert dzb.effect(frame) is Effect.NONE
+
+
+def test_t09_the_manuals_seven_byte_p_read_is_the_beginning_of_a_write_never_a_read() -> None:
+    read = b"P\x03\x010323"
+    assert CODEC.decode_request(read) == Incomplete(11)
+    assert CODEC.decode_request(read + b"0000").message == dzb.WriteParameter(3, 23, 0)
+    assert dzb.effect(read + b"0000") is Effect.SETTING
+    assert dzb.effect(read) is Effect.MOTION
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        dzb.Control(0, Command.STOP),
+        dzb.Control(3, Command.STOP, everyone=True),
+        dzb.WriteParameter(0, 10, 1),
+        dzb.ReadParameter(0, 10),
+        dzb.Query(0, 3),
+        dzb.Control(32, Command.FORWARD),
+        dzb.ReadParameter(1, 81),
+        dzb.Query(1, 4),
+        dzb.WriteParameter(1, 10, 0x10000),
+        dzb.Control(1, Command.RESET, 100),
+        dzb.Control(1, 9),  # type: ignore[arg-type]
+    ],
+    ids=repr,
+)
+def test_t10_what_no_drive_can_answer_or_obey_is_not_emitted(request_: dzb.Request) -> None:
+    with pytest.raises(ValueError, match=r"expected|takes no|does not fit"):
+        CODEC.encode_request(request_)
+
+
+def test_only_commands_are_for_everybody() -> None:
+    with pytest.raises(CodeError) as caught:
+        CODEC.decode_request(b"P\x03\x0200100000")
+    assert caught.value.found == 2
+    assert CODEC.decode_request(b"C\x03\x0200000000").message.everyone
+    assert CODEC.reply_size(dzb.Control(0, Command.STOP, everyone=True)) == 0
+    assert CODEC.reply_size(dzb.Query(1, 0)) == CODEC.largest_reply(dzb.Query(1, 0)) == 11
+
+
+@pytest.mark.parametrize(("mark", "digit"), [(0x01, 1), (0x31, 1), (0x36, 6), (0x38, 8), (0x00, 0)])
+def test_t20_a_state_digit_in_a_control_reply_is_neither_yes_nor_no(mark: int, digit: int) -> None:
+    reply = CODEC.decode_reply(RUN, b"C\x03" + bytes((mark,)) + b"01010064").message
+    assert (reply.accepted, reply.digit) == (None, digit)
+
+
+def test_t20_06_and_07_are_done_and_refused_although_the_text_lists_them_as_digits() -> None:
+    assert CODEC.decode_reply(RUN, b"C\x03\x0601010064").message.accepted is True
+    assert CODEC.decode_reply(RUN, b"C\x03\x0701010000").message.accepted is False
+
+
+@pytest.mark.parametrize("head", ["P", "R", "Q"])
+def test_t20_only_a_control_reply_has_a_state_digit(head: str) -> None:
+    request = {"P": dzb.WriteParameter(1, 1, 0x64), "R": dzb.ReadParameter(1, 1), "Q": dzb.Query(1, 1)}[head]
+    with pytest.raises(CodeError) as caught:
+        CODEC.decode_reply(request, head.encode() + b"\x03\x3101010064")
+    assert caught.value.found == 0x31
+
+
+@pytest.mark.parametrize(
+    ("frame", "error", "expected", "found"),
+    [
+        (b"X\x03\x0601010064", HeaderError, "C, P, R, Q", 0x58),
+        (b"Q\x03\x0601010064", EchoError, "C", "Q"),
+        (b"C\x02\x0601010064", ChecksumError, 3, 2),
+        (b"C\x03\x0501010064", None, None, None),
+        (b"C\x03\x0901010064", CodeError, "06, 07", 9),
+        (b"C\x03\x0602010064", AddressError, 1, 2),
+        (b"C\x03\x0600010064", AddressError, 31, 0),
+        (b"C\x03\x0601030064", EchoError, 1, 3),
+        (b"C\x03\x0601010065", EchoError, 0x64, 0x65),
+        (b"C\x03\x060101006a", AlphabetError, "0-9 A-F", 0x61),
+        (b"C\x03\x060A010064", AlphabetError, "0-9", 0x41),
+    ],
+)
+def test_a_reply_must_fit_its_request_in_every_byte(frame: bytes, error: Any, expected: Any, found: Any) -> None:
+    if error is None:
+        assert CODEC.decode_reply(RUN, frame).message.digit == 5
+        return
+    with pytest.raises(error) as caught:
+        CODEC.decode_reply(RUN, frame)
+    assert (caught.value.expected, caught.value.found) == (expected, found)
+    assert caught.value.text("en") != caught.value.key
+    assert caught.value.text("zh") not in (caught.value.key, caught.value.text("en"))
+
+
+def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size() -> None:
+    with pytest.raises(AddressError) as caught:
+        CODEC.decode_reply(RUN, b"C\x03\x0602010064")
+    assert caught.value.size == 11
+
+
+@pytest.mark.parametrize("vector", REPLIES, ids=repr)
+def test_t19_every_byte_value_in_every_position_raises_nothing_but_protocol_errors(vector: Vector) -> None:
+    """And what passes differs only in B of a control reply, or in data that no request foretells."""
+    request, frame = request_of(vector), bytearray(vector.bytes)
+    free = range(7, 11) if vector.fields["head"] in "RQ" or vector.fields["accepted"] is False else range(0)
+    for position, original in enumerate(vector.bytes):
+        for byte in set(range(256)) - {original}:
+            frame[position] = byte
+            try:
+                verdict = CODEC.decode_reply(request, bytes(frame))
+            except ProtocolError:
+                continue
+            assert position in free or position == 2, verdict
+        frame[position] = original
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("dzb100-1-response", 3),  # B: 06 as 07, 02, 04
+        ("dzb100-2-response", 1),  # B: 06 as 07
+        ("dzb100-3-response", 1 + 4 + 4 + 3 + 3),  # B, and the digits 0, 0, 6, 4 that stay digits
+    ],
+)
+def test_g03_the_single_flips_that_a_host_cannot_see_are_these_of_88(name: str, count: int) -> None:
+    vector = VECTORS[name]
+
+    def passes(frame: bytes) -> bool:
+        try:
+            return isinstance(CODEC.decode_reply(request_of(vector), frame), Complete)
+        except ProtocolError:
+            return False
+
+    assert sum(map(passes, flips(vector.bytes))) == count
+
+
+def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
+    chance = random.Random(100)
+    asked = [RUN, dzb.WriteParameter(2, 10, 150), dzb.ReadParameter(3, 23), dzb.Query(7, 3)]
+    for _ in range(20_000):
+        start = chance.choice((b"", b"C\x03", b"P\x03\x06", b"Q\x03\x0607"))
+        rest = bytes(chance.choice(b"0123456789ABCDEF") for _ in range(9)) if chance.random() < 0.5 else b""
+        data = start + (rest or chance.randbytes(chance.randrange(12)))
+        for decode in (CODEC.decode_request, lambda d: CODEC.decode_reply(chance.choice(asked), d)):
+            try:
+                decode(data)
+            except ProtocolError as error:
+                assert str(error) != error.key
+        dzb.effect(data)
+
+
+# -- values --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("coding", "word"), [("hex-0.1", 0x007B), ("hex-0.01", 0x04CE), ("decimal-0.1", 0x0123), ("hex-1", 0x000C)]
+)
+def test_t08_one_frequency_reads_as_four_words(coding: dzb.FrequencyCoding, word: int) -> None:
+    assert dzb.encode_frequency(12.3, coding) == word
+    assert dzb.decode_frequency(word, coding) == (12.0 if coding == "hex-1" else 12.3)
+
+
+def test_t08_the_manuals_example_is_ten_times_too_fast_under_the_default_coding() -> None:
+    word = VECTORS["dzb100-1-request"].fields["data"]
+    assert dzb.decode_frequency(word, "hex-0.1") == 100.0
+    assert dzb.decode_frequency(word, "hex-0.01") == 10.0
+
+
+@given(st.sampled_from(dzb.FREQUENCY_CODINGS), st.integers(0, 9999))
+def test_every_step_of_a_coding_comes_back(coding: dzb.FrequencyCoding, step: int) -> None:
+    hz = step / {"hex-0.1": 10, "hex-0.01": 100, "decimal-0.1": 10, "hex-1": 1}[coding]
+    assert dzb.decode_frequency(dzb.encode_frequency(hz, coding), coding) == hz
+
+
+@pytest.mark.parametrize("hz", [-0.1, 65536.0, math.nan, math.inf])
+@pytest.mark.parametrize("coding", dzb.FREQUENCY_CODINGS)
+def test_a_frequency_that_is_no_word_is_refused(hz: float, coding: dzb.FrequencyCoding) -> None:
+    with pytest.raises(ValueError, match="does not fit"):
+        dzb.encode_frequency(hz, coding)
+
+
+def test_a_word_with_letters_is_no_decimal_frequency() -> None:
+    with pytest.raises(ValueError, match="007B"):
+        dzb.decode_frequency(0x007B, "decimal-0.1")
+
+
+def test_the_state_word_names_command_state_bits_and_fault() -> None:
+    assert dzb.StateWord.parse(0x0201) == dzb.StateWord(command=0, state=2, fault_code=1)
+    assert dzb.StateWord.parse(0x1F14) == dzb.StateWord(command=1, state=15, fault_code=14)
+    assert dzb.StateWord.parse(0x1F14, "hex") == dzb.StateWord(command=1, state=15, fault_code=20)
+
+
+@pytest.mark.parametrize(
+    ("word", "coding", "found"),
+    [(0x9000, "decimal", 9), (0x000A, "decimal", "0A"), (0x21, "decimal", 21), (21, "hex", 21)],
+)
+def test_a_state_word_with_an_unlisted_digit_is_not_believed(
+    word: int, coding: dzb.FaultCoding, found: int | str
+) -> None:
+    with pytest.raises(CodeError) as caught:
+        dzb.StateWord.parse(word, coding)
+    assert caught.value.found == found
+    assert caught.value.text("zh") != caught.value.key
+
+
+@given(st.builds(dzb.StateWord, st.integers(0, 8), st.integers(0, 15), st.integers(0, 20)))
+def test_a_state_word_comes_back(word: dzb.StateWord) -> None:
+    assert dzb.StateWord.parse(word.word("decimal"), "decimal") == word
+    assert dzb.StateWord.parse(word.word("hex"), "hex") == word
+
+
+# -- effects -------------------------------------------------------------------------------------------------------
+
+
+@given(requests)
+def test_the_effect_of_a_request_is_read_from_its_bytes(request: dzb.Request) -> None:
+    found = dzb.effect(CODEC.encode_request(request))
+    if isinstance(request, dzb.Control):
+        setting = Effect.SETTING if request.command is Command.RESET else Effect.MOTION
+        assert found is (Effect.STOP if request.command.stops else setting)
+    else:
+        assert found is (Effect.SETTING if isinstance(request, dzb.WriteParameter) else Effect.NONE)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"",
+        b"C",
+        b"C\x03\x0101000064",
+        b"C\x03\x0101100000",
+        b"C\x03\x0101000000\r",
+        b"C\x04\x0101000000",
+        b"Q\x03\x0100000000",
+    ],
+    ids=["nothing", "cut", "stop with a frequency", "odd command digit", "trailing", "bad S", "query of everybody"],
+)
+def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
+    assert dzb.effect(frame) is Effect.MOTION
