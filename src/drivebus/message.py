@@ -86,7 +86,11 @@ class Codec(Protocol):
     """"c320", "dzb100", "modbus"."""
     encoding: str
     """"ascii", "hex", "rtu"."""
-    broadcast_address: int | None
+
+    @property
+    def broadcast_address(self) -> int | None:
+        """The address that every station hears and none answers."""
+        ...
 
     def encode_request(self, request: Any, /) -> bytes:
         """The canonical bytes of a request. Raises ValueError for a field out of range."""
