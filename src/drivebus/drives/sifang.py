@@ -1,0 +1,300 @@
+"""The C320 family's dialect: profile data in, requests and readings out. Source: C320 manual 2.3 and 2.4.
+
+A reply does not say which class it answers, so nothing here takes a command's own reply for its confirmation.
+"""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+from typing import Any
+
+from drivebus.drives.book import Book, Facts
+from drivebus.drives.dialect import (
+    Frame,
+    Refusal,
+    Stop,
+    frequency_word,
+    parameter_reading,
+    period_of,
+    reading_of,
+    shows,
+    signals_in,
+)
+from drivebus.drives.state import Direction, DriveState, Verdict
+from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError
+from drivebus.message import Codec, Complete, Effect, StationLink, StationTiming, WriteClass
+from drivebus.profiles.model import DriveProfile, Parameter
+from drivebus.protocols.sifang import (
+    Control,
+    Operation,
+    ReadIdentity,
+    ReadMonitor,
+    ReadParameter,
+    Reply,
+    SifangCodec,
+    State,
+    WriteParameter,
+)
+from drivebus.reading import Quality, Reading, missing
+
+_F, _R = Direction.FORWARD, Direction.REVERSE
+STATES: dict[int, tuple[DriveState, Direction | None]] = {
+    State.NOT_READY: (DriveState.NOT_READY, None),
+    State.RUNNING_FORWARD: (DriveState.RUNNING, _F),
+    State.RUNNING_REVERSE: (DriveState.RUNNING, _R),
+    State.STOPPED: (DriveState.STOPPED, None),
+    State.JOGGING_FORWARD: (DriveState.JOGGING, _F),
+    State.JOGGING_REVERSE: (DriveState.JOGGING, _R),
+    State.ACCELERATING_FORWARD: (DriveState.ACCELERATING, _F),
+    State.ACCELERATING_REVERSE: (DriveState.ACCELERATING, _R),
+    State.RESTARTING: (DriveState.RESTARTING, None),
+    State.DECELERATING_FORWARD: (DriveState.DECELERATING, _F),
+    State.DECELERATING_REVERSE: (DriveState.DECELERATING, _R),
+    State.DC_BRAKING: (DriveState.BRAKING, None),
+    State.FAULT: (DriveState.FAULT, None),
+    State.EMERGENCY_STOP: (DriveState.EMERGENCY_STOPPED, None),
+}
+"""Manual 2.4.6."""
+
+STOPS = {Stop.STOP: Operation.STOP, Stop.QUICK_STOP: Operation.EMERGENCY_STOP, Stop.JOG_STOP: Operation.JOG_STOP}
+STOP_OPERATIONS = frozenset(STOPS.values())
+MOVING = frozenset(
+    {
+        Operation.RUN_FORWARD, Operation.RUN_REVERSE, Operation.JOG_FORWARD, Operation.JOG_REVERSE,
+        Operation.RUN_FORWARD_AT, Operation.RUN_REVERSE_AT, Operation.JOG_FORWARD_AT, Operation.JOG_REVERSE_AT,
+    }
+)  # fmt: skip
+
+
+class SifangDialect:
+    """C320 and its sisters (see ``dialect.Dialect``)."""
+
+    can_tell = True
+    carries_frequency = True
+
+    def __init__(
+        self, profile: DriveProfile, address: int, encoding: Any, settings: dict[str, Any], timing: StationTiming
+    ) -> None:
+        self.profile, self.address, self.settings = profile, address, settings
+        digits, nibble = settings.get("digits", "strict"), bool(settings.get("nibble", False))
+        self.codec: Codec = SifangCodec(encoding=encoding, digits=digits, nibble=nibble)
+        self._tags = _fence_keys(profile)
+        self._count = 0
+        self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
+
+    def effect(self, frame: bytes) -> Effect:
+        """What these bytes do: the operation counts in every class (T01); what can't be read may move."""
+        try:
+            verdict = self.codec.decode_request(frame)
+        except ProtocolError:
+            return Effect.MOTION
+        if not isinstance(verdict, Complete) or verdict.size != len(frame):
+            return Effect.MOTION
+        return _effect(verdict.message.request, verdict.message.operation)
+
+    def _bus_fence(self, n: int) -> ReadParameter:
+        return self._tagged(self._tags[0::2], n)
+
+    def fence(self, avoid: Any = None) -> ReadParameter:
+        tags = self._tags[1::2] or self._tags
+        if isinstance(avoid, ReadParameter):
+            tags = [t for t in tags if t[0] != avoid.group] or [t for t in self._tags if t[0] != avoid.group] or tags
+        self._count += 1
+        return self._tagged(tags, self._count)
+
+    def _tagged(self, tags: list[tuple[int, int]], n: int) -> ReadParameter:
+        group, item = tags[n % len(tags)]
+        return ReadParameter(self.address, group, item)
+
+    def proves(self, reply: Reply) -> bool:
+        """A short reply (6, 7, 8) echoes nothing but the address."""
+        return reply.state is not None
+
+    def clashes(self, request: Any) -> bool:
+        """Parameter F0.n and monitor d.n share their echo, so do write and read; in a fault the item is gone (T04)."""
+        return isinstance(request, ReadParameter)
+
+    def state_reads(self) -> tuple[Any, ...]:
+        """Every full reply carries the state; the output frequency is wanted with it."""
+        return tuple(request for request, _ in self.polls(("output_frequency",))[:1])
+
+    def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
+        wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
+        if not wanted and (first := sorted(signals_in(self.profile, "monitor"))):
+            wanted = {first[0]}
+        return tuple((self._monitor(index), self._period(index, names)) for index in sorted(wanted))
+
+    def _is_monitor(self, name: str) -> bool:
+        return name in self.profile.signals and self.profile.signals[name].locator[0] == "monitor"
+
+    def _period(self, index: int, names: tuple[str, ...]) -> float:
+        at = tuple(s.name for s in signals_in(self.profile, "monitor").get(index, []))
+        return period_of(self.profile, tuple(n for n in at if n in names) or at)
+
+    def _monitor(self, index: int) -> ReadMonitor:
+        bcd = self.settings.get("monitor_index") == "bcd"
+        return ReadMonitor(self.address, int(str(index), 16) if bcd else index)
+
+    def _index(self, item: int) -> int:
+        return int(f"{item:X}") if self.settings.get("monitor_index") == "bcd" else item
+
+    def facts(self, request: Any, reply: Reply, at: float | None) -> Facts:
+        if isinstance(request, Control):
+            known = request.expected_item is not None and reply.item == request.expected_item
+            return self._monitored(request.expected_item, reply, at) if known else {}
+        if reply.state is None:
+            return {}
+        found = {"state": Reading(reply.state.name.lower(), "", Quality.GOOD, at, None, int(reply.state))}
+        if reply.fault_code is not None:
+            found["fault"] = Reading(reply.fault_code, "", Quality.GOOD, at, None, reply.fault_code)
+        if isinstance(request, ReadMonitor):
+            found |= self._monitored(request.item, reply, at)
+        return found
+
+    def _monitored(self, item: int | None, reply: Reply, at: float | None) -> dict[str, Reading]:
+        signals = signals_in(self.profile, "monitor").get(self._index(item or 0), [])
+        if reply.response != 0 or reply.data is None:
+            return {signal.name: missing("drives.refused_read", signal.unit) for signal in signals}
+        found = {signal.name: reading_of(signal, reply.data, at) for signal in signals}
+        if reply.item is None:
+            return {name: _unechoed(reading) for name, reading in found.items()}
+        return found
+
+    def judge(self, book: Book) -> Verdict | None:
+        """Two agreeing states; of two different turning states (a ramp between them) the newer one."""
+        pair = book.raw_pair("state")
+        if pair is None or any(raw not in STATES for raw in pair):
+            return None
+        (older, _), (state, direction) = STATES[pair[0]], STATES[pair[1]]
+        if older is not state and not (older.turning and state.turning):
+            return None
+        if state is not DriveState.FAULT:
+            return Verdict(state, direction)
+        code = book.agreed("fault")
+        return None if code is None else Verdict(state, None, code)
+
+    def fault_reads(self) -> tuple[Any, ...]:
+        return ()
+
+    def setpoint_reads(self) -> tuple[Any, ...]:
+        return self.polls_of("set_frequency")
+
+    def polls_of(self, name: str) -> tuple[Any, ...]:
+        """The request of one monitor; empty where the profile does not name it."""
+        return (self._monitor(self.profile.signals[name].locator[1]),) if self._is_monitor(name) else ()
+
+    def setpoint_shown(self, book: Book, word: int, frequency_hz: float) -> bool | None:
+        return shows(book, self.profile, frequency_hz)
+
+    def can_wait(self) -> bool:
+        return self._is_monitor("output_frequency")
+
+    def stop_seen(self, book: Book) -> bool:
+        return True
+
+    def refusal(self, reply: Reply) -> Refusal | None:
+        """Response codes 1 to 8 (manual 2.4.3)."""
+        return Refusal(f"drives.sifang_response_{int(reply.response)}", int(reply.response)) if reply.response else None
+
+    def setpoint_word(self, frequency_hz: float) -> int:
+        return frequency_word(self.profile, frequency_hz)
+
+    def start(self, direction: Direction | None, word: int) -> tuple[Frame, ...]:
+        reverse = direction is Direction.REVERSE
+        return self._edge(Operation.RUN_REVERSE_AT if reverse else Operation.RUN_FORWARD_AT, word)
+
+    def set_frequency(self, word: int, book: Book) -> tuple[Frame, ...]:
+        return (Frame(self._control(Operation.SET_FREQUENCY, word), WriteClass.ABSOLUTE),)
+
+    def jog(self, direction: Direction, word: int | None) -> tuple[Frame, ...]:
+        reverse = direction is Direction.REVERSE
+        if word is None:
+            return self._edge(Operation.JOG_REVERSE if reverse else Operation.JOG_FORWARD)
+        return self._edge(Operation.JOG_REVERSE_AT if reverse else Operation.JOG_FORWARD_AT, word)
+
+    def stop(self, how: Stop) -> tuple[Any, ...]:
+        if how not in STOPS:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what=how.value)
+        return (self._control(STOPS[how]),)
+
+    def stop_everyone(self) -> tuple[Any, ...]:
+        broadcast = self.profile.broadcast
+        return () if broadcast is None else (Control(broadcast, Operation.STOP),)
+
+    def reset(self) -> tuple[Frame, ...]:
+        return self._edge(Operation.RESET_FAULT)
+
+    def _edge(self, operation: Operation, word: int = 0) -> tuple[Frame, ...]:
+        return (Frame(self._control(operation, word), WriteClass.EDGE),)
+
+    def _control(self, operation: Operation, word: int = 0) -> Control:
+        item = self.settings.get("class4_item")
+        return Control(self.address, operation, word, item if isinstance(item, int) and item >= 0 else None)
+
+    def read_parameter(self, parameter: Parameter) -> Any:
+        space, index = parameter.locator
+        if space == "monitor":
+            return self._monitor(index)
+        return ReadParameter(self.address, index >> 8, index & 0xFF)
+
+    def parameter_raw(self, reply: Reply) -> int | None:
+        return reply.data if reply.response == 0 else None
+
+    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
+        return parameter_reading(parameter, raw, at)
+
+    def parameter_word(self, parameter: Parameter, value: float) -> int:
+        return parameter.scale.raw(value)
+
+    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> Frame:
+        index = parameter.locator[1]
+        request = WriteParameter(self.address, index >> 8, index & 0xFF, raw, save)
+        return Frame(request, WriteClass.EEPROM if save else WriteClass.ABSOLUTE)
+
+    def lawful(self, frame: bytes) -> bool:
+        """An operation only in a control frame (T07), and nothing but a stop to everybody (matrix: broadcast X)."""
+        try:
+            verdict = self.codec.decode_request(frame)
+        except ProtocolError:
+            return False
+        heard = getattr(verdict, "message", None)
+        if heard is None or heard.request.address == self.profile.broadcast:
+            return False
+        return isinstance(heard.request, Control) or heard.operation is Operation.NONE
+
+    def noted(self, request: Any) -> None:
+        """Nothing is kept: every C320 command is whole in itself."""
+
+    def identity_reads(self) -> tuple[ReadIdentity, ...]:
+        """Class 0, groups 0 to 3."""
+        return tuple(ReadIdentity(self.address, group) for group in range(4))
+
+
+def _effect(request: Any, operation: Operation) -> Effect:
+    if operation in MOVING:
+        return Effect.MOTION
+    if operation is Operation.NONE:
+        return Effect.SETTING if isinstance(request, (WriteParameter, Control)) else Effect.NONE
+    pure_stop = isinstance(request, Control) and operation in STOP_OPERATIONS and request.data == 0
+    return Effect.STOP if pure_stop else Effect.SETTING
+
+
+def _fence_keys(profile: DriveProfile) -> list[tuple[int, int]]:
+    """Readable parameters of groups other than 0, neighbours in different groups: a fault hides the item (ruling 2)."""
+    groups: dict[int, list[tuple[int, int]]] = {}
+    for parameter in profile.parameters.values():
+        group, item = parameter.locator[1] >> 8, parameter.locator[1] & 0xFF
+        if parameter.locator[0] == "parameter" and group and parameter.readable:
+            groups.setdefault(group, []).append((group, item))
+    rounds = zip_longest(*(sorted(keys) for _, keys in sorted(groups.items())))
+    tags = [key for turn in rounds for key in turn if key is not None]
+    if not tags:
+        raise ConfigurationError("drives.no_fence", model=profile.model)
+    return tags
+
+
+def _unechoed(reading: Reading) -> Reading:
+    """In a fault the reply does not say which monitor it carries (T05)."""
+    return Reading(
+        reading.value, reading.unit, Quality.UNCERTAIN, reading.source_time, "drives.item_not_echoed", reading.raw
+    )
