@@ -95,9 +95,7 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
 
 
 def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
-    program = (
-        "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(9)"
-    )
+    program = "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(9)"
     with subprocess.Popen([sys.executable, "-c", program, pty.path], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         child.stdout.readline()

@@ -7,9 +7,11 @@ its device by the identity that it remembers (F12).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, runtime_checkable
 
+from drivebus import i18n
 from drivebus.errors import PortLost
 from drivebus.line import LineSettings
 
@@ -28,11 +30,25 @@ class Capabilities:
     """The port itself switches the RS485 driver (kernel TIOCSRS485); False: the adapter does."""
 
 
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something true of an open port that its user should know; a sentence of the catalogues."""
+
+    key: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+
+    def text(self, language: str = "en") -> str:
+        return i18n.text(self.key, language, **self.params)
+
+
 class Receiver(Protocol):
     """Who is told what comes in. Called from the event loop, never from within ``write`` or ``open``."""
 
     def data_received(self, data: bytes, marks: int = 0) -> None:
-        """Bytes as they came; ``marks`` of them had a parity or framing error, or were a break (G20)."""
+        """Bytes as they came; ``marks`` of them had a parity or framing error, or were a break (G20).
+
+        An RFC 2217 server tells of bad bytes apart from them: then ``data`` may be empty with ``marks`` above 0.
+        """
         ...
 
     def port_lost(self, error: PortLost) -> None:
@@ -77,6 +93,11 @@ class Port(Protocol):
     async def close(self) -> None:
         """Let go of everything. Idempotent; the receiver hears nothing of it."""
         ...
+
+
+def notes_of(port: Port) -> tuple[Note, ...]:
+    """What an open port wants its user to know; most have nothing to say."""
+    return tuple(getattr(port, "notes", ()))
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ import asyncio
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 assert sys.platform != "win32"
 
@@ -19,7 +19,7 @@ from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports.device import open_same
 from drivebus.ports.link import Link
 from drivebus.ports.marks import MarkDecoder
-from drivebus.ports.port import Capabilities, Echo, Receiver
+from drivebus.ports.port import Capabilities, Echo, Note, Receiver
 from drivebus.ports.posix import Descriptor
 
 READ_SIZE = 4096
@@ -37,8 +37,8 @@ class SerialPort:
         self.echo: Echo = link.echo()
         self.url = link.text
         self.capabilities = Capabilities()
-        self.low_latency: bool | None = None
-        """False where the adapter holds bytes back (FTDI without permission); None before the first opening."""
+        self.notes: tuple[Note, ...] = ()
+        """Whether the adapter holds bytes back, and whether parity is real."""
         self._path = link.path
         self._rs485 = link.flag("rs485")
         self._identity = ""
@@ -125,11 +125,17 @@ class SerialPort:
 
     def _begin(self, descriptor: Descriptor, receiver: Receiver) -> None:
         self._descriptor, self._fd = descriptor, descriptor.fd
-        self.capabilities, self.low_latency = descriptor.capabilities, descriptor.low_latency
+        self.capabilities, self.notes = descriptor.capabilities, tuple(self._notes(descriptor))
         self._receiver, self._deliver = receiver, receiver.data_received
         self._marks = MarkDecoder() if descriptor.marks else None
         self._quiet = False
         self._watch()
+
+    def _notes(self, descriptor: Descriptor) -> Iterator[Note]:
+        if not descriptor.low_latency:
+            yield Note("ports.note-latency", {"port": self._path, "device": os.path.basename(descriptor.device)})  # noqa: PTH119
+        if self.settings.parity != "N" and not descriptor.capabilities.parity:
+            yield Note("ports.note-parity", {"port": self._path, "format": self.settings.format})
 
     def _watch(self) -> None:
         self._watching = True

@@ -1,0 +1,110 @@
+"""The RFC 2217 codec: any chunking, any server."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivebus.line import LineSettings
+from drivebus.ports.telnet import (
+    BINARY,
+    COM_PORT,
+    DO,
+    DONT,
+    IAC,
+    LONGEST_SUBNEGOTIATION,
+    SB,
+    SE,
+    WILL,
+    WONT,
+    TelnetClient,
+    escape,
+    subnegotiation,
+)
+
+STREAM = (
+    b"a\xff\xffb"
+    + bytes((IAC, DO, COM_PORT, IAC, WILL, 1))
+    + subnegotiation(101, (0xFF00FF00).to_bytes(4))
+    + subnegotiation(106, b"\x04")
+    + b"c\xff\xff"
+)
+
+
+def heard(chunks: list[bytes]) -> tuple[bytes, int, bytes, dict[int, bytes]]:
+    client, data, marks, answer = TelnetClient(), b"", 0, b""
+    client.begin()
+    for chunk in chunks:
+        got = client.receive(chunk)
+        data, marks, answer = data + got.data, marks + got.marks, answer + got.answer
+    return data, marks, answer, client.acknowledged
+
+
+def test_a_stream_is_taken_apart_whole_byte_by_byte_and_split_anywhere() -> None:
+    expected = (b"a\xffbc\xff", 1, bytes((IAC, DONT, 1)), {1: b"\xff\x00\xff\x00"})
+    assert heard([STREAM]) == expected
+    assert heard([STREAM[i : i + 1] for i in range(len(STREAM))]) == expected
+    for cut in range(len(STREAM)):
+        assert heard([STREAM[:cut], STREAM[cut:]]) == expected
+
+
+@given(st.binary())
+def test_data_survives_escaping(data: bytes) -> None:
+    assert heard([escape(data)])[:2] == (data, 0)
+
+
+@given(st.lists(st.binary(max_size=40), max_size=20))
+def test_no_server_can_break_the_codec_or_make_it_grow(chunks: list[bytes]) -> None:
+    client = TelnetClient()
+    client.begin()
+    for chunk in chunks:
+        client.receive(bytes((IAC,)) + chunk)
+        assert len(client._sub or b"") <= LONGEST_SUBNEGOTIATION
+    assert len(client.acknowledged) <= 256
+
+
+def test_an_endless_subnegotiation_is_not_kept() -> None:
+    client = TelnetClient()
+    client.receive(bytes((IAC, SB, COM_PORT)) + b"x" * 10_000)
+    assert client._sub is not None
+    assert len(client._sub) == LONGEST_SUBNEGOTIATION
+
+
+def test_both_ends_agreeing_is_not_answered_for_ever() -> None:
+    """RFC 855: a change of state is answered, its confirmation is not."""
+    client = TelnetClient()
+    client.begin()
+    assert client.receive(bytes((IAC, DO, COM_PORT))).answer == b""
+    assert client.receive(bytes((IAC, DO, COM_PORT))).answer == b""
+    assert client.receive(bytes((IAC, WILL, BINARY))).answer == b""
+    assert client.receive(bytes((IAC, WILL, COM_PORT))).answer == bytes((IAC, DO, COM_PORT))
+    assert client.receive(bytes((IAC, WILL, COM_PORT))).answer == b""
+    assert client.receive(bytes((IAC, DONT, BINARY))).answer == b""
+    assert client.receive(bytes((IAC, DONT, COM_PORT))).answer == bytes((IAC, WONT, COM_PORT))
+    assert client.receive(bytes((IAC, DO, 24))).answer == bytes((IAC, WONT, 24))
+    assert client.receive(bytes((IAC, WONT, 24))).answer == b""
+
+
+def test_only_the_answer_to_our_own_option_says_whether_the_server_does_it() -> None:
+    for verb, accepted in ((DO, True), (WILL, True), (DONT, False), (WONT, None)):
+        client = TelnetClient()
+        client.begin()
+        client.receive(bytes((IAC, verb, COM_PORT)))
+        assert (client.accepted, client.spoken) == (accepted, True)
+
+
+def test_a_line_is_asked_for_in_the_numbers_of_rfc_2217_and_modem_lines_are_left_alone() -> None:
+    sent = TelnetClient().configure(LineSettings(19200, 8, "E", 2))
+    for command, value in (
+        (1, b"\x00\x00\x4b\x00"),
+        (2, b"\x08"),
+        (3, b"\x03"),
+        (4, b"\x02"),
+        (5, b"\x01"),
+        (12, b"\x03"),
+    ):
+        assert bytes((IAC, SB, COM_PORT, command)) + value + bytes((IAC, SE)) in sent
+    assert sent.count(bytes((IAC, SB, COM_PORT, 5))) == 1  # SET-CONTROL: flow control only, no RTS, no DTR
+    odd = TelnetClient().configure(LineSettings(0xFF00, 7, "O", 1))
+    assert bytes((IAC, SB, COM_PORT, 1, 0, 0, 0xFF, 0xFF, 0, IAC, SE)) in odd
+    assert bytes((IAC, SB, COM_PORT, 3, 2, IAC, SE)) in odd
