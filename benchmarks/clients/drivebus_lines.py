@@ -1,0 +1,49 @@
+"""drivebus polling many lines in one process: as many rounds as the wire allows. PATH is a comma-separated list."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from common import BAUD, PATH, REGISTERS, SECONDS, STATIONS, Meter, wrong
+from links import link
+
+from drivebus.bus import Bus
+from drivebus.bus.planner import Poll
+from drivebus.message import Answer
+from drivebus.ports import open_port
+from drivebus.protocols.modbus import ReadRegisters, RtuCodec
+
+DELAY_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.002
+
+
+async def main() -> None:
+    codec = RtuCodec()
+    buses = [Bus(open_port(path, baud=BAUD, format="8N1", echo="off")) for path in PATH.split(",")]
+    meter: Meter | None = None
+
+    def sink(answer: Answer) -> None:
+        if meter is None:
+            return
+        meter.done += 1
+        request = answer.ask.request
+        if answer.error is not None:
+            meter.failed += 1
+        else:
+            meter.wrong += wrong(request.address, request.register, answer.reply.values)
+
+    for bus in buses:
+        await bus.open()
+        for address in range(1, STATIONS + 1):
+            bus.add(link(address, codec, DELAY_S))
+            polls = [Poll(ReadRegisters(address, register, REGISTERS), 0.01) for register in (address, address + 50)]
+            bus.watch(address, polls, sink)
+    await asyncio.sleep(1.0)
+    meter = Meter()
+    await asyncio.sleep(SECONDS)
+    meter.report()
+    for bus in buses:
+        await bus.close()
+
+
+asyncio.run(main())

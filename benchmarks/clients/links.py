@@ -1,0 +1,14 @@
+"""Stations of the measured round as drivebus sees them: plain Modbus RTU, reads only."""
+
+from __future__ import annotations
+
+from drivebus.message import Effect, StationLink, StationTiming
+from drivebus.protocols.modbus import Loopback, RtuCodec
+
+
+def link(address: int, codec: RtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationLink:
+    """``delay_s`` is the stations' own delay; the reply may take 5 ms more before it is given up."""
+    timing = StationTiming(
+        gap_characters=3.5, gap_floor_s=gap_floor_s, reply_delay_s=delay_s + 0.005, adapter_s=0.01, lateness_s=0.2
+    )
+    return StationLink(address, codec, timing, lambda frame: Effect.NONE, lambda n: Loopback(address, n & 0xFFFF))

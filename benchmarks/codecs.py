@@ -1,0 +1,82 @@
+"""Frames a second, each way, for all five encodings; RTU beside pymodbus' framer in the same run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+from drivebus.message import Codec
+from drivebus.protocols import dzb, modbus, sifang
+
+from benchmarks.harness import Figures
+
+ROUNDS, FRAMES = 7, 5000
+
+
+def seconds_each(work: Callable[[], object]) -> float:
+    """Median seconds of one call."""
+    times = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        for _ in range(FRAMES):
+            work()
+        times.append((time.perf_counter() - start) / FRAMES)
+    return median(times)
+
+
+def cases() -> dict[str, tuple[Codec, Any, Any]]:
+    """Codec, request and its reply: an ordinary read of each."""
+    values = (5000, 3998, 128, 3100)
+    read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.Registers(1, 3, values)
+    monitor = sifang.ReadMonitor(3, 0)
+    status = sifang.Reply(3, 0, state=1, group=0, item=0, data=999)
+    return {
+        "c320 ascii": (sifang.SifangCodec("ascii"), monitor, status),
+        "c320 hex": (sifang.SifangCodec("hex"), monitor, status),
+        "dzb100": (dzb.DzbCodec(), dzb.Query(7, 1), dzb.Reply("Q", 7, 1, 100, True, None)),
+        "modbus rtu": (modbus.RtuCodec(), read, registers),
+        "modbus ascii": (modbus.AsciiCodec(), read, registers),
+    }
+
+
+def ours() -> Figures:
+    """Each way, in frames a second; ``pair_us`` is a request plus its reply on the master's side."""
+    found: Figures = {}
+    for name, (codec, request, reply) in cases().items():
+        sent, heard = codec.encode_request(request), codec.encode_reply(reply)
+        times = {
+            "encode_request": seconds_each(lambda c=codec, r=request: c.encode_request(r)),
+            "decode_reply": seconds_each(lambda c=codec, r=request, h=heard: c.decode_reply(r, h)),
+            "decode_request": seconds_each(lambda c=codec, s=sent: c.decode_request(s)),
+            "encode_reply": seconds_each(lambda c=codec, r=reply: c.encode_reply(r)),
+        }
+        pair = (times["encode_request"] + times["decode_reply"]) * 1e6
+        found[name] = {way: round(1 / seconds) for way, seconds in times.items()} | {"pair_us": round(pair, 2)}
+    return found
+
+
+def pymodbus_pair_us() -> float:
+    """pymodbus' RTU framer: build a request, take its reply apart."""
+    from pymodbus.framer import FramerRTU
+    from pymodbus.pdu import DecodePDU
+    from pymodbus.pdu.register_message import ReadHoldingRegistersRequest
+
+    framer = FramerRTU(DecodePDU(False))
+    codec, _, reply = cases()["modbus rtu"]
+    heard = codec.encode_reply(reply)
+
+    def pair() -> None:
+        framer.buildFrame(ReadHoldingRegistersRequest(address=0x3001, count=4, dev_id=1))
+        _used, message = framer.handleFrame(heard, 1, 0)
+        assert message is not None
+
+    return seconds_each(pair) * 1e6
+
+
+def run() -> Figures:
+    found = ours()
+    theirs = pymodbus_pair_us()
+    ratio = found["modbus rtu"]["pair_us"] / theirs
+    return {"frames_per_s": found, "pymodbus_rtu_pair_us": round(theirs, 2), "ratio_to_pymodbus": round(ratio, 3)}

@@ -1,0 +1,61 @@
+"""Builds the C parts, starts the stations, runs one client beside them and collects both sides' figures."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+BUILT = Path(tempfile.gettempdir()) / "drivebus-benchmarks"
+Figures = dict[str, Any]
+
+
+def build(source: str, *libraries: str) -> Path:
+    """Compile a C file of this folder; needs gcc (and libmodbus-dev for the libmodbus peer)."""
+    BUILT.mkdir(exist_ok=True)
+    target = BUILT / Path(source).stem
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", *libraries], capture_output=True, text=True, check=True)
+    command = ["gcc", "-O2", "-o", str(target), str(HERE / source), *(flags.stdout.split() if libraries else [])]
+    subprocess.run(command, check=True)
+    return target
+
+
+class Stations:
+    """The C stations for the time of a ``with``; ``figures`` afterwards is what they saw."""
+
+    def __init__(
+        self, lines: int = 1, *, baud: int = 0, delay_us: int = 0, dead: int = 0, late: tuple[int, int] = (0, 0)
+    ) -> None:
+        self.arguments = [str(n) for n in (lines, 31, baud, 10, delay_us, dead, *late)]
+        self.paths: list[str] = []
+        self.figures: Figures = {}
+
+    def __enter__(self) -> Stations:
+        self.process = subprocess.Popen(
+            [build("station.c"), *self.arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout
+        while (line := self.process.stdout.readline().strip()) != "ready":
+            self.paths.append(line)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        rest, _errors = self.process.communicate()
+        self.figures = json.loads(rest)
+
+
+def client(name: str, stations: Stations, seconds: float, baud: int, *more: object) -> Figures:
+    """Run one client against the stations; its own figures."""
+    if name == "libmodbus":
+        command: list[str] = [str(build("clients/libmodbus_client.c", "libmodbus"))]
+    else:
+        command = [sys.executable, str(HERE / "clients" / f"{name}.py")]
+    arguments = [",".join(stations.paths), "31", str(seconds), str(baud), *(str(part) for part in more)]
+    done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    if done.returncode != 0 or not done.stdout:
+        raise RuntimeError(f"{name} failed: {done.stderr[-2000:]}")
+    return dict(json.loads(done.stdout.strip().splitlines()[-1]))

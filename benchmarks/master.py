@@ -1,0 +1,55 @@
+"""CPU a transaction, use of one line, use of sixty-four lines: each beside its peers, in one run."""
+
+from __future__ import annotations
+
+from statistics import median
+
+from benchmarks.harness import Figures, Stations, client
+
+PEERS = ("drivebus_transact", "pymodbus_async", "bare_asyncio", "libmodbus")
+
+
+def cpu(seconds: float, rounds: int) -> Figures:
+    """Microseconds of CPU a transaction (4 registers, RTU, unpaced pty); peers take turns, the median counts."""
+    taken: dict[str, list[float]] = {name: [] for name in PEERS}
+    wrong = 0
+    with Stations() as stations:
+        for _ in range(rounds):
+            for name in PEERS:
+                figures = client(name, stations, seconds, 1_000_000 if name.startswith("drivebus") else 115_200)
+                taken[name].append(figures["cpu_s"] / figures["done"] * 1e6)
+                wrong += figures["wrong"]
+    micros = {name: round(median(values), 1) for name, values in taken.items()}
+    ours = micros["drivebus_transact"]
+    return {
+        "cpu_us": micros,
+        "wrong": wrong,
+        "ratio_to_pymodbus": round(ours / micros["pymodbus_async"], 3),
+        "ratio_to_bare_asyncio": round(ours / micros["bare_asyncio"], 3),
+        "ratio_to_libmodbus": round(ours / micros["libmodbus"], 3),
+    }
+
+
+def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
+    """Use of one line's legal capacity, as the stations see it, for us and for the best lawful peer."""
+    found: Figures = {}
+    for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
+        with Stations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
+            mine = client(name, stations, seconds, baud)
+        keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
+        found[name] = {key: stations.figures[key] for key in keep} | {"wrong": mine["wrong"]}
+    return found
+
+
+def many_lines(seconds: float, lines: int = 64, baud: int = 19_200) -> Figures:
+    """All lines in one process: use of the wire, short gaps, share of a core, memory."""
+    with Stations(lines, baud=baud, delay_us=2000) as stations:
+        mine = client("drivebus_lines", stations, seconds, baud)
+    keep = ("utilisation", "smallest_gap", "short_gaps", "requests")
+    return {key: stations.figures[key] for key in keep} | {
+        "cores": round(mine["cpu_s"] / mine["wall_s"], 3),
+        "cpu_us": round(mine["cpu_s"] / mine["done"] * 1e6, 1),
+        "peak_mib": round(mine["peak_kib"] / 1024, 1),
+        "wrong": mine["wrong"],
+        "failed": mine["failed"],
+    }
