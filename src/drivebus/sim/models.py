@@ -1,0 +1,91 @@
+"""Which pretend drives there are, and the texts that name them: ``c320@0-3,7+vc660@8``. Values only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from drivebus.errors import ConfigurationError
+from drivebus.sim.c320 import C320Station
+from drivebus.sim.df800 import DF800Station
+from drivebus.sim.dzb100 import DZB100Station
+from drivebus.sim.motor import Load, Motor
+from drivebus.sim.station import Station
+from drivebus.sim.vc660 import VC660Station
+
+_CODINGS = ("hex-0.1", "hex-0.01", "decimal-0.1", "hex-1")
+_FAMILIES: Mapping[type[Station], tuple[range, Mapping[str, tuple[str, ...]]]] = {
+    C320Station: (range(31), {"monitor_index": ("binary", "bcd")}),
+    DZB100Station: (
+        range(32),
+        {
+            "setpoint_coding": _CODINGS,
+            "query_coding": _CODINGS,
+            "parameter_coding": _CODINGS,
+            "b_digit": ("06", "state"),
+            "fault_coding": ("decimal", "hex"),
+        },
+    ),
+    VC660Station: (range(248), {"pulses": ("edge", "write")}),
+    DF800Station: (range(1, 248), {"encoding": ("rtu", "ascii"), "direction_field": ("b3b2", "b2b3")}),
+}
+"""Addresses, and settings with their values."""
+
+MODELS: Mapping[str, tuple[type[Station], Mapping[str, Any]]] = {
+    "c320": (C320Station, {}),
+    "c300": (C320Station, {"current_at_1": True}),
+    "e300": (C320Station, {"step_hz": 0.1, "current_at_1": True}),
+    "e500": (C320Station, {"step_hz": 0.1}),
+    "e550": (C320Station, {"step_hz": 0.1}),
+    "dzb100": (DZB100Station, {}),
+    "vc660": (VC660Station, {}),
+    "df800": (DF800Station, {}),
+}
+
+LOADS: Mapping[str, Callable[[], Load]] = {"constant": Load, "fan": Load.fan, "winch": Load.winch}
+
+SETTINGS = frozenset(name for _, settings in _FAMILIES.values() for name in settings)
+
+
+def make_station(
+    model: str, address: int, settings: Mapping[str, str] | None = None, load: str = "constant"
+) -> Station:
+    """One drive. ``settings`` of other families are passed over. Raises ConfigurationError."""
+    if model not in MODELS:
+        raise ConfigurationError("sim.model", found=model, expected=", ".join(MODELS))
+    family, fixed = MODELS[model]
+    addresses, known = _FAMILIES[family]
+    if address not in addresses:
+        expected = f"{addresses.start} … {addresses.stop - 1}"
+        raise ConfigurationError("sim.address", model=model, found=address, expected=expected)
+    if load not in LOADS:
+        raise ConfigurationError("sim.setting", name="load", found=load, expected=", ".join(LOADS))
+    chosen = dict(fixed)
+    for name, value in (settings or {}).items():
+        if name in known:
+            if value not in known[name]:
+                raise ConfigurationError("sim.setting", name=name, found=value, expected=", ".join(known[name]))
+            chosen[name] = value
+    return family(address, motor=Motor(load=LOADS[load]()), **chosen)
+
+
+def make_stations(text: str, settings: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:
+    """Every drive of a text such as ``c320@0-3,7+vc660@8``. Raises ConfigurationError."""
+    stations: list[Station] = []
+    for part in text.split("+"):
+        model, separator, addresses = part.partition("@")
+        if not separator:
+            raise ConfigurationError("sim.target", found=part, expected="MODEL@ADDRESSES, c320@0-3,7")
+        stations += [make_station(model.lower(), address, settings, load) for address in parse_addresses(addresses)]
+    return stations
+
+
+def parse_addresses(text: str) -> list[int]:
+    """``0-3,7`` → 0, 1, 2, 3, 7. Raises ConfigurationError."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()) or len(part) > 7:
+            raise ConfigurationError("sim.addresses", found=text, expected="0-3,7")
+        found += range(int(first), int(last if dash else first) + 1)
+    return list(dict.fromkeys(found))

@@ -1,0 +1,306 @@
+"""A pretend VC660 spindle drive: Modbus RTU, from its debugging guide (§ one, four, five, six). Pure.
+
+What the guide does not print is the sim's own and marked so: sizes of the parameter groups, fault bits beyond b0.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from drivebus.errors import ProtocolError
+from drivebus.line import LineSettings
+from drivebus.message import Codec
+from drivebus.protocols import modbus
+from drivebus.sim.ear import EarRule
+from drivebus.sim.memory import Cell, Guard, Refusal
+from drivebus.sim.motor import Motor, Phase, Trip
+from drivebus.sim.station import Station
+
+PARAMETERS = 451
+"""Indices 0-450 (0-1C2H)."""
+SAVE = 0x8000
+"""Index with this bit: EEPROM as well (T14)."""
+MAX_READ = 4
+GROUP_SIZES = (30, 40, 60, 60, 50, 60, 20, 50, 40, 41)
+"""Parameters of F00, F01, … The guide does not publish them: the sim's own, 451 in all."""
+
+START, STOP, REVERSE, JOG_FORWARD, JOG_REVERSE = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
+COAST, EMERGENCY, PAUSE, HOLD, RESET = 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9
+PULSES = START | STOP | COAST | EMERGENCY | RESET
+"""Marked * in the control table."""
+
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILED = 1, 2, 3, 4
+
+_FAULT_BITS = {Trip.UNDERVOLTAGE: 0} | {
+    trip: 1 + n for n, trip in enumerate(t for t in Trip if t is not Trip.UNDERVOLTAGE)
+}
+"""b0 of the first fault word is under-voltage; the others are the sim's own."""
+_ANALOG_LIMIT = 0x3FFF
+"""The guide prints "0~3ffff", which no register holds [OPEN]."""
+
+
+def index(group: int, number: int) -> int:
+    """The consecutive index of Fgg.nn."""
+    return sum(GROUP_SIZES[:group]) + number
+
+
+FREQUENCY_SOURCE, KEYPAD_HZ = index(0, 1), index(0, 2)
+COMMAND_SOURCE = index(1, 0)
+REPLY_DELAY, VIRTUAL_INPUTS = index(6, 6), index(6, 7)
+ACCEL_TIME, DECEL_TIME, JOG_HZ = index(0, 8), index(0, 9), index(0, 10)
+"""The sim's own places; 0.1 s and 0.01 Hz."""
+
+
+def cells() -> dict[int, Cell]:
+    """The parameters as a commissioned drive has them: commands and frequency from the bus."""
+    table = {number: Cell() for number in range(PARAMETERS)}
+    table |= {
+        index(0, 0): Cell(5000, 0, 40000, Guard.RUNNING),
+        FREQUENCY_SOURCE: Cell(4, 0, 9, Guard.RUNNING),
+        KEYPAD_HZ: Cell(5000, 0, 40000),
+        index(0, 3): Cell(0, 0, 40000),
+        ACCEL_TIME: Cell(100, 1, 36000),
+        DECEL_TIME: Cell(100, 1, 36000),
+        JOG_HZ: Cell(500, 0, 40000),
+        COMMAND_SOURCE: Cell(2, 0, 2, Guard.RUNNING),
+        index(6, 2): Cell(0, 0, 1, Guard.RUNNING),
+        index(6, 3): Cell(1, 0, 247, Guard.RUNNING),
+        index(6, 4): Cell(5, 0, 7, Guard.RUNNING),
+        index(6, 5): Cell(0, 0, 2, Guard.RUNNING),
+        REPLY_DELAY: Cell(4, 0, 1000),
+        VIRTUAL_INPUTS: Cell(0, 0, 1),
+    }
+    return table
+
+
+class VC660Station(Station):
+    """``pulses``: "edge" acts on 0→1 only (default, the stricter reading), "write" on every write of a 1 [OPEN].
+
+    Address 0 is the factory setting: obeys broadcasts, answers nothing.
+    """
+
+    family: ClassVar[str] = "vc660"
+    rule: EarRule = EarRule(3.5, ends_by_silence=True)
+    broadcast: ClassVar[int] = 0
+    ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
+    line: ClassVar[LineSettings] = LineSettings(9600)
+
+    def __init__(
+        self,
+        address: int,
+        *,
+        pulses: Literal["edge", "write"] = "edge",
+        maximum_hz: float = 400.0,
+        motor: Motor | None = None,
+    ) -> None:
+        super().__init__(address, cells(), motor)
+        self.codecs: tuple[Codec, ...] = (modbus.RtuCodec(),)
+        self.pulses = pulses
+        self.maximum_hz = maximum_hz
+        self.power_up()
+
+    def power_up(self) -> None:
+        self.control = 0
+        """The control word as last written."""
+        self.paused = self.emergency = False
+        self.inputs = [0, 0]
+        self.outputs = 0
+        self.analog = [0, 0]
+
+    def reply_delay_s(self, line: LineSettings) -> float:
+        """F06.06, and never before the silence that ends the request."""
+        return max(self.memory[REPLY_DELAY] / 1000.0, line.seconds(3.5))
+
+    def elapse(self, dt: float) -> None:
+        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
+        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        super().elapse(dt)
+        if self.emergency and not self.motor.energised:
+            self.emergency = False
+
+    def answer(self, message: Any, codec: Codec) -> Any:
+        match message:
+            case modbus.Loopback():
+                return modbus.Looped(message.address, message.data)
+            case modbus.ReadRegisters(function=3):
+                return self._read(message)
+            case modbus.WriteRegister():
+                return self._write(message)
+        return modbus.ErrorReply(message.address, message.function, ILLEGAL_FUNCTION)
+
+    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+        """A whole frame with a good CRC that asks for what does not exist gets an exception, anything else silence."""
+        if not isinstance(error, modbus.BadRequest):
+            return None
+        code = error.code if error.function in (3, 6, 8) else ILLEGAL_FUNCTION
+        return modbus.ErrorReply(error.address, error.function, code)
+
+    @property
+    def reference_hz(self) -> float:
+        """What the drive runs at: 2001H with F00.01 = 4, else the keypad's F00.02."""
+        return self.setpoint_hz if self.memory[FREQUENCY_SOURCE] == 4 else self.memory[KEYPAD_HZ] / 100.0
+
+    # Reading.
+
+    def _read(self, request: modbus.ReadRegisters) -> Any:
+        if request.count > MAX_READ:
+            return modbus.ErrorReply(request.address, 3, ILLEGAL_VALUE)
+        values: list[int] = []
+        for register in range(request.register, request.register + request.count):
+            value = self._register(register)
+            if value is None:
+                return modbus.ErrorReply(request.address, 3, ILLEGAL_ADDRESS)
+            values.append(value)
+        return modbus.Registers(request.address, 3, tuple(values))
+
+    def _register(self, register: int) -> int | None:
+        """A parameter or a status register; None for what is write-only or in no table (200BH, T12)."""
+        if register < PARAMETERS:
+            return self.memory[register]
+        if not 0x3000 <= register <= 0x3018:
+            return None
+        return self._monitor(register - 0x3000)
+
+    def _monitor(self, number: int) -> int:
+        motor = self.seen
+        match number:
+            case 0x00:
+                return self._status(motor)
+            case 0x01:
+                return round(self.reference_hz * 100)
+            case 0x02:
+                return round(abs(motor.output_hz) * 100)
+            case 0x03:
+                return round(motor.current_a * 10)
+            case 0x04:
+                return round(motor.voltage_v * 10)
+            case 0x05:
+                return max(0, round(motor.power_kw * 100))
+            case 0x06:
+                return round(motor.bus_v)
+            case 0x07:
+                return self.inputs[0]
+            case 0x0B:
+                return round(motor.temperature_c)
+            case 0x0C:
+                return round(self.reference_hz * 60 / motor.rating.pole_pairs)
+            case 0x08 | 0x14:
+                return self.outputs
+            case 0x16:
+                return 1 << _FAULT_BITS[motor.trip] if motor.trip else 0
+            case 0x18:
+                return 1 if motor.temperature_c > 80.0 else 0
+        return 0
+
+    def _status(self, motor: Motor) -> int:
+        running = motor.energised
+        bits = {
+            0: motor.ready and motor.trip is None,
+            1: motor.trip is not None,
+            2: not motor.ready,
+            3: running,
+            4: self.emergency,
+            5: self.paused,
+            7: motor.phase is Phase.DC_BRAKING,
+            8: self.jogging and running,
+            14: self.reverse,
+            15: motor.output_hz < 0.0,
+        }
+        return sum(1 << bit for bit, on in bits.items() if on)
+
+    # Writing.
+
+    def _write(self, request: modbus.WriteRegister) -> Any:
+        code = self._store(request.register, request.value)
+        if code:
+            return modbus.ErrorReply(request.address, 6, code)
+        return modbus.Written(request.address, 6, request.register, request.value)
+
+    def _store(self, register: int, value: int) -> int:
+        """Do it; 0, or the exception's code."""
+        if 0x2000 <= register <= 0x2009:
+            return self._control_register(register - 0x2000, value)
+        key = register & ~SAVE
+        refusal = self.memory.refuses_write(key, value, self.running)
+        if refusal is None:
+            self.memory.write(key, value, save=bool(register & SAVE))
+            return 0
+        if refusal in (Refusal.UNKNOWN, Refusal.HIDDEN):
+            return ILLEGAL_ADDRESS
+        return ILLEGAL_VALUE if refusal is Refusal.RANGE else FAILED
+
+    def _control_register(self, number: int, value: int) -> int:
+        match number:
+            case 0:
+                self._command(value)
+            case 1:
+                return self._set_frequency(value)
+            case 2 | 4:
+                self.inputs[number // 2 - 1] |= value
+            case 3 | 5:
+                self.inputs[number // 2 - 1] &= ~value
+            case 6:
+                self.outputs |= value & 0b111
+            case 7:
+                self.outputs &= ~value
+            case 8 | 9:
+                if value > _ANALOG_LIMIT:
+                    return ILLEGAL_VALUE
+                self.analog[number - 8] = value
+        return 0
+
+    def _set_frequency(self, value: int) -> int:
+        if value > round(self.maximum_hz * 100):
+            return ILLEGAL_VALUE
+        if self.memory[FREQUENCY_SOURCE] == 4:
+            self.setpoint_hz = value / 100.0
+            if self.running and not self.jogging and not self.paused and not self.motor.stopping:
+                self.direct(self.setpoint_hz)
+        return 0
+
+    def _command(self, word: int) -> None:
+        """One write to 2000H: the levels as they are, each pulse bit on its edge (or whenever it is 1). Stops win."""
+        pulses = word & PULSES & (~self.control if self.pulses == "edge" else 0xFFFF)
+        fresh = word & ~self.control
+        gone = self.control & ~word
+        self.control = word
+        if self.memory[COMMAND_SOURCE] != 2:
+            return
+        self._levels(word)
+        if pulses & RESET:
+            self.motor.reset()
+        if pulses & EMERGENCY:
+            self.emergency = self.running
+            self.motor.stop(min(1.0, self.motor.decel_s))
+        elif pulses & COAST:
+            self.motor.coast()
+        elif pulses & STOP:
+            self.motor.stop()
+        elif pulses & START:
+            self.jogging = False
+            self.direct(0.0 if self.paused else self.reference_hz)
+        else:
+            self._jog(word, fresh, gone)
+
+    def _levels(self, word: int) -> None:
+        turned = self.reverse != bool(word & REVERSE)
+        self.reverse = bool(word & REVERSE)
+        paused, self.paused = self.paused, bool(word & PAUSE)
+        self.motor.hold = bool(word & HOLD)
+        if self.running and not self.jogging and not self.motor.stopping:
+            if self.paused:
+                self.direct(0.0)
+            elif turned or paused:
+                self.direct(self.reference_hz)
+
+    def _jog(self, word: int, fresh: int, gone: int) -> None:
+        jogs = JOG_FORWARD | JOG_REVERSE
+        if fresh & jogs and not self.running:
+            self.jogging = True
+            hz = self.memory[JOG_HZ] / 100.0
+            self.motor.run(-hz if fresh & JOG_REVERSE else hz)
+        elif gone & jogs and not word & jogs and self.jogging:
+            self.motor.stop()
+
+    def trip_code(self, trip: Trip) -> int:
+        return _FAULT_BITS[trip]

@@ -1,0 +1,213 @@
+"""A wire between hosts and stations: character times, collisions, noise, echo, delay. Pure: ``now`` is an argument.
+
+What is said becomes a ``Transmission``; the wire says when which part of it reaches whom (``pop``). Two that overlap
+in time garble each other: of the earlier one the overlapped characters are wrong, of the later one they are swallowed.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from heapq import heappop, heappush
+from math import ceil
+
+from drivebus.line import LineSettings
+from drivebus.seams import Rng
+from drivebus.sim.weather import Weather
+
+_EPSILON_S = 1e-9
+
+
+class Side(Enum):
+    """Who listens."""
+
+    HOSTS = "hosts"
+    STATIONS = "stations"
+
+
+class Transmission:
+    """Characters of one talker, one after another without a pause."""
+
+    __slots__ = ("character_s", "data", "dropped", "end", "marked", "quiet_s", "start", "talker")
+
+    def __init__(self, talker: object, data: bytes, start: float, character_s: float, quiet_s: float) -> None:
+        self.talker = talker
+        self.data: bytes | bytearray = data
+        self.start = start
+        self.character_s = character_s
+        self.end = start + len(data) * character_s
+        self.quiet_s = quiet_s
+        """Silence on the wire before it."""
+        self.marked: set[int] = set()
+        """Characters with a parity or framing error."""
+        self.dropped: set[int] = set()
+
+    def heard(self, first: int = 0, last: int | None = None) -> tuple[bytes, int]:
+        """The characters first…last-1 as a receiver gets them, and how many of them are marked."""
+        last = len(self.data) if last is None else last
+        if not self.dropped and not self.marked:
+            return bytes(self.data[first:last]), 0
+        kept = [index for index in range(first, last) if index not in self.dropped]
+        return bytes(self.data[index] for index in kept), sum(index in self.marked for index in kept)
+
+    def spoil(self, index: int, byte: int, marked: bool) -> None:
+        """Make one character another one."""
+        if isinstance(self.data, bytes):
+            self.data = bytearray(self.data)
+        self.data[index] = byte
+        if marked:
+            self.marked.add(index)
+
+    def overlapped(self, other: Transmission) -> range:
+        """The characters of this one that are on the wire together with some of ``other``."""
+        size = len(self.data)
+        first = int(max(0.0, (other.start - self.start) / self.character_s + _EPSILON_S))
+        last = ceil(min(size, (other.end - self.start) / self.character_s - _EPSILON_S))
+        return range(first, max(first, last))
+
+
+class Wire:
+    """One pair of copper with its noise. ``settings`` are those of the stations."""
+
+    def __init__(self, settings: LineSettings, weather: Weather, rng: Rng) -> None:
+        self.settings = settings
+        self.weather = weather
+        self.waits: tuple[float, ...] = (0.0,)
+        """How long after a transmission stations look at it: RTU 3.5 characters, 0 where length decides."""
+        self.plugged = True
+        """False: nothing passes between hosts and stations."""
+        self.collisions = 0
+        self.busy_s = 0.0
+        """Seconds with somebody talking."""
+        self._rng = rng
+        self._recent: list[Transmission] = []
+        self._last_end = float("-inf")
+        self._events: list[tuple[float, int, Side, Transmission, int, int]] = []
+        self._number = 0
+
+    def say(
+        self,
+        talker: object,
+        data: bytes,
+        now: float,
+        sides: tuple[Side, ...],
+        settings: LineSettings | None = None,
+    ) -> Transmission:
+        """``talker`` starts to send at ``now`` (or when its earlier bytes have left); returns what will be heard.
+
+        ``settings`` other than the wire's own (a wrong baud rate) make all of it unreadable.
+        """
+        self._forget(now)
+        start = now
+        for recent in self._recent:
+            if recent.talker is talker and recent.end > start and recent.start <= now:
+                start = recent.end
+        said = Transmission(talker, data, start, (settings or self.settings).character_s, self._quiet(start))
+        self._damage(said, foreign=settings is not None and settings != self.settings)
+        self._collide(said)
+        self._recent.append(said)
+        self.busy_s += said.end - said.start
+        if self.plugged and not self._chance(self.weather.loss):
+            self._schedule(said, sides)
+        return said
+
+    def reply(self, talker: object, data: bytes, at: float, sides: tuple[Side, ...]) -> Transmission:
+        """A station answers at ``at``, subject to lateness, stray bytes and duplication."""
+        weather = self.weather
+        if self._chance(weather.late):
+            at += self._rng.random() * weather.late_s
+        if self._chance(weather.junk):
+            data = bytes((self._rng.randrange(0, 256),)) + data
+        said = self.say(talker, data, at, sides)
+        if self._chance(weather.duplicate):
+            self.say(talker, data, said.end + 5 * said.character_s, sides)
+        return said
+
+    def quiet_since(self, now: float) -> float:
+        """When the last bit that began before ``now`` ended (or will end)."""
+        return max((recent.end for recent in self._recent if recent.start < now - _EPSILON_S), default=self._last_end)
+
+    def next_at(self) -> float | None:
+        """When ``pop`` will have something."""
+        return self._events[0][0] if self._events else None
+
+    def pop(self, now: float) -> tuple[Side, Transmission, int, int] | None:
+        """The next part that has reached somebody by ``now``: who, of what, characters first…last-1.
+
+        For stations ``last`` is the place in ``waits`` of those whose turn it is.
+        """
+        if not self._events or self._events[0][0] > now + _EPSILON_S:
+            return None
+        _, _, side, said, first, last = heappop(self._events)
+        return side, said, first, last
+
+    def cut(self) -> None:
+        """Everything on its way is lost."""
+        self._events.clear()
+        self._recent.clear()
+
+    def _quiet(self, start: float) -> float:
+        return start - self.quiet_since(start)
+
+    def _chance(self, share: float) -> bool:
+        return share > 0.0 and self._rng.random() < share
+
+    def _damage(self, said: Transmission, foreign: bool) -> None:
+        weather, rng, size = self.weather, self._rng, len(said.data)
+        if foreign:
+            for index in range(size):
+                said.spoil(index, rng.randrange(0, 256), True)
+        if weather.flip > 0.0:
+            for index in range(size):
+                if rng.random() < weather.flip:
+                    said.spoil(index, said.data[index] ^ 1 << rng.randrange(0, 8), self.settings.parity != "N")
+        if size and self._chance(weather.cut_first):
+            said.dropped.add(0)
+        if size and self._chance(weather.cut_last):
+            said.dropped.add(size - 1)
+
+    def _collide(self, said: Transmission) -> None:
+        for other in self._recent:
+            if other.talker is said.talker or other.end <= said.start or said.end <= other.start:
+                continue
+            self.collisions += 1
+            earlier, later = (other, said) if other.start <= said.start else (said, other)
+            for index in earlier.overlapped(later):
+                self._garble(earlier, index)
+            later.dropped.update(later.overlapped(earlier))
+
+    def _garble(self, said: Transmission, index: int) -> None:
+        """Two drivers on one pair: any byte may come of it; a parity bit notices every other time."""
+        said.spoil(index, self._rng.randrange(0, 256), self.settings.parity != "N" and self._rng.random() < 0.5)
+
+    def _forget(self, now: float) -> None:
+        """What has ended can't collide any more; only its end is remembered."""
+        for old in self._recent:
+            if old.end <= now:
+                self._last_end = max(self._last_end, old.end)
+        self._recent = [recent for recent in self._recent if recent.end > now]
+
+    def _schedule(self, said: Transmission, sides: tuple[Side, ...]) -> None:
+        size = len(said.data)
+        if Side.STATIONS in sides:
+            for place, wait in enumerate(self.waits):
+                self._push(said.end + wait, Side.STATIONS, said, 0, place)
+        if Side.HOSTS not in sides:
+            return
+        if not self.weather.per_byte and not self.weather.batch_s:
+            self._push(said.end, Side.HOSTS, said, 0, size)
+            return
+        first = 0
+        for index in range(size):
+            at = self._handed_over(said, index)
+            if index + 1 == size or self._handed_over(said, index + 1) > at:
+                self._push(at, Side.HOSTS, said, first, index + 1)
+                first = index + 1
+
+    def _handed_over(self, said: Transmission, index: int) -> float:
+        at = said.start + (index + 1) * said.character_s
+        grid = self.weather.batch_s
+        return ceil(at / grid - _EPSILON_S) * grid if grid else at
+
+    def _push(self, at: float, side: Side, said: Transmission, first: int, last: int) -> None:
+        self._number += 1
+        heappush(self._events, (at, self._number, side, said, first, last))
