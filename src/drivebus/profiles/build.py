@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, cast
 
 from drivebus.message import StationTiming
-from drivebus.profiles import check
 from drivebus.profiles import model as m
+from drivebus.profiles import places
 from drivebus.profiles.schema import BitIn, CommandsIn, ParameterIn, ProfileIn, ScaleIn, SignalIn, StatusIn, TextIn
 from drivebus.units import Scale
 
@@ -78,7 +78,7 @@ def _signals(given: ProfileIn) -> dict[str, m.Signal]:
     """Those whose address is known; an unplaced signal can't be polled and is left to ``unplaced``."""
     placed = {}
     for name, signal in given.signals.items():
-        locator = check.place(given, signal.notation, signal.register_)
+        locator = places.place(given, signal.notation, signal.register_)
         if isinstance(locator, tuple):
             placed[name] = _signal(name, signal, locator)
     return placed
@@ -105,7 +105,7 @@ def _parameters(given: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.T
     placed: dict[str, m.Parameter] = {}
     unplaced: dict[str, m.Text] = {}
     for notation, parameter in given.parameters.items():
-        locator = check.place(given, notation, parameter.register_)
+        locator = places.place(given, notation, parameter.register_)
         if isinstance(locator, tuple):
             placed[notation] = _parameter(notation, parameter, locator)
         elif isinstance(locator, Exception):

@@ -50,10 +50,14 @@ class Problem:
     found: Any
     params: dict[str, Any]
     """Places of the sentences ``profiles.expected.<kind>`` and ``profiles.remedy.<kind>``."""
+    also: tuple[Path, ...] = ()
+    """Other keys that have a part in it: where only one of them stands in the user's file, that one is named."""
 
 
-def problem(kind: str, path: Sequence[str | int], found: Any, /, **params: Any) -> Problem:
-    return Problem(kind, tuple(path), found, params)
+def problem(
+    kind: str, path: Sequence[str | int], found: Any, /, *, also: Sequence[Path] = (), **params: Any
+) -> Problem:
+    return Problem(kind, tuple(path), found, params, tuple(also))
 
 
 def complain(found: Problem, file: str, line: int | None) -> Complaint:
@@ -104,7 +108,9 @@ def _quoted(part: str) -> str:
 
 def shown(value: Any) -> str:
     """A TOML value as one would write it, cut at 60 characters."""
-    if isinstance(value, bool):
+    if value is None:
+        text = "-"
+    elif isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, str):
         text = f'"{value}"'

@@ -10,8 +10,8 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivebus.errors import ProfileError
-from drivebus.profiles import build, check, complaint, locate
+from drivebus.profiles import build, check, complaint, locate, shape
 from drivebus.profiles.complaint import Problem, problem
 from drivebus.profiles.model import DriveProfile
 from drivebus.profiles.notation import nearest
@@ -49,18 +49,22 @@ def load(model: str | Path) -> DriveProfile:
     Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``complaints``.
     """
     path = _find(model)
-    return _load(path, path.stat().st_mtime_ns)
+    return _shipped_profile(path) if path.is_relative_to(DATA) else _profile(path)
 
 
 @cache
-def _load(path: Path, changed_ns: int) -> DriveProfile:
-    """One parse a file version; profiles are frozen, so they can be shared."""
+def _shipped_profile(path: Path) -> DriveProfile:
+    """One parse a process; profiles are frozen, so they can be shared. A user's file may change, and is read again."""
+    return _profile(path)
+
+
+def _profile(path: Path) -> DriveProfile:
     sources = _chain(path)
     merged = _merged(sources)
     try:
         profile_in = ProfileIn.model_validate(merged)
     except ValidationError as error:
-        raise _refuse(sources, check.from_pydantic(error)) from None
+        raise _refuse(sources, shape.from_pydantic(error)) from None
     problems = list(check.problems(profile_in))
     if problems:
         raise _refuse(sources, problems)
@@ -69,7 +73,8 @@ def _load(path: Path, changed_ns: int) -> DriveProfile:
 
 @cache
 def _shipped() -> dict[str, Path]:
-    return {path.stem: path for path in sorted(DATA.glob("*/*.toml"))}
+    """Files whose name begins with ``_`` are only extended, they are no model."""
+    return {path.stem: path for path in sorted(DATA.glob("*/*.toml")) if not path.name.startswith("_")}
 
 
 def own_directory() -> Path:
@@ -181,14 +186,15 @@ def _refuse(sources: list[_Source], problems: list[Problem]) -> ProfileError:
 
 
 def _placed(sources: list[_Source], found: Problem) -> complaint.Complaint:
-    for source in _with_key(sources, found):
-        return complaint.complain(found, str(source.path), locate.line_of(source.text, found.path))
-    best = max(sources, key=lambda source: _depth(source, found))
-    return complaint.complain(found, str(best.path), locate.line_of(best.text, found.path) or 1)
+    for source in sources:
+        for path in (found.path, *found.also):
+            if locate.has(source.text, path):
+                return _at(source, replace(found, path=path))
+    return _at(max(sources, key=lambda source: _depth(source, found)), found)
 
 
-def _with_key(sources: list[_Source], found: Problem) -> Iterator[_Source]:
-    return (source for source in sources if locate.has(source.text, found.path))
+def _at(source: _Source, found: Problem) -> complaint.Complaint:
+    return complaint.complain(found, str(source.path), locate.line_of(source.text, found.path) or 1)
 
 
 def _depth(source: _Source, found: Problem) -> int:

@@ -149,9 +149,14 @@ def find(profile: DriveProfile, name: str) -> Signal | Parameter:
 
 
 def _by_spelling(profile: DriveProfile, name: str) -> Parameter | None:
-    """Parameters that have an explicit register and whose group sizes are unknown (VC660 F00.02)."""
-    wanted = name.strip().upper()
-    return next((p for p in profile.parameters.values() if p.notation.upper() == wanted), None)
+    """A parameter with an explicit register although the sizes of the groups are unknown (VC660 F00.02)."""
+    wanted = _numbers(name)
+    return next((p for p in profile.parameters.values() if wanted and _numbers(p.notation) == wanted), None)
+
+
+def _numbers(notation: str) -> tuple[int, int] | None:
+    match = _PARAMETER.fullmatch(notation.strip().upper())
+    return (int(match[1]), int(match[2])) if match and match[1].isdecimal() else None
 
 
 def _unknown(profile: DriveProfile, name: str) -> dict[str, object]:

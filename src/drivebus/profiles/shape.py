@@ -1,0 +1,81 @@
+"""pydantic's findings → problems in our own words: unknown and missing keys, types, choices, ranges, lengths."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ValidationError
+
+from drivebus.profiles.complaint import Problem, both, problem
+from drivebus.profiles.notation import nearest
+from drivebus.profiles.schema import ProfileIn
+
+_TYPES = {
+    "int_type": "integer",
+    "int_from_float": "integer",
+    "float_type": "number",
+    "string_type": "string",
+    "bool_type": "boolean",
+    "list_type": "array",
+    "dict_type": "table",
+    "model_type": "table",
+}
+"""pydantic's type faults → TOML's own words for types, i18n ``profiles.type.<word>``."""
+_RANGES = {"greater_than": ">", "greater_than_equal": ">=", "less_than": "<", "less_than_equal": "<="}
+
+
+def from_pydantic(error: ValidationError) -> list[Problem]:
+    """One problem for each fault that pydantic names, unions counted once."""
+    found: dict[tuple[str | int, ...], Problem] = {}
+    for fault in error.errors(include_url=False):
+        path = tuple(part for part in fault["loc"] if part not in ("[key]", "str", "int", "float", "bool"))
+        found.setdefault(path, _translated(fault, path))
+    return list(found.values())
+
+
+def _translated(fault: Any, path: tuple[str | int, ...]) -> Problem:
+    kind, value, ctx = fault["type"], fault["input"], fault.get("ctx", {})
+    if kind == "extra_forbidden":
+        return problem("unknown_key", path, path[-1], known=", ".join(_known_keys(path)))
+    if kind == "missing":
+        return problem("missing_key", path, "-", name=path[-1])
+    if kind == "literal_error":
+        if path[0] == "commands" and "toggle" in str(value):
+            return problem("toggle", path, value)
+        return problem("choice", path, value, choices=ctx["expected"].replace(" or ", ", "))
+    if kind in _RANGES:
+        bound = next(iter(ctx.values()))
+        return problem("range", path, value, bound=f"{_RANGES[kind]} {bound}")
+    if kind in ("too_short", "too_long", "string_too_short"):
+        few = ctx.get("min_length", 0)
+        return problem("length", path, value, bound=f">= {few}" if "min_length" in ctx else f"<= {ctx['max_length']}")
+    if kind == "string_pattern_mismatch":
+        return problem("pattern", path, value, pattern=ctx["pattern"])
+    return problem("type", path, value, type=both(f"profiles.type.{_TYPES.get(kind, 'other')}"))
+
+
+def _known_keys(path: tuple[str | int, ...]) -> list[str]:
+    """The keys that the table of an unknown one may have; those that look like it where some do."""
+    model: Any = ProfileIn
+    for part in path[:-1]:
+        model = _below(model, part)
+        if model is None:
+            return []
+    fields = [info.alias or name for name, info in model.model_fields.items()]
+    return nearest(str(path[-1]), fields) or sorted(fields)
+
+
+def _below(model: Any, part: str | int) -> Any:
+    """The model of a table's value, through Optional and dict."""
+    fields = getattr(model, "model_fields", None)
+    if fields is None:
+        return None
+    info = next((f for name, f in fields.items() if (f.alias or name) == part), None)
+    return _model_in(info.annotation) if info else model
+
+
+def _model_in(annotation: Any) -> Any:
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
+    return next((found for found in inner if found is not None), None)

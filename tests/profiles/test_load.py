@@ -1,0 +1,212 @@
+"""Finding, extending and overriding profiles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivebus import profiles
+from drivebus.errors import ProfileError
+from drivebus.profiles import DriveProfile
+
+VC660_SIZES = """
+format = 1
+extends = "vc660"
+title = { en = "VC660 of line 2", zh = "二号线 VC660" }
+
+[group_sizes]
+F00 = 30
+F01 = 20
+F02 = 15
+F03 = 12
+F04 = 10
+F05 = 16
+F06 = 8
+
+[limits]
+maximum_hz = 400.0
+
+[timing]
+reply_delay_s = 0.03
+"""
+
+
+def write(directory: Path, text: str, name: str = "own.toml") -> Path:
+    path = directory / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    directory = tmp_path / "drivebus" / "profiles"
+    directory.mkdir(parents=True)
+    return directory
+
+
+def test_the_eight_models_come_with_drivebus() -> None:
+    assert {"c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"} <= set(profiles.models())
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"])
+def test_every_model_that_comes_with_drivebus_loads(model: str) -> None:
+    assert profiles.load(model).model == model
+
+
+def test_group_sizes_give_the_parameters_their_consecutive_index(tmp_path: Path) -> None:
+    profile = profiles.load(write(tmp_path, VC660_SIZES))
+    assert profile.parameters["F01.00"].locator == ("holding", 30)
+    assert profile.parameters["F06.06"].locator == ("holding", 30 + 20 + 15 + 12 + 10 + 16 + 6)
+    assert not profile.unplaced
+    assert all(condition.unreadable is None for condition in profile.preconditions)
+
+
+def test_an_extension_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+    base, own_profile = profiles.load("vc660"), profiles.load(write(tmp_path, VC660_SIZES))
+    assert own_profile.limits.maximum_hz == 400.0
+    assert own_profile.limits.minimum_hz == base.limits.minimum_hz
+    assert own_profile.timing.reply_delay_s == 0.03
+    assert own_profile.timing.lateness_s == base.timing.lateness_s
+    assert own_profile.title.en == "VC660 of line 2"
+    assert own_profile.signals == base.signals
+    assert own_profile.source.endswith("own.toml")
+
+
+def test_df800_status_monitors_can_be_added_as_signals(tmp_path: Path) -> None:
+    profile = profiles.load(
+        write(
+            tmp_path,
+            """
+format = 1
+extends = "df800"
+[signals.output_current]
+unit = "A"
+factor = 0.1
+decimals = 1
+scale_published = true
+[signals.output_frequency]
+notation = "F0.00"
+text = { en = "output frequency", zh = "输出频率" }
+unit = "Hz"
+factor = 0.01
+decimals = 2
+evidence = "user: DF800 manual, monitor list"
+""",
+        )
+    )
+    assert profile.signals["output_frequency"].locator == ("holding", 0)
+    assert profile.signals["output_frequency"].evidence.kind == "user"
+    assert profile.signals["output_current"].uncertain is None
+    assert profiles.load("df800").signals["output_current"].uncertain == "profiles.scale_unpublished"
+
+
+def test_a_c320_monitor_table_can_be_extended(tmp_path: Path) -> None:
+    text = 'format = 1\nextends = "c320"\n[signals.torque]\nnotation = "d.9"\n'
+    text += 'text = { en = "torque", zh = "转矩" }\nunit = "%"\nevidence = "user"\n'
+    assert profiles.load(write(tmp_path, text)).signals["torque"].locator == ("monitor", 9)
+
+
+def test_a_setting_of_an_open_question_is_overridden(tmp_path: Path) -> None:
+    text = 'format = 1\nextends = "df800"\n[settings]\ndirection_field = "b2b3"\ndirection_proved = true\n'
+    profile = profiles.load(write(tmp_path, text))
+    assert profile.settings == {"direction_field": "b2b3", "direction_proved": True}
+    assert profile.commands is not None
+    assert profile.commands.resolved(profile.settings).bits["forward"].value == 0x0004
+
+
+def test_profiles_extend_each_other_over_several_files(tmp_path: Path) -> None:
+    write(tmp_path, VC660_SIZES, "plant.toml")
+    last = write(tmp_path, 'format = 1\nextends = "./plant.toml"\n[limits]\nmaximum_hz = 120.0\n', "spindle.toml")
+    profile = profiles.load(str(last))
+    assert (profile.limits.maximum_hz, profile.group_sizes["F00"]) == (120.0, 30)
+
+
+def test_a_profile_in_the_users_directory_is_a_model(own: Path) -> None:
+    write(own, VC660_SIZES, "line2.toml")
+    assert "line2" in profiles.models()
+    assert profiles.load("line2").limits.maximum_hz == 400.0
+
+
+def test_a_users_profile_may_extend_another_of_the_users(own: Path) -> None:
+    write(own, VC660_SIZES, "line2.toml")
+    write(own, 'format = 1\nextends = "line2"\n', "line3.toml")
+    assert profiles.load("line3").limits.maximum_hz == 400.0
+
+
+def test_nobodys_vc660_changes_silently(own: Path) -> None:
+    path = write(own, VC660_SIZES, "vc660.toml")
+    with pytest.raises(ProfileError) as caught:
+        profiles.load("vc660")
+    assert caught.value.params["complaints"][0].kind == "shadows"
+    assert caught.value.params["file"] == str(path)
+
+
+def test_an_unknown_model_is_answered_with_the_nearest_names() -> None:
+    with pytest.raises(ProfileError) as caught:
+        profiles.load("vc60")
+    complaint = caught.value.params["complaints"][0]
+    assert complaint.kind == "no_model"
+    assert "vc660" in complaint.remedy.en and "dzb100" in complaint.expected.en
+
+
+def test_a_missing_file_says_so() -> None:
+    with pytest.raises(ProfileError) as caught:
+        profiles.load("./nowhere/own.toml")
+    assert caught.value.params["complaints"][0].kind == "no_file"
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
+    path = write(tmp_path, VC660_SIZES)
+    assert profiles.load(path).limits.maximum_hz == 400.0
+    write(tmp_path, VC660_SIZES.replace("400.0", "200.0  # narrower"))
+    assert profiles.load(path).limits.maximum_hz == 200.0
+
+
+def test_a_file_with_windows_line_ends_loads_and_its_faults_keep_their_lines(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(VC660_SIZES.replace("\n", "\r\n").encode())
+    assert profiles.load(path).limits.maximum_hz == 400.0
+    path.write_bytes(b'format = 1\r\nextends = "vc660"\r\n\r\n[timing]\r\ngap = 1\r\n')
+    with pytest.raises(ProfileError) as caught:
+        profiles.load(path)
+    assert caught.value.params["line"] == 5
+
+
+def test_a_whole_new_modbus_inverter_is_one_file(tmp_path: Path) -> None:
+    profile: DriveProfile = profiles.load(
+        write(
+            tmp_path,
+            """
+format = 1
+model = "acme"
+family = "modbus"
+grade = "draft"
+maker = { en = "Acme", zh = "Acme" }
+title = { en = "Acme 1", zh = "Acme 1" }
+encodings = ["rtu"]
+addresses = [1, 32]
+capabilities = ["run", "stop", "read"]
+notation = { style = "register" }
+line = { baud = 19200, format = "8E1", bauds = [19200], formats = ["8E1"], evidence = "user" }
+timing = { evidence = "assumed" }
+limits = { minimum_hz = 0.0, maximum_hz = 50.0, evidence = "user" }
+setpoint = { factor = 0.01, decimals = 2, evidence = "user" }
+write = { ram = false, evidence = "assumed" }
+modbus = { evidence = "user" }
+[commands]
+register = 0x100
+setpoint_register = 0x101
+evidence = "user"
+bits = { start = { mask = 1, value = 1, pulse = true }, stop = { mask = 2, value = 2, pulse = true } }
+[signals.output_frequency]
+notation = "0x200"
+text = { en = "output frequency", zh = "输出频率" }
+unit = "Hz"
+evidence = "user"
+""",
+        )
+    )
+    assert profile.signals["output_frequency"].locator == ("holding", 0x200)
+    assert profile.writable_registers() == {0x100, 0x101}

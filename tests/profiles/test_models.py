@@ -1,0 +1,277 @@
+"""What the profiles that come with drivebus claim, held against the manuals' own words and the vectors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import i18n, profiles
+from drivebus.line import LineSettings
+from drivebus.profiles import notation
+from drivebus.profiles.model import DriveProfile, Text
+
+MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
+DRAFTS = ("c300", "e300", "e500", "e550")
+VECTORS = Path(__file__).parents[2] / "vectors"
+
+
+def texts(value: Any) -> list[Text]:
+    """Every Text inside a profile."""
+    if isinstance(value, Text):
+        return [value]
+    if isinstance(value, dict):
+        return [text for inner in value.values() for text in texts(inner)]
+    if isinstance(value, tuple):
+        return [text for inner in value for text in texts(inner)]
+    names = getattr(value, "__dataclass_fields__", {})
+    return [text for name in names for text in texts(getattr(value, name))]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_sentence_of_a_profile_is_there_in_chinese(model: str) -> None:
+    everything = texts(profiles.load(model))
+    assert len(everything) > 20
+    plain = {"1200", "2400", "4800", "9600", "300", "600", "19200", "38400", "RS485", "F1.00", "8N1 ASCII", "8N1 RTU"}
+    for text in everything:
+        chinese = any("一" <= character <= "鿿" for character in text.zh)
+        assert chinese or text.zh in plain | {"2001H", "MODBUS RTU"}, text
+        assert not any("一" <= character <= "鿿" for character in text.en), text
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_claim_has_its_evidence_and_says_where_it_stands(model: str) -> None:
+    profile = profiles.load(model)
+    claims = [*profile.signals.values(), *profile.parameters.values(), *profile.caveats]
+    for evidence in [claim.evidence for claim in claims] + list(profile.evidence.values()):
+        assert evidence.kind in ("manual", "computed", "sister", "assumed")
+        assert evidence.source or evidence.kind in ("assumed", "computed")
+
+
+@pytest.mark.parametrize("model", DRAFTS)
+def test_a_draft_claims_nothing_from_the_manual_of_another_model(model: str) -> None:
+    profile = profiles.load(model)
+    assert profile.grade == "draft"
+    assert not profile.preconditions and not profile.faults
+    claims = [*profile.signals.values(), *profile.parameters.values()]
+    assert {claim.evidence.kind for claim in claims} <= {"sister", "assumed"}
+    assert profile.comm_loss.time_notation is None and profile.comm_loss.action_notation is None
+    assert any(caveat.id == "draft" for caveat in profile.caveats)
+
+
+def test_the_sisters_differ_in_frequency_step_and_monitor_table() -> None:
+    steps = {model: profiles.load(model).setpoint_scale.factor for model in ("c320", *DRAFTS)}
+    assert steps == {"c320": 0.01, "c300": 0.01, "e300": 0.1, "e500": 0.1, "e550": 0.1}
+    first = {model: notation.find(profiles.load(model), "d.1").text.en for model in ("c320", "c300", "e300")}
+    assert first == {"c320": "output voltage", "c300": "output current", "e300": "output current"}
+    assert {m for m in ("c320", *DRAFTS) if "set_frequency" in profiles.load(m).signals} == {"e300", "e500", "e550"}
+    selectors = {model: profiles.load(model).roles.get("monitor_selector") for model in ("c320", *DRAFTS)}
+    assert selectors == {"c320": "F6.12", "c300": None, "e300": None, "e500": "F3.08", "e550": None}
+    assert dict(profiles.load("e550").roles) == {"protocol": "F4.00", "comm_loss": "F4.04"}
+
+
+@pytest.mark.parametrize(
+    ("model", "raw", "hertz"),
+    [("c320", 0x03E7, 9.99), ("c300", 0x1772, 60.02), ("e500", 0x01F4, 50.0), ("e550", 0x0064, 10.0)],
+)
+def test_the_frequency_step_is_that_of_the_worked_frame(model: str, raw: int, hertz: float) -> None:
+    """Vectors c320-4.2, c320-sib-write-ram, c320-sib-reply, c320-sib-control."""
+    scale = profiles.load(model).setpoint_scale
+    assert scale.value(raw) == hertz
+    assert scale.raw(hertz) == raw
+
+
+def test_timing_is_the_manuals_where_it_gives_one() -> None:
+    line = LineSettings.parse(9600, "8E1")
+    c320 = profiles.load("c320").timing
+    assert c320.gap_s(line) == pytest.approx(5 * 11 / 9600)
+    assert c320.timeout_s(line, 18) == pytest.approx((8 + 18) * 11 / 9600 + c320.adapter_s)
+    slowest = LineSettings.parse(1200, "8E1")
+    assert c320.lateness_s >= slowest.seconds(8) + 0.1
+    vc660 = profiles.load("vc660").timing
+    assert vc660.gap_s(LineSettings.parse(38400, "8N1")) == 0.00175
+    assert vc660.gap_s(LineSettings.parse(19200, "8N1")) == pytest.approx(3.5 * 10 / 19200)
+    assert (vc660.reply_delay_s, vc660.lateness_s) == (0.024, 0.204)
+    for model in ("dzb100", "df800"):
+        timing = profiles.load(model).timing
+        assert (timing.reply_delay_s, timing.lateness_s) == (0.1, 0.5)
+        assert profiles.load(model).evidence["timing"].kind == "assumed"
+
+
+def test_preconditions_are_ruling_4s() -> None:
+    found = {
+        model: {p.notation: p.accepted for p in profiles.load(model).preconditions}
+        for model in ("c320", "dzb100", "vc660", "df800")
+    }
+    assert found == {
+        "c320": {"F0.1": (2,)},
+        "dzb100": {"00": (2,), "01": (3,)},
+        "vc660": {"F00.01": (4,), "F01.00": (2,)},
+        "df800": {"F1.01": (5,), "F1.02": (2,)},
+    }
+
+
+def test_a_precondition_that_can_not_be_read_says_what_to_supply() -> None:
+    conditions = {p.notation: p for p in profiles.load("vc660").preconditions}
+    assert conditions["F00.01"].unreadable is None
+    missing = conditions["F01.00"].unreadable
+    assert missing is not None and "F00" in missing.en and "[group_sizes]" in missing.zh
+    assert "F01.00" in profiles.load("vc660").unplaced
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_can_be_read_of_the_preconditions_is_a_listed_parameter(model: str) -> None:
+    profile = profiles.load(model)
+    for condition in profile.preconditions:
+        assert (condition.notation in profile.parameters) == (condition.unreadable is None)
+
+
+def test_addresses_and_broadcast_never_meet() -> None:
+    """T10: neither 0 of DZB100 and VC660 nor 31 of C320 can be asked anything."""
+    found = {model: (p.addresses, p.broadcast) for model in MODELS[:4] if (p := profiles.load(model))}
+    assert found == {
+        "c320": ((0, 30), 31),
+        "dzb100": ((1, 31), 0),
+        "vc660": ((1, 247), 0),
+        "df800": ((1, 247), None),
+    }
+
+
+def test_vc660_commands_are_the_control_table() -> None:
+    """T13."""
+    commands = profiles.load("vc660").commands
+    assert commands is not None
+    assert {name for name, bit in commands.bits.items() if bit.pulse} == {
+        "start", "stop", "coast", "quick_stop", "reset",
+    }  # fmt: skip
+    values = {name: bit.value for name, bit in commands.bits.items()}
+    assert values == {
+        "start": 1, "stop": 2, "forward": 0, "reverse": 4, "jog_forward": 8, "jog_reverse": 16, "jog_stop": 0,
+        "coast": 32, "quick_stop": 64, "pause": 128, "hold_ramp": 256, "reset": 512,
+    }  # fmt: skip
+    assert commands.rewrite_levels_after_pulse
+
+
+def test_vc660_may_write_exactly_what_its_tables_mark_as_writable() -> None:
+    """T12."""
+    assert profiles.load("vc660").writable_registers() == {1, 2, *range(0x2000, 0x200A)}
+
+
+def test_vc660_status_word_has_its_reserved_bits() -> None:
+    status = profiles.load("vc660").status
+    assert status is not None
+    assert status.reserved_mask == sum(1 << bit for bit in range(9, 14))
+    assert status.fault_registers == (0x3016, 0x3017)
+    assert status.bits["running"] == 1 << 3 and status.bits["output_reverse"] == 1 << 15
+
+
+def test_vc660_status_registers_read_as_the_worked_example() -> None:
+    """Vector vc660-status-response: 50.00 Hz, 39.98 Hz, 12.8 A."""
+    signals = profiles.load("vc660").signals
+    raw = (0x1388, 0x0F9E, 0x0080)
+    names = ("set_frequency", "output_frequency", "output_current")
+    assert [signals[n].scale.value(r) for n, r in zip(names, raw, strict=True)] == [50.0, 39.98, 12.8]
+    assert [signals[n].locator[1] for n in names] == [0x3001, 0x3002, 0x3003]
+
+
+def test_vc660_publishes_only_bit_0_of_its_fault_words() -> None:
+    profile = profiles.load("vc660")
+    assert profile.fault(0).text.en == "under-voltage"
+    other = profile.fault(17)
+    assert other.label == "bit 17"
+    assert "17" in other.text.zh and "未公布" in other.text.zh
+
+
+@pytest.mark.parametrize(("setting", "forward", "reverse"), [("b3b2", 0x8, 0x4), ("b2b3", 0x4, 0x8)])
+def test_df800_direction_depends_on_the_open_setting(setting: str, forward: int, reverse: int) -> None:
+    """T16: never 11 in the direction field."""
+    commands = profiles.load("df800").commands
+    assert commands is not None and "forward" not in commands.bits
+    bits = commands.resolved({"direction_field": setting}).bits
+    assert (bits["forward"].value, bits["reverse"].value) == (forward, reverse)
+    assert (bits["jog_forward"].value, bits["jog_reverse"].value) == (forward | 3, reverse | 3)
+    assert all(bit.value & 0xC != 0xC for bit in bits.values())
+
+
+def test_df800_start_and_stop_are_those_of_the_worked_frames() -> None:
+    commands = profiles.load("df800").commands
+    assert commands is not None
+    assert (commands.bits["start"].value, commands.bits["stop"].value, commands.bits["reset"].value) == (2, 1, 0x10)
+    assert (commands.register, commands.setpoint_register) == (0x2000, 0x2001)
+
+
+def test_df800_claims_no_status_and_no_scale_for_its_monitors() -> None:
+    """T17."""
+    profile = profiles.load("df800")
+    assert profile.status is None and "status" not in profile.capabilities
+    assert {s.uncertain for s in profile.signals.values()} == {"profiles.scale_unpublished"}
+    assert i18n.text("profiles.scale_unpublished", "zh") != "profiles.scale_unpublished"
+    assert profile.modbus is not None
+    assert (profile.modbus.error_form, profile.modbus.max_read) == ("short", 4)
+
+
+def test_dzb100_faults_carry_the_keypads_labels() -> None:
+    profile = profiles.load("dzb100")
+    labels = [profile.faults[code].label for code in range(1, 19)]
+    assert labels == [
+        "E009", "E00A", "E00E", "E008", "E007", "E00D", "E012", "E015", "E014",
+        "E004", "E006", "E005", "E017", "E001", "E001", "CF2", "E016", "E013",
+    ]  # fmt: skip
+    assert profile.fault(14).text.zh == "低电压"
+    assert "42" in profile.fault(42).text.en
+
+
+def test_c320_fault_codes_carry_the_keypads_label() -> None:
+    assert profiles.load("c320").fault(12).label == "Fu.12"
+
+
+def test_dzb100_codings_start_unsettled() -> None:
+    """T08."""
+    settings = profiles.load("dzb100").settings
+    assert {settings[f"{what}_coding"] for what in ("setpoint", "query", "parameter")} == {"unknown"}
+
+
+TRAPS = {
+    "c320": {"T01", "T02", "T03", "T04", "T05", "T06", "T07", "T21"},
+    "dzb100": {"T08", "T09", "T10", "T11", "T20"},
+    "vc660": {"T12", "T13", "T14"},
+    "df800": {"T15", "T16", "T17"},
+}
+
+
+@pytest.mark.parametrize("model", TRAPS)
+def test_the_traps_of_a_manual_are_the_caveats_of_its_model(model: str) -> None:
+    assert {caveat.id for caveat in profiles.load(model).caveats} >= TRAPS[model]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_open_question_has_default_reason_and_a_way_to_settle_it(model: str) -> None:
+    profile = profiles.load(model)
+    assert profile.open_questions
+    for question in profile.open_questions:
+        assert question.reason.en and question.settle.en
+        assert (question.setting in profile.settings) == (question.where is None)
+
+
+def parameter_vectors() -> list[tuple[str, dict[str, Any]]]:
+    lines = [line for path in sorted(VECTORS.glob("*.jsonl")) for line in path.read_text().splitlines()]
+    return [
+        (v["id"], v) for v in map(json.loads, lines) if "parameter" in v["fields"] and v["fields"].get("accepted", True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "vector"), parameter_vectors(), ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_the_address_of_a_worked_frame_is_that_of_the_parameter_it_names(name: str, vector: dict[str, Any]) -> None:
+    fields = vector["fields"]
+    profile: DriveProfile = profiles.load(vector["family"])
+    if vector["family"] == "dzb100":
+        assert notation.locate(f"{fields['parameter']:02d}", profile.notation) == ("parameter", fields["parameter"])
+    elif vector["family"] == "c320":
+        locator = notation.locate(fields["parameter"], profile.notation)
+        assert locator == ("parameter", fields["group"] << 8 | fields["item"])
+    else:
+        assert notation.locate(fields["parameter"], profile.notation) == ("holding", fields["register"])

@@ -1,0 +1,179 @@
+"""The manual's notation and locators, both ways, and names that a user types."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus import profiles
+from drivebus.errors import ProfileError
+from drivebus.profiles import notation
+from drivebus.profiles.model import NotationRule, Parameter, Signal
+
+SIFANG = NotationRule("sifang", 0xFFFF)
+DZB = NotationRule("dzb", 80)
+CONSECUTIVE = NotationRule("consecutive", 450)
+HUNDREDS = NotationRule("hundreds", 999)
+REGISTER = NotationRule("register", 0xFFFF)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule", "locator"),
+    [
+        ("F0.1", SIFANG, ("parameter", 0x0001)),
+        ("F0.01", SIFANG, ("parameter", 0x0001)),
+        ("f1.10", SIFANG, ("parameter", 0x010A)),
+        ("FC.03", SIFANG, ("parameter", 0x0A03)),
+        ("FE.0", SIFANG, ("parameter", 0x0B00)),
+        ("FF.0", SIFANG, ("parameter", 0x0C00)),
+        ("FH.0", SIFANG, ("parameter", 0x0D00)),
+        ("FL.0", SIFANG, ("parameter", 0x0E00)),
+        ("FP.255", SIFANG, ("parameter", 0x0FFF)),
+        ("d.0", SIFANG, ("monitor", 0)),
+        ("d-37", SIFANG, ("monitor", 37)),
+        ("10", DZB, ("parameter", 10)),
+        ("00", DZB, ("parameter", 0)),
+        ("Q01", DZB, ("query", 1)),
+        ("3002H", CONSECUTIVE, ("holding", 0x3002)),
+        ("0x3002", CONSECUTIVE, ("holding", 0x3002)),
+        ("0FFFFH", CONSECUTIVE, ("holding", 0xFFFF)),
+        ("F00.00", CONSECUTIVE, ("holding", 0)),
+        ("F1.07", HUNDREDS, ("holding", 107)),
+        ("F0.03", HUNDREDS, ("holding", 3)),
+        ("F7.02", HUNDREDS, ("holding", 702)),
+        ("2001H", HUNDREDS, ("holding", 0x2001)),
+        ("12290", REGISTER, ("holding", 12290)),
+    ],
+)
+def test_a_notation_of_the_manual_becomes_its_address(text: str, rule: NotationRule, locator: tuple[str, int]) -> None:
+    assert notation.locate(text, rule) == locator
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("", SIFANG),
+        ("F0", SIFANG),
+        ("FA.1", SIFANG),
+        ("F10.1", SIFANG),
+        ("F0.256", SIFANG),
+        ("d.256", SIFANG),
+        ("Q01", SIFANG),
+        ("F０.1", SIFANG),
+        ("81", DZB),
+        ("Q04", DZB),
+        ("F0.1", DZB),
+        ("１0", DZB),
+        ("F1.100", HUNDREDS),
+        ("F10.00", HUNDREDS),
+        ("FC.01", HUNDREDS),
+        ("0x1_0", HUNDREDS),
+        ("0x10000", REGISTER),
+        ("65536", REGISTER),
+        ("d.0", REGISTER),
+    ],
+)
+def test_what_the_manual_would_not_write_is_refused(text: str, rule: NotationRule) -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.locate(text, rule)
+    assert caught.value.key == "profiles.notation"
+    assert caught.value.params["notation"] == text
+
+
+def test_a_consecutive_index_counts_the_groups_before_it() -> None:
+    sizes = {"F00": 30, "F01": 12}
+    assert notation.locate("F00.29", CONSECUTIVE, sizes) == ("holding", 29)
+    assert notation.locate("F01.00", CONSECUTIVE, sizes) == ("holding", 30)
+    assert notation.locate("F02.00", CONSECUTIVE, sizes) == ("holding", 42)
+
+
+def test_a_consecutive_index_is_not_guessed_without_the_sizes() -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.locate("F01.00", CONSECUTIVE)
+    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F00")
+    with pytest.raises(ProfileError) as caught:
+        notation.locate("F02.01", CONSECUTIVE, {"F00": 30, "F01": 12})
+    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F02")
+
+
+def test_an_item_beyond_its_group_is_no_item_of_the_next_group() -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.locate("F00.30", CONSECUTIVE, {"F00": 30, "F01": 12})
+    assert (caught.value.key, caught.value.params["size"]) == ("profiles.beyond_group", 30)
+
+
+@pytest.mark.parametrize("model", profiles.models())
+def test_every_listed_notation_finds_itself_and_is_shown_as_listed(model: str) -> None:
+    profile = profiles.load(model)
+    for signal in profile.signals.values():
+        assert notation.find(profile, signal.name) is signal
+        assert notation.find(profile, signal.notation) is signal
+        assert notation.show(signal.locator, profile) == signal.notation
+    for parameter in profile.parameters.values():
+        assert notation.find(profile, parameter.notation) is parameter
+        assert notation.show(parameter.locator, profile) == parameter.notation
+
+
+@pytest.mark.parametrize("group", "0123456789CEFHLP")
+def test_every_c320_address_is_shown_in_a_form_that_is_read_back(group: str) -> None:
+    profile = profiles.load("c320")
+    for item in range(256):
+        locator = notation.locate(f"F{group}.{item}", SIFANG)
+        assert notation.locate(notation.show(locator, profile), SIFANG) == locator
+
+
+@pytest.mark.parametrize(("model", "highest"), [("dzb100", 80), ("df800", 999)])
+def test_every_parameter_address_is_shown_in_a_form_that_is_read_back(model: str, highest: int) -> None:
+    profile = profiles.load(model)
+    space = "parameter" if model == "dzb100" else "holding"
+    for index in range(highest + 1):
+        shown = notation.show((space, index), profile)
+        assert notation.locate(shown, profile.notation) == (space, index)
+
+
+def test_a_name_may_be_a_signal_in_any_case() -> None:
+    found = notation.find(profiles.load("vc660"), " Output_Frequency ")
+    assert isinstance(found, Signal) and found.locator == ("holding", 0x3002)
+
+
+def test_an_unlisted_parameter_can_be_read_and_written_raw() -> None:
+    found = notation.find(profiles.load("c320"), "F2.07")
+    assert isinstance(found, Parameter)
+    assert (found.notation, found.locator, found.listed, found.writable) == ("F2.7", ("parameter", 0x0207), False, True)
+
+
+def test_an_unlisted_register_is_never_written() -> None:
+    """T12: 200BH of the guide's examples belongs to no table."""
+    found = notation.find(profiles.load("vc660"), "200BH")
+    assert isinstance(found, Parameter)
+    assert (found.locator, found.listed, found.writable) == (("holding", 0x200B), False, False)
+    assert 0x200B not in profiles.load("vc660").writable_registers()
+
+
+def test_the_command_word_is_no_parameter_under_any_spelling() -> None:
+    for model in ("vc660", "df800"):
+        for name in ("2000H", "0x2000", "2001H", "0x2001"):
+            found = notation.find(profiles.load(model), name)
+            assert isinstance(found, Parameter) and not found.writable
+
+
+def test_a_parameter_whose_index_is_unknown_says_what_to_supply() -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.find(profiles.load("vc660"), "F01.00")
+    assert caught.value.key == "profiles.unplaced"
+    assert "[group_sizes]" in str(caught.value)
+    assert isinstance(notation.find(profiles.load("vc660"), "F00.02"), Parameter)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.find(profiles.load("c320"), "output_frequence")
+    assert caught.value.key == "profiles.unknown_name"
+    assert str(caught.value) == (
+        "c320 has no output_frequence: write a signal's name or a notation such as F0.1, F1.10, FC.03, d.0; "
+        "near: output_frequency, output_voltage"
+    )
+
+
+def test_a_parameter_with_an_explicit_index_is_found_however_its_zeros_are_written() -> None:
+    profile = profiles.load("vc660")
+    assert notation.find(profile, "F0.2") is notation.find(profile, "F00.02")

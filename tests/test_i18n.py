@@ -1,0 +1,124 @@
+"""The catalogues: the same keys and places in every language, one owner a key, and every key that the code names."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import string
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from drivebus import errors, i18n
+
+SOURCE = Path(i18n.__file__).parents[1]
+CATALOGUES = Path(i18n.__file__).parent
+ROOMS = sorted({path.name.split(".")[0] for path in CATALOGUES.glob("*.json")})
+KEY = re.compile(r"[a-z][a-z0-9_]*(?:\.[a-z0-9][a-z0-9_]*)+")
+
+
+def sentences(room: str, language: str) -> dict[str, str]:
+    """A catalogue. A key that stands twice in one file would hide a sentence: refused."""
+    pairs: list[tuple[str, str]] = json.loads(
+        (CATALOGUES / f"{room}.{language}.json").read_text(encoding="utf-8"), object_pairs_hook=list
+    )
+    keys = [key for key, _ in pairs]
+    assert len(keys) == len(set(keys)), {key for key in keys if keys.count(key) > 1}
+    return dict(pairs)
+
+
+def places(sentence: str) -> set[str]:
+    return {name for _, name, _, _ in string.Formatter().parse(sentence) if name is not None}
+
+
+def has_chinese(sentence: str) -> bool:
+    return any("一" <= character <= "鿿" for character in sentence)
+
+
+def test_there_is_no_catalogue_in_a_language_that_nobody_offers() -> None:
+    assert {path.name.split(".")[1] for path in CATALOGUES.glob("*.json")} == set(i18n.LANGUAGES)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_has_the_same_keys_in_every_language(room: str) -> None:
+    assert sentences(room, "en").keys() == sentences(room, "zh").keys()
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_sentence_has_the_same_places_in_every_language(room: str) -> None:
+    english, chinese = sentences(room, "en"), sentences(room, "zh")
+    different = {key for key in english if places(english[key]) != places(chinese.get(key, ""))}
+    assert not different
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_sentence_is_empty_and_english_has_no_chinese(room: str) -> None:
+    english, chinese = sentences(room, "en"), sentences(room, "zh")
+    assert not [key for key, sentence in [*english.items(), *chinese.items()] if not sentence.strip()]
+    assert not [key for key, sentence in english.items() if has_chinese(sentence)]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_what_is_longer_than_a_name_is_translated(room: str) -> None:
+    english, chinese = sentences(room, "en"), sentences(room, "zh")
+    same = {
+        key for key in english if english[key] == chinese.get(key) and re.search(r"[a-z]{2,} [a-z]{2,}", english[key])
+    }
+    assert not same
+
+
+def test_no_two_rooms_own_the_same_key() -> None:
+    for one, other in combinations(ROOMS, 2):
+        assert not sentences(one, "en").keys() & sentences(other, "en").keys(), (one, other)
+
+
+def test_the_look_up_knows_every_sentence() -> None:
+    for language in i18n.LANGUAGES:
+        assert len(i18n.catalogue(language)) == sum(len(sentences(room, language)) for room in ROOMS)
+
+
+def constants() -> Iterator[tuple[str, ast.AST]]:
+    """Every node of the code, with the name of its file."""
+    for path in sorted(SOURCE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            yield path.relative_to(SOURCE).as_posix(), node
+
+
+def named_keys() -> set[tuple[str, str]]:
+    """Every string constant of the code that looks like a key of some room, with its file."""
+    rooms = {key.split(".")[0] for key in i18n.catalogue("en")}
+    strings = ((file, node.value) for file, node in constants() if isinstance(node, ast.Constant))
+    return {
+        (file, value)
+        for file, value in strings
+        if isinstance(value, str) and KEY.fullmatch(value) and value.split(".")[0] in rooms
+    }
+
+
+def raised_keys() -> set[tuple[str, str]]:
+    """The keys of the errors of ``drivebus.errors`` that are raised with a constant key."""
+    calls = ((file, node.exc) for file, node in constants() if isinstance(node, ast.Raise))
+    return {
+        (file, call.args[0].value)
+        for file, call in calls
+        if isinstance(call, ast.Call) and call.args and isinstance(call.args[0], ast.Constant)
+        if isinstance(getattr(errors, getattr(call.func, "id", ""), None), type)
+    }
+
+
+def test_every_key_of_an_error_has_its_sentence() -> None:
+    known = i18n.catalogue("en").keys()
+    raised = raised_keys()
+    assert len(raised) > 3
+    assert not {(file, key) for file, key in raised if key not in known}
+
+
+def test_every_key_that_the_code_names_has_its_sentence() -> None:
+    """Beginnings of keys (f-strings put the rest) and names of modules are no keys."""
+    known = i18n.catalogue("en").keys()
+    starts = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
+    missing = {(file, key) for file, key in named_keys() if key not in known and key not in starts}
+    assert not {(file, key) for file, key in missing if not (SOURCE / (key.replace(".", "/") + ".py")).exists()}
