@@ -25,7 +25,7 @@ class Pty:
     def received(self, size: int = 4096) -> bytes:
         try:
             return os.read(self.master, size)
-        except BlockingIOError:
+        except OSError:  # nothing there, or nobody has the slave open
             return b""
 
     def hang_up(self) -> None:

@@ -326,9 +326,9 @@ async def test_a_cancelled_opening_leaves_nothing_open(pty: Pty) -> None:
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-    await until(lambda: open_descriptors() == before)
     await port.open(Sink())
     await port.close()
+    assert open_descriptors() == before
 
 
 def device(name: str, **facts: object) -> listing.door.Device:

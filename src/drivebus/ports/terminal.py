@@ -70,7 +70,7 @@ class SerialPort:
         try:
             descriptor, self._identity = await asyncio.shield(opening)
         except asyncio.CancelledError:
-            opening.add_done_callback(_drop)
+            self._closed = _dropped(opening)
             raise
         self._begin(descriptor, receiver)
 
@@ -217,7 +217,15 @@ def _nowhere(_: bytes) -> None:
     """Receives for a port that is not open."""
 
 
-def _drop(opening: asyncio.Future[tuple[Descriptor, str]]) -> None:
-    """Close what a cancelled opening still opened."""
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result()[0].close()
+def _dropped(opening: asyncio.Future[tuple[Descriptor, str]]) -> asyncio.Future[None]:
+    """Close what a cancelled opening still opens; done when that is done."""
+    closed = opening.get_loop().create_future()
+
+    def drop(opened: asyncio.Future[tuple[Descriptor, str]]) -> None:
+        if not opened.cancelled() and opened.exception() is None:
+            opened.result()[0].close()
+        if not closed.done():
+            closed.set_result(None)
+
+    opening.add_done_callback(drop)
+    return closed
