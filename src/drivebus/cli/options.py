@@ -61,10 +61,14 @@ def drive() -> list[click.Parameter]:
         Option(["--address"], required=True, type=station, metavar="N", example="--address 1"),
         *line(),
         encoding(),
-        Option(
-            ["--set"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example="--set setpoint_coding=hex-0.1"
-        ),
+        setting(),
     ]
+
+
+def setting() -> click.Option:
+    """--set: an open question of the family, answered."""
+    example = "--set setpoint_coding=hex-0.1"
+    return Option(["--set"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
 
 
 def dry_run() -> click.Option:

@@ -12,6 +12,7 @@ def _verbs(*names: str) -> dict[str, str]:
 
 
 SECTIONS = {
+    "cli.section.first": _verbs("simulate"),
     "cli.section.look": _verbs("status", "read"),
     "cli.section.move": _verbs("run", "set-frequency", "stop", "coast", "reset"),
     "cli.section.change": _verbs("write"),

@@ -1,0 +1,54 @@
+"""What the virtual plant is made of: lines, drives, loads. Values only; both sides of the demo read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class PlantDrive:
+    """One drive of the plant; ``role`` is an i18n key."""
+
+    role: str
+    number: int
+    address: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.role}-{self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class PlantLine:
+    """One line: its drives share a model, a baud rate and a format."""
+
+    name: str
+    model: str
+    baud: int
+    format: str
+    load: str
+    ramp_s: float
+    drives: tuple[PlantDrive, ...]
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Open questions of the family, answered for this plant (the host is told as well)."""
+
+    @property
+    def target(self) -> str:
+        """``c320@1,2,3``."""
+        return f"{self.model}@{','.join(str(drive.address) for drive in self.drives)}"
+
+
+def _drives(role: str, *addresses: int) -> tuple[PlantDrive, ...]:
+    return tuple(PlantDrive(role, number, address) for number, address in enumerate(addresses, 1))
+
+
+DZB_CODING = {name: "hex-0.1" for name in ("setpoint_coding", "query_coding", "parameter_coding")}
+
+LINES = (
+    PlantLine("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
+    PlantLine("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2), DZB_CODING),
+    PlantLine("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2)),
+    PlantLine("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2)),
+)
+"""Nine drives of four families on four lines, each at a speed that its family knows."""
