@@ -7,7 +7,17 @@ from typing import Any, cast
 from drivebus.message import StationTiming
 from drivebus.profiles import model as m
 from drivebus.profiles import places
-from drivebus.profiles.schema import BitIn, CommandsIn, ParameterIn, ProfileIn, ScaleIn, SignalIn, StatusIn, TextIn
+from drivebus.profiles.schema import (
+    BitIn,
+    CommandsIn,
+    ParameterIn,
+    ProfileIn,
+    ScaleIn,
+    SignalIn,
+    StatusIn,
+    TextIn,
+    ValueIn,
+)
 from drivebus.units import Scale
 
 
@@ -96,7 +106,7 @@ def _signal(name: str, given: SignalIn, locator: m.Locator) -> m.Signal:
         given.minimum,
         given.maximum,
         evidence(given.evidence),
-        None if given.scale_published else "profiles.scale_unpublished",
+        _uncertain(given),
     )
 
 
@@ -129,7 +139,12 @@ def _parameter(notation: str, given: ParameterIn, locator: m.Locator) -> m.Param
         given.factory,
         evidence(given.evidence),
         given.readable,
+        uncertain=_uncertain(given),
     )
+
+
+def _uncertain(given: ValueIn) -> str | None:
+    return None if given.scale_published else "profiles.scale_unpublished"
 
 
 def _preconditions(given: ProfileIn, unplaced: dict[str, m.Text]) -> tuple[m.Precondition, ...]:

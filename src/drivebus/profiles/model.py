@@ -85,6 +85,8 @@ class Parameter:
     """False for a write-only register (VC660 2002H ..., DF800 2000H)."""
     listed: bool = True
     """False where the profile does not know it and only the notation gave its address: raw word, no range."""
+    uncertain: str | None = None
+    """As a signal's: an i18n key where the scale is not published."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,13 +67,14 @@ class ValueIn(ScaleIn):
     unit: Unit = ""
     minimum: float | None = None
     maximum: float | None = None
+    scale_published: bool = True
+    """False: a raw word whose step the manual does not give; its readings are uncertain."""
     evidence: EvidenceLine
 
 
 class SignalIn(ValueIn):
     notation: Sentence
     period_s: Annotated[float, Field(gt=0, le=86400)] = 1.0
-    scale_published: bool = True
 
 
 class ParameterIn(ValueIn):
