@@ -150,3 +150,12 @@ def test_the_sentence_of_a_refused_value(tmp_path: Path) -> None:
     with pytest.raises(CaptureError) as caught:
         read_capture(path)
     assert str(caught.value) == f"{path}, line 2: rx is zz; expected 00…ff"
+
+
+@pytest.mark.parametrize("page", ["capture-format.md", "capture-format.zh.md"])
+def test_the_example_of_the_page_is_a_capture(tmp_path: Path, page: str) -> None:
+    text = (Path(__file__).parents[1] / "docs" / "reference" / page).read_text(encoding="utf-8")
+    path = tmp_path / "example.dbcap"
+    path.write_text(text.split("```")[1].lstrip("\n"), encoding="utf-8")
+    capture = read_capture(path)
+    assert (len(capture.records), capture.truncated, capture.header.writer) == (5, False, "drivebus 0.1.0")

@@ -35,7 +35,7 @@ class Header:
 
     settings: LineSettings
     port: str = ""
-    """Identity of the port, as ``Port.identity``."""
+    """The LINK of the port."""
     started: str = ""
     """Wall-clock label (ISO 8601) of ``t`` = 0; never used for arithmetic (F21)."""
     writer: str = ""

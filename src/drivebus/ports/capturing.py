@@ -1,0 +1,102 @@
+"""A port that records all that passes through it, put around any other port. The format is ``drivebus.capture``."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from drivebus.capture import CaptureWriter, Header
+from drivebus.errors import PortLost
+from drivebus.line import LineSettings
+from drivebus.ports.port import Capabilities, Echo, Note, Port, Quietable, Receiver, notes_of
+
+
+class CapturingPort:
+    """Passes everything on, and writes it to a new capture file from the first opening on.
+
+    Bytes get the loop's monotonic time at which they were written or delivered. ``error`` tells if the disk failed:
+    the bus goes on, the capture ends (G14).
+    """
+
+    def __init__(self, port: Port, path: str | Path) -> None:
+        self._port = port
+        self._path = path
+        self._writer: CaptureWriter | None = None
+        self._receiver: Receiver | None = None
+        if isinstance(port, Quietable):
+            self.quiet_until = port.quiet_until
+
+    @property
+    def settings(self) -> LineSettings:
+        return self._port.settings
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return self._port.capabilities
+
+    @property
+    def identity(self) -> str:
+        return self._port.identity
+
+    @property
+    def url(self) -> str:
+        return self._port.url
+
+    @property
+    def echo(self) -> Echo:
+        return self._port.echo
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        return notes_of(self._port)
+
+    @property
+    def error(self) -> OSError | None:
+        """Why the capture ended early, None while it is whole."""
+        return None if self._writer is None else self._writer.error
+
+    async def open(self, receiver: Receiver) -> None:
+        """Raises CaptureError where the file can't be created, else as the port does."""
+        self._loop = asyncio.get_running_loop()
+        if self._writer is None:
+            header = Header(self.settings, self.url, datetime.now(UTC).isoformat(), f"drivebus {version('drivebus')}")
+            self._writer = CaptureWriter(self._path, header, now=self._loop.time())
+        self._receiver = receiver
+        await self._port.open(self)
+        line, can = self.settings, self.capabilities
+        self._event(
+            "opened", baud=line.baud, format=line.format, identity=self.identity, paced=can.paced, parity=can.parity
+        )
+
+    def write(self, data: bytes, /) -> None:
+        now = self._loop.time()
+        self._port.write(data)
+        if self._writer is not None:
+            self._writer.bytes(now, "tx", data)
+
+    async def close(self) -> None:
+        """Closes the port; the capture stays open for another opening until ``end_capture``."""
+        await self._port.close()
+        self._event("closed")
+
+    def end_capture(self) -> None:
+        """Close the capture file. Idempotent."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def data_received(self, data: bytes, marks: int = 0) -> None:
+        if self._writer is not None:
+            self._writer.bytes(self._loop.time(), "rx", data, marks)
+        if self._receiver is not None:
+            self._receiver.data_received(data, marks)
+
+    def port_lost(self, error: PortLost) -> None:
+        self._event("lost", reason=str(error.params.get("reason", error.key)))
+        if self._receiver is not None:
+            self._receiver.port_lost(error)
+
+    def _event(self, name: str, **details: object) -> None:
+        if self._writer is not None:
+            self._writer.event(self._loop.time(), name, **details)

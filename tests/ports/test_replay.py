@@ -1,0 +1,147 @@
+"""A captured conversation is written, read and played back, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from drivebus.capture import Bytes, CaptureError, CaptureWriter, Event, Header, read_capture
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.line import LineSettings
+from drivebus.ports import open_port
+from drivebus.ports.capturing import CapturingPort
+from drivebus.ports.memory import pair
+from drivebus.ports.port import Quietable
+from drivebus.ports.replay import Difference, ReplayPort, ReplayReport
+from drivebus.testing.virtual import run
+from ports.sink import Sink
+
+
+def recorded(path: Path) -> str:
+    """Two requests with their replies, then the adapter is pulled and put back, then one more byte."""
+    writer = CaptureWriter(path, Header(LineSettings(19200, 8, "E", 1)), now=0.0)
+    writer.event(0.0, "opened")
+    writer.bytes(1.0, "tx", b"ask1")
+    writer.bytes(1.25, "rx", b"rep")
+    writer.bytes(1.5, "rx", b"ly1", 1)
+    writer.bytes(2.0, "tx", b"ask2")
+    writer.bytes(2.5, "rx", b"reply2")
+    writer.event(3.0, "lost", reason="pulled")
+    writer.event(5.0, "opened")
+    writer.bytes(5.5, "rx", b"!")
+    writer.close()
+    return f"replay://{path}"
+
+
+def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_path: Path) -> None:
+    async def story() -> None:
+        port, sink, loop = open_port(recorded(tmp_path / "a.dbcap")), Sink(), asyncio.get_running_loop()
+        assert isinstance(port, ReplayPort)
+        await asyncio.sleep(10)
+        await port.open(sink)
+        await asyncio.sleep(1)
+        port.write(b"ask1")
+        await asyncio.sleep(1)
+        port.write(b"ask9")
+        await asyncio.sleep(1.5)
+        assert [(at - 10, data) for at, data in sink.chunks] == [(1.25, b"rep"), (1.5, b"ly1"), (2.5, b"reply2")]
+        assert sink.marks == 1
+        assert [error.params["reason"] for error in sink.lost] == ["pulled"]
+        with pytest.raises(PortLost):
+            port.write(b"x")
+        begun = loop.time()
+        await port.open(sink)
+        port.write(b"more")
+        await asyncio.sleep(3)
+        assert sink.chunks[-1] == (begun + 2.5, b"!")
+        assert [error.params["reason"] for error in sink.lost] == ["pulled", "end of the capture"]
+        assert port.report == ReplayReport(
+            1, (Difference(2.0, b"ask2", b"ask9", 6), Difference(3.0, None, b"more", 0)), 0
+        )
+        with pytest.raises(PortUnavailable) as caught:
+            await port.open(sink)
+        assert caught.value.key == "ports.replay-end"
+
+    run(story())
+
+
+def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(tmp_path: Path) -> None:
+    async def story() -> None:
+        port, sink = open_port(recorded(tmp_path / "a.dbcap"), timing="request"), Sink()
+        assert isinstance(port, ReplayPort)
+        await port.open(sink)
+        await asyncio.sleep(100)
+        assert sink.chunks == []
+        port.write(b"other")
+        port.write(b"ask1")
+        await asyncio.sleep(1)
+        assert sink.chunks == [(100.25, b"rep"), (100.5, b"ly1")]
+        assert port.report.unsent == 1
+        port.write(b"ask2")
+        await asyncio.sleep(0.5)
+        assert sink.chunks[-1] == (101.5, b"reply2")
+        assert [(one.expected, one.found) for one in port.report.differences] == [(b"ask1", b"other")]
+        assert port.report.matched == 2
+        await port.close()
+        await asyncio.sleep(9)
+        assert sink.lost == []
+
+    run(story())
+
+
+def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_path: Path) -> None:
+    link = recorded(tmp_path / "a.dbcap")
+    assert open_port(link).settings == LineSettings(19200, 8, "E", 1)
+    assert open_port(link, baud=9600).settings == LineSettings(9600)
+    with pytest.raises(CaptureError):
+        open_port(f"replay://{tmp_path}/none.dbcap")
+
+
+def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_path: Path) -> None:
+    path = tmp_path / "a.dbcap"
+
+    async def story() -> None:
+        near, far = pair(LineSettings(4800, 8, "E", 1), paced=True)
+        port, near_sink, far_sink = CapturingPort(near, path), Sink(), Sink()
+        assert not isinstance(port, Quietable)
+        await asyncio.sleep(50)
+        await port.open(near_sink)
+        await far.open(far_sink)
+        port.write(b"ask")
+        await asyncio.sleep(1)
+        far.write(b"!")
+        await asyncio.sleep(1)
+        assert (bytes(near_sink.data), bytes(far_sink.data)) == (b"!", b"ask")
+        near.unplug()
+        assert len(near_sink.lost) == 1
+        with pytest.raises(PortLost):
+            port.write(b"not sent, so not recorded")
+        near.plug()
+        await port.open(near_sink)
+        await port.close()
+        port.end_capture()
+        assert port.error is None
+
+    run(story())
+    capture = read_capture(path)
+    assert capture.header.settings == LineSettings(4800, 8, "E", 1)
+    assert capture.header.port == "memory://pair"
+    kinds = [record.name if isinstance(record, Event) else record.direction for record in capture.records]
+    assert kinds == ["opened", "tx", "rx", "lost", "opened", "closed"]
+    tx, rx = [record for record in capture.records if isinstance(record, Bytes)]
+    assert (tx.time_s, tx.data, rx.data) == (0.0, b"ask", b"!")
+    assert rx.time_s == pytest.approx(1 + 11 / 4800, abs=1e-6)
+
+
+def test_a_capture_that_can_not_be_made_leaves_the_port_closed(tmp_path: Path) -> None:
+    async def story() -> None:
+        near, _ = pair()
+        (tmp_path / "a.dbcap").write_text("somebody's evidence")
+        with pytest.raises(CaptureError):
+            await CapturingPort(near, tmp_path / "a.dbcap").open(Sink())
+        with pytest.raises(PortLost):
+            near.write(b"x")
+
+    run(story())
