@@ -66,16 +66,30 @@ def test_lower_case_digits_are_read_and_called_an_erratum() -> None:
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        ("01 06 20 00 00 01 43", "modbus.length"),
-        ("01 06 20 00 00 01 43 CA 00", "modbus.trailing"),
+        ("01 06 20 00 00 01 43", "protocols.length"),
+        ("01 06 20 00 00 01 43 CA 00", "protocols.trailing"),
         ("01 06 20 00 00 01 43 CB", "modbus.crc"),
         ("01 03 00 00 00 7E C5 EA", "modbus.count"),
-        ("", "modbus.length"),
+        ("", "protocols.length"),
     ],
 )
 def test_what_is_wrong_with_a_request_is_named(text: str, key: str) -> None:
     found = describe(bytes.fromhex(text), "rtu", "request")
     assert (found.valid, [each for each, _ in found.problems]) == (False, [key])
+
+
+@pytest.mark.parametrize(
+    ("text", "direction"),
+    [
+        ("01 03 08 C3 88 00 02 13 88 00 00 21 A8", "response"),
+        ("01 83 02 00 00", "response"),
+        ("01 03 30 01 00 03 00 00", "request"),
+        ("01 06 20 00 00 01 43 CA", "request"),
+        ("01 06 20 00 00 01 00 00", "request"),
+    ],
+)
+def test_the_shape_tells_the_direction_even_of_a_frame_with_a_bad_check(text: str, direction: str) -> None:
+    assert describe(bytes.fromhex(text), "rtu").direction == direction
 
 
 def test_any_bytes_get_a_description() -> None:

@@ -1,1 +1,1 @@
-"""To be described by its first module."""
+"""Bench work on drives and frames: ``explain`` a frame, ``scan`` a line. Reads and shows; moves nothing."""

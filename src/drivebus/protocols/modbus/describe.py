@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from drivebus.errors import AlphabetError, ChecksumError, CodeError, LengthError, ProtocolError, TrailingError
-from drivebus.message import Complete, Incomplete, Verdict
+from drivebus.errors import AlphabetError, ChecksumError, CodeError, LengthError, ProtocolError
+from drivebus.message import Complete, Incomplete
 from drivebus.protocols.checksum import crc16, hex_bytes
-from drivebus.protocols.describe import Candidate, Description, Direction, note, problem
+from drivebus.protocols.describe import Candidate, Description, Direction, check_whole, note, problem
 from drivebus.protocols.modbus import ascii, rtu
 from drivebus.protocols.modbus.effects import request_of
 from drivebus.protocols.modbus.messages import ECHO_FUNCTIONS, READ_FUNCTIONS, REGISTER_FUNCTIONS
@@ -22,20 +22,42 @@ from drivebus.protocols.modbus.rtu import ErrorForm
 
 
 def describe(
-    data: bytes, encoding: str, direction: Direction, request: bytes | None = None, error_form: ErrorForm = "exception"
+    data: bytes,
+    encoding: str,
+    direction: Direction | None = None,
+    request: bytes | None = None,
+    error_form: ErrorForm = "exception",
 ) -> Description:
-    """The frame explained; a response against its ``request``, or without one as what it may be. Never raises."""
+    """The frame explained; a response against its ``request``, or without one as what it may be. Never raises.
+
+    Without ``direction`` it is a response where its request is given, else what its shape says; bytes that are a
+    request and its echo alike are called a request.
+    """
+    if direction is None and request is None:
+        return _either(data, encoding, error_form)
+    return _one(data, encoding, direction or "response", request, error_form)
+
+
+def _either(data: bytes, encoding: str, error_form: ErrorForm) -> Description:
+    asked = _one(data, encoding, "request", None, error_form)
+    answered = _one(data, encoding, "response", None, error_form)
+    reads = answered.fields.get("function") in READ_FUNCTIONS or "exception" in answered.fields
+    fits = answered.valid or (reads and answered.problems[0][0] in ("modbus.crc", "modbus.lrc"))
+    return answered if fits and not asked.valid else asked
+
+
+def _one(data: bytes, encoding: str, way: Direction, request: bytes | None, error_form: ErrorForm) -> Description:
     try:
-        return _read(data, encoding, direction, request, error_form)
+        return _read(data, encoding, way, request, error_form)
     except AlphabetError as error:
         if encoding == "ascii" and data != data.upper():
-            upper = describe(data.upper(), encoding, direction, request, error_form)
+            upper = _one(data.upper(), encoding, way, request, error_form)
             return replace(upper, errata=(note("modbus.lower_case"), *upper.errata))
-        return Description("modbus", encoding, direction, False, problems=(problem(error),))
+        return Description("modbus", encoding, way, False, problems=(problem(error),))
     except ProtocolError as error:
         shown = isinstance(error, ChecksumError | BadRequest)
-        fields = _despite(data, encoding, direction) if shown else _head(_octets(data, encoding))
-        return Description("modbus", encoding, direction, False, fields, (problem(error),))
+        fields = _despite(data, encoding, way) if shown else _head(_octets(data, encoding))
+        return Description("modbus", encoding, way, False, fields, (problem(error),))
 
 
 def _read(
@@ -44,9 +66,9 @@ def _read(
     codec = rtu.RtuCodec(error_form) if encoding == "rtu" else ascii.AsciiCodec(error_form)
     readings: tuple[Candidate, ...] = ()
     if direction == "request":
-        _whole(codec.decode_request(data), data)
+        check_whole(codec.decode_request(data), data)
     elif request is not None:
-        _whole(codec.decode_reply(request_of(request, encoding), data), data)
+        check_whole(codec.decode_reply(request_of(request, encoding), data), data)
     else:
         _check_alone(data, encoding, error_form)
         readings = _readings(data, encoding)
@@ -54,23 +76,15 @@ def _read(
     return Description("modbus", encoding, direction, True, fields, canonical=data, readings=readings)
 
 
-def _whole(verdict: Verdict, data: bytes) -> None:
-    """Raises LengthError or TrailingError unless these bytes are exactly the message."""
-    if isinstance(verdict, Incomplete):
-        raise LengthError("modbus.length", expected=verdict.need, found=len(data))
-    if verdict.size != len(data):
-        raise TrailingError("modbus.trailing", expected=verdict.size, found=len(data))
-
-
 def _check_alone(data: bytes, encoding: str, error_form: ErrorForm) -> None:
     """A reply without its request: its own fields and its check tell whether it is one."""
     smallest = rtu.ERROR_SIZE if encoding == "rtu" else ascii.ERROR_SIZE
     if len(data) < smallest:
-        raise LengthError("modbus.length", expected=smallest, found=len(data))
+        raise LengthError("protocols.length", expected=smallest, found=len(data))
     octets = data if encoding == "rtu" else hex_bytes(data[1:7], start=1)
     extent = _extent_alone(octets, _is_short_error(data, encoding, error_form), error_form)
     size = extent + rtu.CHECK if encoding == "rtu" else ascii.size_of(extent)
-    _whole(Incomplete(size) if len(data) < size else Complete(None, size), data)
+    check_whole(Incomplete(size) if len(data) < size else Complete(None, size), data)
     if encoding == "rtu":
         rtu.checked(data, size)
     else:

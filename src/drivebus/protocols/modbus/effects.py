@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivebus.errors import LengthError
-from drivebus.message import Codec, Complete
+from drivebus.message import Codec
+from drivebus.protocols.describe import check_whole
 from drivebus.protocols.modbus.ascii import AsciiCodec
 from drivebus.protocols.modbus.messages import (
     READ_FUNCTIONS,
@@ -25,11 +25,8 @@ _CODECS: Final[dict[str, Codec]] = {"rtu": RtuCodec(), "ascii": AsciiCodec()}
 def request_of(frame: bytes, encoding: str) -> Request:
     """The request that these bytes are, all of them. Raises ProtocolError for anything else."""
     verdict = _CODECS[encoding].decode_request(frame)
-    if not isinstance(verdict, Complete):
-        raise LengthError("modbus.length", expected=verdict.need, found=len(frame))
-    if verdict.size != len(frame):
-        raise LengthError("modbus.length", expected=verdict.size, found=len(frame))
-    request: Request = verdict.message
+    check_whole(verdict, frame)
+    request: Request = verdict.message  # type: ignore[union-attr]
     return request
 
 
