@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from drivebus.errors import ProtocolError
+from drivebus.errors import LengthError, ProtocolError, TrailingError
+from drivebus.message import Incomplete, Verdict
 
 Direction = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
@@ -49,3 +50,11 @@ def note(key: str, **params: Any) -> Note:
 def problem(error: ProtocolError) -> Note:
     """The note of a protocol error."""
     return error.key, error.params
+
+
+def check_whole(verdict: Verdict, data: bytes) -> None:
+    """Raises LengthError or TrailingError unless these bytes are exactly the message."""
+    if isinstance(verdict, Incomplete):
+        raise LengthError("protocols.length", expected=verdict.need, found=len(data))
+    if verdict.size != len(data):
+        raise TrailingError("protocols.trailing", expected=verdict.size, found=len(data))

@@ -7,6 +7,7 @@ explain    what a frame says, for people
 """
 
 from drivebus.protocols.dzb.codec import DzbCodec, effect
+from drivebus.protocols.dzb.explain import Meaning, describe
 from drivebus.protocols.dzb.messages import (
     BROADCAST,
     LAST_PARAMETER,
@@ -36,6 +37,7 @@ __all__ = [
     "DzbCodec",
     "FaultCoding",
     "FrequencyCoding",
+    "Meaning",
     "Query",
     "ReadParameter",
     "Reply",
@@ -43,6 +45,7 @@ __all__ = [
     "StateWord",
     "WriteParameter",
     "decode_frequency",
+    "describe",
     "effect",
     "encode_frequency",
 ]

@@ -62,16 +62,16 @@ class DzbCodec:
 
     def decode_request(self, data: bytes) -> Verdict:
         """Station side. An index that no drive has is read: the station refuses it with 07."""
-        if incomplete := _framed(data):
+        if incomplete := framed(data):
             return incomplete
-        address, index, word = _digits(data)
+        address, index, word = raw_digits(data)
         if address > LAST_ADDRESS:
             raise AddressError("protocols.dzb.address_range", expected=LAST_ADDRESS, found=address)
         return Complete(_request(data[0], data[2], address, index, word), SIZE)
 
     def decode_reply(self, request: Request, data: bytes) -> Verdict:
         """Is this the reply to that request? A refusal is a ``Reply`` with ``accepted`` False."""
-        if incomplete := _framed(data):
+        if incomplete := framed(data):
             return incomplete
         reply = read_reply(data)
         if reply.address != request.address:
@@ -130,7 +130,7 @@ def _frame(head: int, mark: int, address: int, index: int, data: int) -> bytes:
     return bytes((head, S, mark)) + fields
 
 
-def _framed(data: bytes) -> Incomplete | None:
+def framed(data: bytes) -> Incomplete | None:
     """None where 11 bytes with a known head and S are there."""
     if data and data[0] not in HEADS:
         raise HeaderError("protocols.dzb.header", expected="C, P, R, Q", found=data[0])
@@ -139,7 +139,7 @@ def _framed(data: bytes) -> Incomplete | None:
     return Incomplete(SIZE) if len(data) < SIZE else None
 
 
-def _digits(data: bytes) -> tuple[int, int, int]:
+def raw_digits(data: bytes) -> tuple[int, int, int]:
     """Address, index and data word."""
     return decimal_value(data[3:5], 3), decimal_value(data[5:7], 5), hex_value(data[7:11], start=7)
 
@@ -194,7 +194,7 @@ def _request(head: int, mark: int, address: int, index: int, word: int) -> Reque
 
 def read_reply(data: bytes) -> Reply:
     """A framed reply, not yet judged against a request."""
-    address, index, word = _digits(data)
+    address, index, word = raw_digits(data)
     if not 1 <= address <= LAST_ADDRESS:
         raise AddressError("protocols.dzb.address_range", expected=LAST_ADDRESS, found=address)
     mark = data[2]

@@ -10,6 +10,7 @@ explain    what a frame says, for people
 
 from drivebus.protocols.sifang.codec import SifangCodec
 from drivebus.protocols.sifang.effect import effect
+from drivebus.protocols.sifang.explain import describe
 from drivebus.protocols.sifang.messages import (
     Control,
     Heard,
@@ -32,12 +33,14 @@ from drivebus.protocols.sifang.tables import (
     parameter_name,
     parse_parameter,
 )
+from drivebus.protocols.sifang.tolerant import Meaning
 
 __all__ = [
     "BROADCAST",
     "Control",
     "Heard",
     "ItemError",
+    "Meaning",
     "Operation",
     "ReadIdentity",
     "ReadMonitor",
@@ -48,6 +51,7 @@ __all__ = [
     "SifangCodec",
     "State",
     "WriteParameter",
+    "describe",
     "effect",
     "monitor_index",
     "monitor_item",

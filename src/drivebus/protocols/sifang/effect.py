@@ -10,7 +10,7 @@ from drivebus.protocols.sifang.messages import Control, Heard, WriteParameter
 from drivebus.protocols.sifang.requests import hear
 from drivebus.protocols.sifang.tables import Operation
 
-_OPERATION_EFFECTS = {
+OPERATION_EFFECTS = {
     Operation.NONE: Effect.NONE,
     Operation.STOP: Effect.STOP,
     Operation.JOG_STOP: Effect.STOP,
@@ -41,7 +41,7 @@ def effect(frame: bytes) -> Effect:
 
 
 def _of(heard: Heard) -> Effect:
-    ordered = _OPERATION_EFFECTS.get(heard.operation, Effect.MOTION)
+    ordered = OPERATION_EFFECTS.get(heard.operation, Effect.MOTION)
     request = heard.request
     writes = isinstance(request, WriteParameter) or (isinstance(request, Control) and request.data != 0)
     return Effect.SETTING if writes and ordered is not Effect.MOTION else ordered

@@ -1,0 +1,178 @@
+"""What a DZB100 frame says, for people. The codec judges; this module only shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.message import Complete
+from drivebus.protocols.describe import Description, Direction, Note, check_whole, note, problem
+from drivebus.protocols.dzb.codec import ALL, DONE, HEADS, ONE, REFUSED, SIZE, DzbCodec, framed, raw_digits, read_reply
+from drivebus.protocols.dzb.messages import COMMANDS, Command, Control, Request
+from drivebus.protocols.dzb.values import (
+    FREQUENCY_CODINGS,
+    FaultCoding,
+    FrequencyCoding,
+    StateWord,
+    decode_frequency,
+)
+
+MAINS_HZ = 50.0
+"""A setpoint that reads above it deserves a second look at the coding (T08)."""
+_PRINTED_10_HZ = b"C\x03\x01010103E8"
+"""The manual's first example, which calls this 10.0 Hz."""
+_CODEC = DzbCodec()
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What a profile's settings add. The default coding of all three is unsettled hex-0.1."""
+
+    setpoint_coding: FrequencyCoding = "hex-0.1"
+    query_coding: FrequencyCoding = "hex-0.1"
+    fault_coding: FaultCoding = "decimal"
+    setpoint_settled: bool = False
+
+
+DZB100 = Meaning()
+
+
+def describe(
+    data: bytes,
+    encoding: str | None = None,
+    direction: Direction | None = None,
+    request: bytes | None = None,
+    meaning: Meaning = DZB100,
+) -> Description:
+    """The frame explained; a response against its ``request`` frame where given. Never raises for any bytes.
+
+    Without ``direction`` byte 2 tells: 01 and 02 are requests (or, in a C reply, state digits: then give ``request``).
+    """
+    direction = direction or ("request" if request is None and data[2:3] in (b"\x01", b"\x02") else "response")
+    problems = _problems(data, direction, request, meaning)
+    fields = _fields(data, direction, meaning)
+    errata, hazards, emitted = (), (), None if problems else data[:SIZE]
+    if direction == "request" and not problems:
+        sent = _CODEC.decode_request(data).message  # type: ignore[union-attr]
+        emitted = _emitted(sent)
+        errata, hazards = _errata(data, emitted), _hazards(sent, meaning)  # type: ignore[assignment]
+    return Description("dzb100", "ascii", direction, not problems, fields, problems, errata, hazards, emitted)
+
+
+def _problems(data: bytes, direction: Direction, request: bytes | None, meaning: Meaning) -> tuple[Note, ...]:
+    try:
+        if direction == "request":
+            check_whole(_CODEC.decode_request(data), data)
+        elif request is not None:
+            check_whole(_CODEC.decode_reply(_asked(request), data), data)
+        else:
+            check_whole(framed(data) or Complete(read_reply(data), SIZE), data)
+        if direction == "response" and data[:1] == b"Q":
+            _check_state(data, meaning)
+    except ProtocolError as error:
+        return (problem(error),)
+    return ()
+
+
+def _asked(request: bytes) -> Request:
+    verdict = _CODEC.decode_request(request)
+    check_whole(verdict, request)
+    asked: Request = verdict.message  # type: ignore[union-attr]
+    return asked
+
+
+def _check_state(data: bytes, meaning: Meaning) -> None:
+    _, item, word = raw_digits(data)
+    if item == 3 and data[2] == DONE:
+        StateWord.parse(word, meaning.fault_coding)
+
+
+def _fields(data: bytes, direction: Direction, meaning: Meaning) -> dict[str, Any]:
+    """As far as the digits can be read, also where something else is wrong."""
+    fields: dict[str, Any] = {"head": chr(data[0])} if data and data[0] in HEADS else {}
+    if not fields or len(data) < SIZE:
+        return fields
+    try:
+        address, index, word = raw_digits(data)
+    except ProtocolError:
+        return fields
+    fields |= _mark(data[0], data[2], direction) | {"address": address}
+    if data[0] == Control.head:
+        return fields | _control(index, word, meaning)
+    if data[0] == ord("Q"):
+        return fields | {"item": index} | (_queried(index, word, meaning) if direction == "response" else {})
+    fields["parameter"] = index
+    return fields if data[0] == ord("R") and direction == "request" else fields | {"data": word}
+
+
+def _mark(head: int, mark: int, direction: Direction) -> dict[str, Any]:
+    if direction == "request":
+        return {"broadcast": mark == ALL} if head == Control.head and mark in (ONE, ALL) else {}
+    if mark in (DONE, REFUSED):
+        return {"accepted": mark == DONE}
+    return {"accepted": None, "digit": mark & 0x0F}
+
+
+def _control(index: int, word: int, meaning: Meaning) -> dict[str, Any]:
+    command = COMMANDS.get(index % 10)
+    fields: dict[str, Any] = {"command": index % 10, "data": word}
+    if command is not None:
+        fields["command_name"] = command.name.removesuffix("_2").lower()
+        if not command.stops and command is not Command.RESET:
+            fields |= _hz(word, meaning.setpoint_coding)
+    return fields
+
+
+def _queried(item: int, word: int, meaning: Meaning) -> dict[str, Any]:
+    fields: dict[str, Any] = {"data": word}
+    if item in (0, 1):
+        fields |= _hz(word, meaning.query_coding)
+    if item == 3:
+        try:
+            state = StateWord.parse(word, meaning.fault_coding)
+        except ProtocolError:
+            return fields
+        fields |= {"command": state.command, "state": state.state, "fault_code": state.fault_code}
+    return fields
+
+
+def _hz(word: int, coding: FrequencyCoding) -> dict[str, float]:
+    try:
+        return {"frequency_hz": decode_frequency(word, coding)}
+    except ValueError:
+        return {}
+
+
+def _emitted(request: Request) -> bytes | None:
+    """What a correct host sends for this; None where it would not send it at all."""
+    try:
+        return _CODEC.encode_request(request)
+    except ValueError:
+        return None
+
+
+def _errata(data: bytes, emitted: bytes | None) -> tuple[Note, ...]:
+    found = [] if data == emitted else [note("protocols.dzb.erratum.not_canonical")]
+    if data == _PRINTED_10_HZ:
+        found.append(note("protocols.dzb.erratum.example_1"))
+    return tuple(found)
+
+
+def _hazards(request: Request, meaning: Meaning) -> tuple[Note, ...]:
+    if isinstance(request, Control):
+        return _control_hazards(request, meaning)
+    if request.head == ord("P") and request.data == 0:
+        return (note("protocols.dzb.hazard.write_of_zero", parameter=request.index),)
+    return ()
+
+
+def _control_hazards(request: Control, meaning: Meaning) -> tuple[Note, ...]:
+    if request.command.stops or request.command is Command.RESET:
+        return (note("protocols.dzb.hazard.carries_frequency", found=request.data),) if request.data else ()
+    hz = _hz(request.data, meaning.setpoint_coding).get("frequency_hz", 0.0)
+    if meaning.setpoint_settled or hz <= MAINS_HZ:
+        return ()
+    others = (f"{value:g} ({coding})" for coding in FREQUENCY_CODINGS for value in _hz(request.data, coding).values())
+    coding = meaning.setpoint_coding
+    return (note("protocols.dzb.hazard.tenfold", frequency_hz=hz, coding=coding, readings=", ".join(others)),)

@@ -1,0 +1,166 @@
+"""What ``describe`` says of the golden frames, and that it never raises."""
+
+from __future__ import annotations
+
+import random
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.protocols import dzb, sifang
+from drivebus.protocols.describe import Description
+from protocols.vectors import Vector, load
+
+C320, DZB100 = load("c320"), load("dzb100")
+VECTORS = [*C320.values(), *DZB100.values()]
+MODULES: dict[str, ModuleType] = {"c320": sifang, "dzb100": dzb}
+
+
+def described(vector: Vector, **options: Any) -> Description:
+    every = C320 | DZB100
+    request = every[vector.reply_to].bytes if vector.reply_to else None
+    found = MODULES[vector.family].describe(vector.bytes, request=request, **options)
+    assert isinstance(found, Description)
+    return found
+
+
+def sentences(found: Description, language: str = "en") -> list[str]:
+    notes = [*found.problems, *found.errata, *found.hazards, *(reading.note for reading in found.readings)]
+    return [i18n.text(key, language, **params) for key, params in notes]
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=repr)
+def test_every_golden_frame_is_described_with_its_fields_and_verdict(vector: Vector) -> None:
+    found = described(vector)
+    assert found.problems == ()
+    assert (found.valid, found.family, found.encoding) == (True, vector.family, vector.encoding)
+    assert found.direction == vector.direction
+    fields = {name: value for name, value in vector.fields.items() if name != "value"}  # "value" needs a profile
+    assert fields.items() <= dict(found.fields).items()
+    assert (bool(found.errata), bool(found.hazards)) == (vector.erratum is not None, vector.hazard is not None)
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=repr)
+def test_canonical_is_what_a_correct_sender_emits(vector: Vector) -> None:
+    assert described(vector).canonical == vector.canonical
+
+
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.reply_to], ids=repr)
+def test_a_reply_without_its_request_is_valid_and_its_meanings_are_candidates(vector: Vector) -> None:
+    found = MODULES[vector.family].describe(vector.bytes)
+    assert found.valid
+    assert found.direction == "response"
+    if vector.family == "c320":
+        told = [dict(found.fields), *({**found.fields, **reading.fields} for reading in found.readings)]
+        assert any(vector.fields.items() <= fields.items() for fields in told)
+
+
+def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
+    found = sifang.describe(C320["c320-4.1-response-ascii"].bytes)
+    assert [dict(reading.fields) for reading in found.readings] == [
+        {"monitor": "d.64", "data": 34},
+        {"parameter": "F0.64", "data": 34},
+        {"info": "400022", "voltage_class": 380, "power_kw": 2.2},
+    ]
+
+
+def test_t01_an_operation_in_a_read_is_said_to_start_the_motor() -> None:
+    found = described(C320["c320-4.2-request-ascii"])
+    assert [key for key, _ in found.hazards] == ["protocols.sifang.hazard.starts"]
+    assert found.hazards[0][1] == {"operation": 1, "name": "run forward", "kind": 1}
+    stop = sifang.describe(b"*001030000184\r")
+    assert [key for key, _ in stop.hazards] == ["protocols.sifang.hazard.acts"]
+
+
+def test_t03_the_ambiguous_frame_says_both_numbers() -> None:
+    found = described(C320["c320-4.5-response-hex"])
+    assert found.fields["data"] == 256
+    assert [dict(reading.fields) for reading in found.readings] == [{"data": 16}]
+    assert ("protocols.sifang.erratum.ambiguous", {"packed": 256, "nibbles": 16}) in found.errata
+
+
+def test_t21_a_reply_that_may_be_an_echo_says_so() -> None:
+    echo = sifang.SifangCodec().encode_request(sifang.WriteParameter(5, 1, 2, 0))
+    assert sifang.describe(echo).direction == "request"
+    found = sifang.describe(echo, direction="response")
+    assert found.readings[-1].note[0] == "protocols.sifang.reading.echo"
+    written = sifang.SifangCodec().encode_request(sifang.WriteParameter(5, 1, 2, 7))
+    assert [key for key, _ in sifang.describe(written, request=written).problems] == ["protocols.sifang.own_echo"]
+
+
+def test_t08_a_run_above_the_mains_frequency_names_every_coding() -> None:
+    found = described(DZB100["dzb100-1-request"])
+    key, params = found.hazards[0]
+    assert key == "protocols.dzb.hazard.tenfold"
+    assert params["readings"] == "100 (hex-0.1), 10 (hex-0.01), 1000 (hex-1)"
+    assert described(DZB100["dzb100-1-request"], meaning=dzb.Meaning("hex-0.01")).fields["frequency_hz"] == 10.0
+    assert described(DZB100["dzb100-1-request"], meaning=dzb.Meaning(setpoint_settled=True)).hazards == ()
+
+
+def test_t09_a_p_frame_with_zeros_is_said_to_write() -> None:
+    found = dzb.describe(b"P\x03\x0103230000")
+    assert [key for key, _ in found.hazards] == ["protocols.dzb.hazard.write_of_zero"]
+
+
+def test_t11_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none() -> None:
+    found = dzb.describe(b"C\x03\x01010003E8")
+    assert [key for key, _ in found.hazards] == ["protocols.dzb.hazard.carries_frequency"]
+    assert found.canonical == b"C\x03\x0101000000"
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=repr)
+def test_a_broken_frame_is_shown_with_its_problem(vector: Vector) -> None:
+    for data in (vector.bytes[:-1], vector.bytes + b"\r", b"x" + vector.bytes[1:]):
+        found = MODULES[vector.family].describe(data, direction=vector.direction)
+        assert not found.valid
+        assert len(found.problems) == 1
+        assert found.canonical is None or (vector.family == "c320" and found.direction == "request")
+
+
+def test_the_fields_of_a_frame_with_a_wrong_sum_are_still_shown() -> None:
+    found = sifang.describe(b"*0000100003E70261\r", request=C320["c320-4.2-request-ascii"].bytes)
+    assert (found.valid, found.fields["frequency_hz"], found.canonical) == (False, 9.99, None)
+    assert found.problems == (("protocols.checksum", {"expected": 0x260, "found": 0x261}),)
+
+
+def test_a_wrong_request_is_the_problem_of_its_reply() -> None:
+    found = sifang.describe(C320["c320-4.2-response-ascii"].bytes, request=b"*00")
+    assert [key for key, _ in found.problems] == ["protocols.request", "protocols.length"]
+
+
+def test_the_settings_of_a_profile_give_numbers_their_meaning() -> None:
+    e500 = sifang.Meaning(frequency_step_hz=0.1, frequency_monitors=(0, 6))
+    asked = sifang.SifangCodec("hex").encode_request(sifang.ReadMonitor(0, 6))
+    found = sifang.describe(C320["c320-sib-reply-hex"].bytes, request=asked, meaning=e500)
+    assert (found.fields["monitor"], found.fields["frequency_hz"]) == ("d.6", 50.0)
+    bcd = sifang.Meaning(monitor_index="bcd")
+    assert sifang.describe(b"*001000150187\r", meaning=bcd).fields["monitor"] == "d.15"
+
+
+def test_every_sentence_stands_in_both_languages() -> None:
+    for vector in VECTORS:
+        found = described(vector)
+        for english, chinese in zip(sentences(found), sentences(found, "zh"), strict=True):
+            assert english != chinese
+            assert "{" not in english + chinese
+
+
+@pytest.mark.parametrize("family", ["c320", "dzb100"])
+def test_i8_describe_never_raises(family: str) -> None:
+    chance = random.Random(8)
+    known = [vector.bytes for vector in VECTORS if vector.family == family]
+    for _ in range(6_000):
+        data = bytearray(chance.choice(known))
+        for _ in range(chance.randrange(4)):
+            data[chance.randrange(len(data))] = chance.choice(
+                (chance.randrange(256), chance.choice(b"0123456789ABCDEF"))
+            )
+        cut = bytes(data[: chance.randrange(len(data) + 1)] if chance.random() < 0.3 else data)
+        options = {"direction": chance.choice(("request", "response", None))}
+        request = chance.choice([None, chance.choice(known)])
+        found = MODULES[family].describe(cut, request=request, **options)
+        assert found.valid is (not found.problems)
+        sentences(found)
+        sentences(found, "zh")
