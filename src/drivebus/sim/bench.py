@@ -120,13 +120,10 @@ class Bench:
         self.hosts.append(host)
 
     def detach(self, host: Host) -> None:
-        """``host`` hears no more. Without hosts the alarm is given back."""
+        """``host`` hears no more. What it said still reaches the drives."""
         if host in self.hosts:
             self.hosts.remove(host)
-        if not self.hosts and self._alarm is not None:
-            self.wire.cut()
-            self._alarm.close()
-            self._alarm = None
+        self._rest()
 
     def say(self, host: Host, data: bytes) -> None:
         """``host`` puts bytes on the wire, one after another from now on."""
@@ -148,7 +145,6 @@ class Bench:
             groups[key][1].append(station)
         self._groups = list(groups.values())
         self.wire.waits = tuple(sorted({ear.wait_s for ear, _ in self._groups}))
-        self._hears_replies = any(ear.rule.hears_stations for ear, _ in self._groups)
 
     def tolerate(self, seconds: float) -> None:
         """Measured silences may be short by so much: real ports are delayed by the operating system."""
@@ -161,12 +157,20 @@ class Bench:
         self.wire = Wire(self.line, self.wire.weather, self.rng)
         self._group()
         self.hosts.clear()
-        self._alarm = None
+        if self._alarm is not None:
+            self._alarm.close()
+            self._alarm = None
         for station in self.stations:
             station.now = None
         self._loop = loop
         for station in self.stations:
             station.advance(loop.time())
+
+    def _rest(self) -> None:
+        """Without hosts and with a quiet wire the alarm is given back."""
+        if not self.hosts and self.wire.next_at() is None and self._alarm is not None:
+            self._alarm.close()
+            self._alarm = None
 
     def _set(self) -> None:
         if self._alarm is not None:
@@ -182,6 +186,7 @@ class Bench:
             else:
                 self._to_stations(said, self.wire.waits[last], now)
         self._set()
+        self._rest()
 
     def _to_hosts(self, said: Transmission, first: int, last: int) -> None:
         data, marks = said.heard(first, last)
@@ -197,7 +202,7 @@ class Bench:
         data, marks = said.heard()
         over = self.wire.quiet_since(now) <= said.end + 1e-9
         for ear, stations in self._groups:
-            if ear.wait_s != wait or (isinstance(said.talker, Station) and not ear.rule.hears_stations):
+            if ear.wait_s != wait:
                 continue
             heard = ear.hear(data, marks, said.quiet_s)
             if ear.rule.ends_by_silence and over:
@@ -210,13 +215,12 @@ class Bench:
             return
         for station in stations:
             everybody = frame.address == station.broadcast
-            if (frame.address != station.address and not everybody) or station is said.talker:
+            if frame.address != station.address and not everybody:
                 continue
             station.note_gap(frame.quiet_s, frame.short_gap)
             reply = station.heard(frame.message, frame.codec, self.line, now, error=frame.error, everybody=everybody)
             if reply is not None:
-                sides = (Side.HOSTS, Side.STATIONS) if self._hears_replies else (Side.HOSTS,)
-                self.wire.reply(station, reply.data, max(now, said.end + reply.delay_s), sides)
+                self.wire.reply(station, reply.data, max(now, said.end + reply.delay_s))
 
 
 def open_port(link: Any) -> Any:

@@ -76,7 +76,7 @@ class DZB100Station(Station):
     """
 
     family: ClassVar[str] = "dzb100"
-    rule: EarRule = EarRule(5.0, starts=b"CPRQ", hears_stations=True)
+    rule: EarRule = EarRule(5.0, starts=b"CPRQ")
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     line: ClassVar[LineSettings] = LineSettings(4800, 8, "E")

@@ -29,8 +29,6 @@ class EarRule:
     """First bytes that can begin a frame; empty = any."""
     resyncs: bool = False
     """A start byte always begins a new frame (Modbus ASCII ':')."""
-    hears_stations: bool = False
-    """Other stations' replies are taken for requests where they look like one (DZB100)."""
 
     def gap_s(self, line: LineSettings) -> float:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)
@@ -122,7 +120,8 @@ class Ear:
         if not isinstance(verdict, Complete):
             return None
         message = verdict.message
-        address = codec.address_of(getattr(message, "request", message))
+        request = getattr(message, "request", message)
+        address = codec.broadcast_address if getattr(request, "everyone", False) else codec.address_of(request)
         return Heard(codec, message, None, frame[: verdict.size], address, self._short, self._quiet_s)
 
     def _codec(self, frame: bytes) -> Codec:

@@ -240,7 +240,7 @@ class Motor:
         slope = self.ramp_base_hz / max(seconds, 1e-3)
         need = abs(corner - start) / slope
         piece = min(dt, max(_PIECE_S if abs(corner) > abs(start) else _BRAKING_PIECE_S, need / 50.0))
-        if piece >= need:
+        if piece >= need - 1e-9:
             piece, end = need, corner
         else:
             end = start + copysign(slope * piece, corner - start)

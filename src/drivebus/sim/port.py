@@ -112,7 +112,7 @@ def _bench(link: Any, name: str) -> Bench:
     settings = {key: value for key, value in link.options.items() if key in SETTINGS}
     stations = make_stations(link.path, settings, link.options.get("load", "constant"))
     ramp_s = link.number("ramp", 10.0, 0.1, 3600.0)
-    for station in stations:
+    for station in stations if "ramp" in link.options else ():
         station.set_ramps(ramp_s, ramp_s)
     line = _drives_line(link, _settings(link, stations[0].line))
     seed = int(link.number("seed", 1, 0, 2**31))

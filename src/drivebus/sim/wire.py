@@ -110,16 +110,16 @@ class Wire:
             self._schedule(said, sides)
         return said
 
-    def reply(self, talker: object, data: bytes, at: float, sides: tuple[Side, ...]) -> Transmission:
-        """A station answers at ``at``, subject to lateness, stray bytes and duplication."""
+    def reply(self, talker: object, data: bytes, at: float) -> Transmission:
+        """A station answers the hosts at ``at``, subject to lateness, stray bytes and duplication."""
         weather = self.weather
         if self._chance(weather.late):
             at += self._rng.random() * weather.late_s
         if self._chance(weather.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
-        said = self.say(talker, data, at, sides)
+        said = self.say(talker, data, at, (Side.HOSTS,))
         if self._chance(weather.duplicate):
-            self.say(talker, data, said.end + 5 * said.character_s, sides)
+            self.say(talker, data, said.end + 5 * said.character_s, (Side.HOSTS,))
         return said
 
     def quiet_since(self, now: float) -> float:
