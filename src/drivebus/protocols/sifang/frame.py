@@ -107,7 +107,8 @@ class AsciiForm:
         return b"*%b%04X\r" % (body, sum(body))
 
     def digit(self, byte: int, position: int) -> int:
-        return int(canonical(bytes((byte,)), self.table, position), 16)
+        found = self.table[byte] or canonical(bytes((byte,)), self.table, position)[0]
+        return found - 0x30 if found <= 0x39 else found - 0x37
 
     def read(self, layout: Layout, frame: bytes) -> Fields:
         _check_end(frame)
