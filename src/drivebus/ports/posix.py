@@ -35,6 +35,7 @@ _RS485_ENABLED, _RS485_RTS_ON_SEND = 1, 2
 _CMSPAR = 0o10000000000
 _UNIX98_SLAVES = range(136, 144)
 """Major numbers of Linux ptys."""
+TTY_CLASS = Path("/sys/class/tty")
 BAUD_TOLERANCE = 0.02
 """A driver may round to its own divisors; a UART tolerates about 4 % between both ends, so each may err by half."""
 
@@ -160,7 +161,7 @@ def _direct(fd: int, path: str) -> None:
 
 def _hurry(device: str) -> bool:
     """FTDI hands bytes over each 16 ms unless its latency timer is 1 (F04). True if it is known to be short."""
-    timer = Path("/sys/class/tty") / Path(device).name / "device" / "latency_timer"
+    timer = TTY_CLASS / Path(device).name / "device" / "latency_timer"
     try:
         if int(timer.read_text()) > 1:
             timer.write_text("1")

@@ -64,7 +64,7 @@ class SerialPort:
         if self._fd >= 0:
             raise PortUnavailable("ports.already-open", port=self._path)
         if self._closed is not None:
-            await self._closed
+            await asyncio.shield(self._closed)
         self._loop = asyncio.get_running_loop()
         opening = self._loop.run_in_executor(None, self._open)
         try:

@@ -1,0 +1,93 @@
+"""The COM port of Windows, with a transport of ours in the place of serialx's (which only runs there)."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.line import LineSettings
+from drivebus.ports import door
+from drivebus.ports.link import parse_link
+from drivebus.ports.windows import MOST_UNSENT, WindowsPort
+from ports.sink import Sink
+
+
+class Transport(asyncio.Transport):
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent = b""
+        self.unsent = 0
+        self.ended = ""
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self.sent += bytes(data)
+
+    def get_write_buffer_size(self) -> int:
+        return self.unsent
+
+    def close(self) -> None:
+        self.ended = "closed"
+
+    def abort(self) -> None:
+        self.ended = "aborted"
+
+
+@pytest.fixture
+def transport(monkeypatch: pytest.MonkeyPatch) -> Transport:
+    one = Transport()
+
+    async def connect(path: str, settings: LineSettings, protocol: asyncio.Protocol) -> Transport:
+        return one
+
+    monkeypatch.setattr(door, "connect_windows", connect)
+    return one
+
+
+async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) -> None:
+    port, sink = WindowsPort(parse_link("com3?baud=19200&format=8E1")), Sink()
+    assert port.identity == "device:COM3"
+    assert WindowsPort(parse_link(r"\\.\COM12")).identity == "device:COM12"
+    with pytest.raises(PortLost):
+        port.write(b"x")
+    await port.open(sink)
+    assert (port.capabilities.paced, port.capabilities.parity) == (True, False)
+    with pytest.raises(PortUnavailable):
+        await port.open(sink)
+    port.write(b"ask")
+    port.data_received(b"reply")
+    assert (transport.sent, bytes(sink.data)) == (b"ask", b"reply")
+    port.connection_lost(OSError("removed"))
+    port.connection_lost(None)
+    assert [error.params["reason"] for error in sink.lost] == ["removed"]
+
+
+async def test_a_com_port_that_sends_nothing_any_more_is_given_up(transport: Transport) -> None:
+    port, sink = WindowsPort(parse_link("COM3")), Sink()
+    await port.open(sink)
+    transport.unsent = MOST_UNSENT + 1
+    with pytest.raises(PortLost):
+        port.write(b"x")
+    assert (transport.sent, transport.ended) == (b"", "aborted")
+
+
+async def test_a_closed_com_port_tells_nothing(transport: Transport) -> None:
+    port, sink = WindowsPort(parse_link("COM3")), Sink()
+    await port.open(sink)
+    await port.close()
+    port.data_received(b"late")
+    port.connection_lost(None)
+    assert (transport.ended, sink.data, sink.lost) == ("closed", b"", [])
+
+
+async def test_a_com_port_that_can_not_be_opened_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def missing(*_: object) -> Transport:
+        raise FileNotFoundError(2, "not found")
+
+    monkeypatch.setattr(door, "connect_windows", missing)
+    monkeypatch.setattr("drivebus.ports.listing.known_ports", list)
+    monkeypatch.setattr("drivebus.ports.diagnose._in_wsl", lambda: False)
+    with pytest.raises(PortUnavailable) as caught:
+        await WindowsPort(parse_link("COM9")).open(Sink())
+    assert caught.value.key == "ports.missing-none"
