@@ -228,6 +228,14 @@ async def test_a_quiet_without_end_is_ended_by_its_owner(pty: Pty) -> None:
     assert sink.data == b""
     port.quiet_until(0)
     assert bytes(sink.data) == b"abc"
+    pty.send(b"d")
+    await until(lambda: bytes(sink.data) == b"abcd")  # watched again
+    port.quiet_until(math.inf)
+    port.quiet_until(0)
+    port.quiet_until(math.inf)  # the same turn: nothing is watched between
+    pty.send(b"e")
+    await asyncio.sleep(0.01)
+    assert (bytes(sink.data), port._watching) == (b"abcd", False)
     await port.close()
 
 
@@ -245,6 +253,7 @@ async def test_a_receiver_that_falls_quiet_again_is_never_watched(pty: Pty) -> N
     pty.send(b"a")
     await asyncio.sleep(0.01)
     port.quiet_until(0)
+    await asyncio.sleep(0.01)
     assert not port._watching
     pty.send(b"b")
     await asyncio.sleep(0.01)

@@ -103,7 +103,7 @@ class SerialPort:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if when <= self._loop.time():
+        if when != math.inf and when <= self._loop.time():
             self._wake()
             return
         self._quiet = True
@@ -142,10 +142,14 @@ class SerialPort:
         self._loop.add_reader(self._fd, self._readable)
 
     def _wake(self) -> None:
-        """The quiet is over: deliver, and watch again unless the receiver fell quiet again."""
+        """The quiet is over: deliver, and watch again at the loop's next turn unless it is quiet again by then."""
         self._timer = None
         self._quiet = False
         self._readable()
+        if not self._watching:
+            self._loop.call_soon(self._watch_again)
+
+    def _watch_again(self) -> None:
         if self._fd >= 0 and not self._quiet and not self._watching:
             self._watch()
 
