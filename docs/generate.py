@@ -1,0 +1,31 @@
+"""Writes what the docs draw from data: `python docs/generate.py`; `--check` only says what is out of date (exit 1).
+
+A page is written by hand but for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from generator import pages
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def main(arguments: list[str]) -> int:
+    stale = []
+    for path, wanted in pages.wanted(ROOT):
+        if path.read_text(encoding="utf-8") == wanted:
+            continue
+        stale.append(path.relative_to(ROOT).as_posix())
+        if "--check" not in arguments:
+            path.write_text(wanted, encoding="utf-8")
+    verb = "out of date, run `python docs/generate.py`" if "--check" in arguments else "written"
+    for name in stale:
+        print(f"{name}: {verb}")
+    return 1 if stale and "--check" in arguments else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

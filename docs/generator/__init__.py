@@ -1,0 +1,1 @@
+"""Tables of the docs, made from profiles and vectors. Part of the repository, not of the package."""

@@ -1,0 +1,56 @@
+"""The README's table of drives, and the sisters of a family."""
+
+from __future__ import annotations
+
+from drivebus import profiles
+from drivebus.profiles import DriveProfile
+from generator import words
+from generator.words import CAPABILITIES, GRADES, say, side
+
+ORDER = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
+PAGES = {"sifang": "c320", "dzb": "dzb100"}
+"""Family → the page that describes its protocol; a Modbus model has its own."""
+
+
+def shipped() -> list[DriveProfile]:
+    """The profiles that come with drivebus, whatever the user has of their own."""
+    data = profiles.load("c320").source.rsplit("/", 2)[0]
+    names = {name for name in profiles.models() if profiles.load(name).source.startswith(data)}
+    return [profiles.load(name) for name in [*ORDER, *sorted(names - set(ORDER))]]
+
+
+def table_of(found: list[DriveProfile], language: str, link: str) -> str:
+    heads = ("model", "maker", "encodings", "line", "addresses", "can", "grade")
+    return words.table([say(head, language) for head in heads], (_row(profile, language, link) for profile in found))
+
+
+def table(language: str) -> str:
+    """All drives, for the README."""
+    return table_of(shipped(), language, "docs/protocols/")
+
+
+def sisters(profile: DriveProfile, language: str) -> str:
+    """Models that speak this page's protocol."""
+    same = [other for other in shipped() if _page(other) == profile.model]
+    return table_of(same, language, "")
+
+
+def _page(profile: DriveProfile) -> str:
+    return PAGES.get(profile.family, profile.model)
+
+
+def _row(profile: DriveProfile, language: str, link: str) -> list[str]:
+    suffix = "" if language == "en" else f".{language}"
+    name = f"`{profile.model}`"
+    page = f"[{name}]({link}{_page(profile)}{suffix}.md)" if link else name
+    lacking = [side(text, language) for what, text in CAPABILITIES.items() if what not in profile.capabilities]
+    low, high = profile.addresses
+    return [
+        page,
+        side(profile.maker, language),
+        ", ".join(profile.encodings),
+        f"{profile.line.baud} {profile.line.format}",
+        f"{low}–{high}",
+        (", " if language == "en" else "、").join(lacking) or "–",
+        side(GRADES[profile.grade], language),
+    ]

@@ -1,0 +1,114 @@
+"""The worked frames as byte tables, and the list of what the manuals print wrong; all from ``vectors/``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from generator.layouts import layout
+from generator.words import colon, phrase, say, side, table
+
+SOURCES = (
+    ("sister manual", "同类机型手册"),
+    ("manual", "手册"),
+    ("CRC computed", "CRC 为计算值"),
+    ("LRC computed", "LRC 为计算值"),
+    ("computed", "计算"),
+    ("as printed", "照印"),
+    ("printed at", "印为"),
+    ("printed", "印为"),
+    ("corrected", "更正"),
+    ("registers", "寄存器"),
+    ("drive's answer", "变频器应答"),
+    ("examples", "示例"),
+    ("frame table", "帧表"),
+    ("error form", "错误应答格式"),
+    ("read form", "读应答格式"),
+    ("its frequency unit is", "频率单位为"),
+)
+
+Vector = dict[str, Any]
+
+
+def load(path: Path) -> list[Vector]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+
+
+def tables(vectors: list[Vector], language: str) -> str:
+    """One byte table a vector, requests followed by their answers."""
+    return "\n".join(_one(vector, language) for vector in vectors)
+
+
+def _one(vector: Vector, language: str) -> str:
+    raw = bytes.fromhex(vector["hex"])
+    direction = say(vector["direction"], language)
+    lines = [
+        f"#### `{vector['id']}`",
+        "",
+        f"{vector['encoding']} · {direction} · {_source(vector['source'], language)}",
+    ]
+    if "reply_to" in vector:
+        lines[-1] += f" · {say('answers', language)} `{vector['reply_to']}`"
+    lines += ["", "```", vector["hex"], "```", "", table(_heads(language), _rows(vector, raw, language))]
+    lines += [f"{say('fields', language)}{colon(language)}{_fields(vector['fields'])}", ""]
+    for mark in ("hazard", "erratum"):
+        if mark in vector:
+            lines += [f"> **{say(mark, language)}**{colon(language)}{phrase(vector[mark], language)}", ""]
+    if vector.get("ambiguous"):
+        lines += [f"> **{say('ambiguous', language)}**{colon(language)}{_fields(vector['meant'])}", ""]
+    return "\n".join(lines)
+
+
+def _heads(language: str) -> list[str]:
+    return [say(head, language) for head in ("bytes", "field", "hex", "value")]
+
+
+def _rows(vector: Vector, raw: bytes, language: str) -> list[tuple[str, str, str, str]]:
+    rows, at = [], 0
+    digits = vector["encoding"] == "ascii"
+    for name, size in layout(vector):
+        part = raw[at : at + size]
+        where = str(at) if size == 1 else f"{at}–{at + size - 1}"
+        rows.append((where, side(name, language), f"`{part.hex(' ').upper()}`", _value(part, digits)))
+        at += size
+    return rows
+
+
+def _value(part: bytes, digits: bool) -> str:
+    """Characters where the frame is made of them, else the number, which counts unused leading bytes as 0."""
+    if digits and all(0x20 < byte < 0x7F for byte in part):
+        return f'"{part.decode("ascii")}"'
+    return f"{part.hex().upper()}H"
+
+
+def _fields(fields: dict[str, Any]) -> str:
+    return " · ".join(f"`{name}` {json.dumps(value)}" for name, value in fields.items())
+
+
+def _source(source: str, language: str) -> str:
+    if language == "zh":
+        for english, chinese in SOURCES:
+            source = source.replace(english, chinese)
+    return source
+
+
+def errata(vectors: list[Vector], language: str) -> str:
+    """What is printed wrong or does something else than it says, with the frame of a correct sender."""
+    heads = [say(head, language) for head in ("frame", "printed", "wrong", "correct")]
+    rows = [
+        (
+            f"`{v['id']}`",
+            f"`{v['hex']}`",
+            _wrong(v, language),
+            f"`{v['canonical_hex']}`" if "canonical_hex" in v else "–",
+        )
+        for v in vectors
+        if "erratum" in v or "hazard" in v
+    ]
+    return table(heads, rows) if rows else say("none", language) + "\n"
+
+
+def _wrong(vector: Vector, language: str) -> str:
+    stop = "; " if language == "en" else "；"
+    return stop.join(phrase(vector[mark], language) for mark in ("hazard", "erratum") if mark in vector)

@@ -1,0 +1,49 @@
+"""Which pages have generated parts, and what belongs between their marks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from drivebus import profiles
+from drivebus.i18n import LANGUAGES
+from generator import drives, frames, profile_tables
+
+FAMILIES = ("c320", "dzb100", "vc660", "df800")
+PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
+    "line": profile_tables.line,
+    "keypad": profile_tables.keypad,
+    "signals": profile_tables.signals,
+    "parameters": profile_tables.parameters,
+    "faults": profile_tables.faults,
+    "caveats": profile_tables.caveats,
+    "open": profile_tables.open_questions,
+    "commands": profile_tables.commands,
+    "sisters": drives.sisters,
+}
+
+
+def wanted(root: Path) -> Iterator[tuple[Path, str]]:
+    """Every page with its text as it should be."""
+    for language in LANGUAGES:
+        suffix = "" if language == "en" else f".{language}"
+        readme = root / f"README{suffix}.md"
+        yield readme, _filled(readme, {"drives": drives.table(language)})
+        for model in FAMILIES:
+            page = root / "docs" / "protocols" / f"{model}{suffix}.md"
+            yield page, _filled(page, _parts(root, model, language))
+
+
+def _parts(root: Path, model: str, language: str) -> dict[str, str]:
+    profile = profiles.load(model)
+    vectors = frames.load(root / "vectors" / f"{model}.jsonl")
+    parts = {name: make(profile, language) for name, make in PARTS.items()}
+    return parts | {"frames": frames.tables(vectors, language), "errata": frames.errata(vectors, language)}
+
+
+def _filled(page: Path, parts: dict[str, str]) -> str:
+    """The page with its marked parts filled. Raises KeyError for a mark that nobody can fill."""
+    text = page.read_text(encoding="utf-8")
+    pattern = re.compile(r"(<!-- ([a-z]+):begin -->\n).*?(<!-- \2:end -->)", re.DOTALL)
+    return pattern.sub(lambda match: f"{match[1]}{parts[match[2]].rstrip()}\n{match[3]}", text)

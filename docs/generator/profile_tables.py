@@ -1,0 +1,174 @@
+"""What a profile says, as tables: line, keypad, signals, parameters, commands, faults, caveats, open questions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from drivebus.profiles import DriveProfile
+from drivebus.profiles.model import CommandBit, Parameter, Signal
+from generator.words import colon, evidence, say, side, table
+
+
+def line(profile: DriveProfile, language: str) -> str:
+    """Line settings, timing, limits, with their evidence."""
+    return table([say(head, language) for head in ("what", "value", "source")], _line_rows(profile, language))
+
+
+def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str]]:
+    where = {name: evidence(found, language) for name, found in profile.evidence.items()}
+    low, high = profile.addresses
+    timing, lines = profile.timing, profile.line
+    broadcast = str(profile.broadcast) if profile.broadcast is not None else say("none", language)
+    gap = f"{timing.gap_characters:g} {say('characters', language)}"
+    if timing.gap_floor_s:
+        gap += f", {say('never_less', language)} {timing.gap_floor_s * 1000:g} ms"
+    reply = f"{timing.reply_delay_s * 1000:g} ms" if timing.reply_delay_s else ""
+    if timing.reply_delay_characters:
+        reply += f"{' + ' if reply else ''}{timing.reply_delay_characters:g} {say('characters', language)}"
+    limits = f"{profile.limits.minimum_hz:g}–{profile.limits.maximum_hz:g} Hz"
+    writes = say("ram_and_eeprom" if profile.write_rule.ram else "eeprom_only", language)
+    loss = profile.comm_loss
+    lost = ", ".join(
+        f"{say(word, language)} {notation}"
+        for word, notation in (("time", loss.time_notation), ("action", loss.action_notation))
+        if notation
+    )
+    first = profile.encodings[0] + say("default_encoding", language)
+    return [
+        (say("encodings", language), ", ".join([first, *profile.encodings[1:]]), ""),
+        (say("addresses", language), f"{low}–{high}", ""),
+        (say("broadcast", language), broadcast, ""),
+        (say("baud_rates", language), _marked(lines.bauds, lines.baud), where["line"]),
+        (say("formats", language), _marked(lines.formats, lines.format), where["line"]),
+        (say("gap", language), gap, where["timing"]),
+        (say("reply", language), reply, where["timing"]),
+        (say("lateness", language), f"{timing.lateness_s * 1000:g} ms", where["timing"]),
+        (say("setpoint", language), f"{profile.setpoint_scale.factor:g} Hz", where["setpoint"]),
+        (say("limits", language), limits, where["limits"]),
+        (say("writes", language), writes, where["write"]),
+        (say("comm_loss", language), lost or say("nothing", language), where["comm_loss"]),
+    ]
+
+
+def _marked(choices: Iterable[object], factory: object) -> str:
+    return ", ".join(f"**{choice}**" if choice == factory else str(choice) for choice in choices)
+
+
+def keypad(profile: DriveProfile, language: str) -> str:
+    """Steps in order, then the wiring."""
+    steps = "\n".join(f"{n}. {side(step, language)}" for n, step in enumerate(profile.keypad, 1))
+    wiring = side(profile.wiring, language) if profile.wiring else ""
+    return f"{steps}\n\n{say('wiring', language)}{colon(language)}{wiring}\n"
+
+
+def signals(profile: DriveProfile, language: str) -> str:
+    heads = ("name", "notation", "meaning", "step", "period", "source")
+    rows = (
+        (
+            f"`{s.name}`",
+            s.notation,
+            side(s.text, language),
+            _step(s, language),
+            f"{s.period_s:g} s",
+            evidence(s.evidence, language),
+        )
+        for s in profile.signals.values()
+    )
+    return table([say(head, language) for head in heads], rows)
+
+
+def _step(entry: Signal | Parameter, language: str) -> str:
+    if entry.uncertain:
+        return say("nothing", language)
+    return f"{entry.scale.factor:g} {entry.unit}".strip() if entry.unit else "–"
+
+
+def parameters(profile: DriveProfile, language: str) -> str:
+    heads = ("notation", "meaning", "step", "values", "source")
+    rows: list[tuple[object, ...]] = [
+        (p.notation, side(p.text, language), _step(p, language), _values(p, language), evidence(p.evidence, language))
+        for p in profile.parameters.values()
+    ]
+    rows += [
+        (notation, say("index_unknown", language), "–", "–", side(why, language))
+        for notation, why in _unplaced(profile)
+    ]
+    return table([say(head, language) for head in heads], rows)
+
+
+def _unplaced(profile: DriveProfile) -> list[tuple[str, Any]]:
+    return sorted(profile.unplaced.items())
+
+
+def _values(parameter: Parameter, language: str) -> str:
+    if parameter.choices:
+        return "; ".join(f"{raw} = {side(text, language)}" for raw, text in parameter.choices.items())
+    if parameter.minimum is None or parameter.maximum is None:
+        return "–"
+    return f"{parameter.minimum:g}–{parameter.maximum:g}"
+
+
+def commands(profile: DriveProfile, language: str) -> str:
+    """Bits of the command word, those under a setting too, and of the status word."""
+    if profile.commands is None:
+        return say("nothing", language) + "\n"
+    heads = ("command", "mask", "value", "acts", "under")
+    rows = _bit_rows(profile.commands.bits, "–", language)
+    for setting, choices in profile.commands.variants.items():
+        for value, bits in choices.items():
+            rows += _bit_rows(bits, f"`{setting} = {value}`", language)
+    made = f"{profile.commands.register:04X}H\n\n" + table([say(head, language) for head in heads], rows)
+    if profile.status is None:
+        return made + f"\n{say('no_status', language)}\n"
+    status = [(f"`{name}`", f"{mask:04X}H") for name, mask in profile.status.bits.items()]
+    heads_status = [say("name", language), say("mask", language)]
+    return made + f"\n{profile.status.register:04X}H\n\n" + table(heads_status, status)
+
+
+def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list[tuple[object, ...]]:
+    return [
+        (
+            f"`{name}`",
+            f"{bit.mask:04X}H",
+            f"{bit.value:04X}H",
+            say("pulse" if bit.pulse else "level", language),
+            under,
+        )
+        for name, bit in bits.items()
+    ]
+
+
+def faults(profile: DriveProfile, language: str) -> str:
+    rows = [(f.code, f.label or "–", side(f.text, language)) for f in profile.faults.values()]
+    other = profile.fault_text
+    if other is not None:
+        rows.append(
+            ("n", profile.fault_label.replace("{code}", "n") or "–", side(other, language).replace("{code}", "n"))
+        )  # type: ignore[arg-type]
+    return table([say(head, language) for head in ("code", "label", "meaning")], rows)
+
+
+def caveats(profile: DriveProfile, language: str) -> str:
+    rows = ((f"**{c.id}**", side(c.text, language), evidence(c.evidence, language)) for c in profile.caveats)
+    return table([say(head, language) for head in ("id", "meaning", "source")], rows)
+
+
+def open_questions(profile: DriveProfile, language: str) -> str:
+    heads = ("setting", "default", "question", "reason", "settle")
+    rows = (
+        (
+            f"`{q.where or q.setting}`" if q.where != "-" else "–",
+            f"`{str(q.default).lower() if isinstance(q.default, bool) else q.default}`",
+            side(q.text, language) + _choices(q.choices),
+            side(q.reason, language),
+            side(q.settle, language),
+        )
+        for q in profile.open_questions
+    )
+    return table([say(head, language) for head in heads], rows)
+
+
+def _choices(choices: tuple[object, ...]) -> str:
+    shown = ", ".join(f"`{str(c).lower() if isinstance(c, bool) else c}`" for c in choices)
+    return f" ({shown})" if shown else ""

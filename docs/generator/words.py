@@ -1,0 +1,145 @@
+"""Words of the generated tables in both languages, and small Markdown helpers."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from drivebus.profiles.model import Evidence, Text
+
+PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
+"""Sentences that vectors and evidence have in English only → Chinese."""
+WORDS = {
+    "model": Text("model", "型号"),
+    "maker": Text("maker", "厂家"),
+    "encodings": Text("encodings", "编码"),
+    "line": Text("default line", "默认线路"),
+    "addresses": Text("addresses", "地址"),
+    "broadcast": Text("broadcast", "广播"),
+    "none": Text("none", "无"),
+    "can": Text("does not have", "不具备"),
+    "grade": Text("grade", "等级"),
+    "what": Text("what", "项目"),
+    "value": Text("value", "值"),
+    "source": Text("source", "依据"),
+    "notation": Text("notation", "写法"),
+    "name": Text("name", "名称"),
+    "meaning": Text("meaning", "含义"),
+    "unit": Text("unit", "单位"),
+    "step": Text("step", "步长"),
+    "period": Text("period", "周期"),
+    "values": Text("values", "取值"),
+    "code": Text("code", "代码"),
+    "label": Text("keypad", "面板"),
+    "id": Text("id", "编号"),
+    "command": Text("command", "命令"),
+    "mask": Text("mask", "掩码"),
+    "acts": Text("acts as", "方式"),
+    "pulse": Text("pulse", "脉冲"),
+    "level": Text("level", "电平"),
+    "under": Text("under setting", "设置条件"),
+    "bytes": Text("bytes", "字节"),
+    "hex": Text("on the wire", "线上数据"),
+    "field": Text("field", "字段"),
+    "setting": Text("setting", "设置"),
+    "default": Text("default", "默认值"),
+    "question": Text("question", "问题"),
+    "reason": Text("why this default", "默认理由"),
+    "settle": Text("how to settle it on a drive", "如何在实机上确认"),
+    "printed": Text("printed", "手册所印"),
+    "wrong": Text("what is wrong", "错误所在"),
+    "correct": Text("a correct sender emits", "正确的发送方发出"),
+    "frame": Text("frame", "帧"),
+    "nothing": Text("nothing published", "未公布"),
+    "no_status": Text("no status register is published", "未公布状态寄存器"),
+    "index_unknown": Text("index not published", "索引未公布"),
+    "baud_rates": Text("baud rates", "波特率"),
+    "formats": Text("formats", "字符格式"),
+    "gap": Text("silence before a frame", "帧前静默"),
+    "reply": Text("reply begins within", "应答开始时限"),
+    "lateness": Text("longest lateness believed possible", "最长迟到时间"),
+    "setpoint": Text("setpoint step", "频率给定步长"),
+    "limits": Text("frequency limits until narrowed", "频率限值（可收窄）"),
+    "writes": Text("writes", "写入"),
+    "comm_loss": Text("communication loss", "通信断线"),
+    "wiring": Text("Wiring", "接线"),
+    "ram_and_eeprom": Text("RAM, and EEPROM on request", "RAM；指定时写 EEPROM"),
+    "eeprom_only": Text("every write counts as EEPROM", "每次写入都按 EEPROM 计"),
+    "characters": Text("characters", "字符"),
+    "never_less": Text("never less than", "不小于"),
+    "default_encoding": Text(" (default)", "（默认）"),
+    "time": Text("time", "时间"),
+    "action": Text("action", "动作"),
+    "request": Text("request", "请求"),
+    "response": Text("response", "应答"),
+    "answers": Text("answers", "应答对象"),
+    "erratum": Text("Erratum", "勘误"),
+    "hazard": Text("Hazard", "危险"),
+    "ambiguous": Text("Ambiguous; the manual meant", "有歧义，手册本意为"),
+    "fields": Text("Fields", "字段"),
+}
+KINDS = {
+    "manual": Text("manual", "手册"),
+    "computed": Text("computed", "计算"),
+    "sister": Text("sister model", "同类机型"),
+    "assumed": Text("assumed", "假定"),
+    "user": Text("user", "用户"),
+    "measured": Text("measured", "实测"),
+}
+GRADES = {
+    "draft": Text("draft", "draft（草案）"),
+    "bench": Text("bench", "bench（台架）"),
+    "proved": Text("proved", "proved（已验证）"),
+}
+CAPABILITIES = {
+    "reverse": Text("reverse", "反转"),
+    "coast": Text("coast", "自由停车"),
+    "quick_stop": Text("quick stop", "紧急停车"),
+    "jog": Text("jog", "点动"),
+    "write_ram": Text("write without EEPROM", "不写 EEPROM 的写入"),
+    "identify": Text("identify", "读机型"),
+    "broadcast_stop": Text("broadcast stop", "广播停机"),
+    "status": Text("report its state", "报告运行状态"),
+}
+"""Those that some model lacks."""
+
+
+def say(word: str, language: str) -> str:
+    return side(WORDS[word], language)
+
+
+def side(text: Text, language: str) -> str:
+    chosen: str = getattr(text, language)
+    return chosen
+
+
+def evidence(found: Evidence, language: str) -> str:
+    """Kind, and where it stands."""
+    kind = side(KINDS[found.kind], language)
+    if not found.source:
+        return kind
+    mark = "" if found.source.startswith("§") else (":" if language == "en" else "：")
+    blank = "" if mark == "：" else " "
+    return f"{kind}{mark}{blank}{phrase(found.source, language)}"
+
+
+def phrase(sentence: str, language: str) -> str:
+    """A sentence of a vector or of evidence. Raises KeyError where its Chinese is missing from phrases.zh.json."""
+    wordless = re.search("[a-z]{2,}", sentence) is None
+    return sentence if language == "en" or wordless else PHRASES[sentence]
+
+
+def colon(language: str) -> str:
+    return ": " if language == "en" else "："
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = ["| " + " | ".join(heads) + " |", "| " + " | ".join("---" for _ in heads) + " |"]
+    lines += ["| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: object) -> str:
+    return str(value).replace("|", "\\|").replace("\n", " ") or " "

@@ -1,0 +1,65 @@
+"""The generated parts of the docs are what profiles and vectors say now, and what the pages tell to write works."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivebus import profiles
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted((ROOT / "docs" / "protocols").glob("*.md"))
+
+
+def toml_examples() -> list[tuple[str, str]]:
+    found = (
+        (page.name, re.findall(r"^ *```toml\n(.*?)```", page.read_text(), re.DOTALL | re.MULTILINE)) for page in PAGES
+    )
+    return [(name, example) for name, examples in found for example in examples]
+
+
+def test_the_generated_parts_are_up_to_date() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "generate.py", "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_page_out_of_date_is_named_and_fails(tmp_path: Path) -> None:
+    for name in ("docs/generator", "docs/protocols", "vectors"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ("docs/generate.py", "README.md", "README.zh.md"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    page = tmp_path / "docs" / "protocols" / "vc660.md"
+    page.write_text(page.read_text().replace("| `state` | 3000H |", "| `state` | 3001H |"))
+    command = [sys.executable, str(tmp_path / "docs" / "generate.py")]
+    done = subprocess.run([*command, "--check"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split(":")[0]) == (1, "docs/protocols/vc660.md")
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert page.read_text() == (ROOT / "docs" / "protocols" / "vc660.md").read_text()
+
+
+def test_every_family_has_its_page_in_both_languages() -> None:
+    names = {f"{model}{suffix}.md" for model in ("c320", "dzb100", "vc660", "df800") for suffix in ("", ".zh")}
+    assert {page.name for page in PAGES} == names
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
+def test_every_worked_frame_is_on_both_pages_of_its_family(model: str) -> None:
+    names = re.findall(r'"id": "([^"]+)"', (ROOT / "vectors" / f"{model}.jsonl").read_text())
+    assert names
+    for suffix in ("", ".zh"):
+        page = (ROOT / "docs" / "protocols" / f"{model}{suffix}.md").read_text()
+        assert [name for name in names if f"#### `{name}`" not in page] == []
+
+
+@pytest.mark.parametrize(("page", "example"), toml_examples(), ids=lambda value: value if value.endswith(".md") else "")
+def test_a_profile_that_a_page_tells_to_write_loads(page: str, example: str, tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(example, encoding="utf-8")
+    assert profiles.load(own).source == str(own)
