@@ -1,6 +1,10 @@
 """Modbus over a serial line, for masters and stations: the names that the rest of the house uses.
 
-PDU in ``messages`` and ``pdu``, the two encodings in ``rtu`` and ``ascii``, ``effects`` and ``describe`` beside them.
+messages   requests and replies as values
+requests   requests to octets and back (with ``replies`` and the shared ``pdu``: the PDU level)
+rtu ascii  the two encodings: the codecs
+effects    what a request changes, from its bytes
+describe   what a frame says, for people
 """
 
 from drivebus.protocols.modbus.ascii import AsciiCodec
@@ -22,7 +26,7 @@ from drivebus.protocols.modbus.messages import (
     WriteRegisters,
     Written,
 )
-from drivebus.protocols.modbus.pdu import BadRequest
+from drivebus.protocols.modbus.requests import BadRequest
 from drivebus.protocols.modbus.rtu import ErrorForm, RtuCodec
 
 __all__ = [

@@ -12,7 +12,7 @@ from typing import Final
 from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthError, ProtocolError, TerminatorError
 from drivebus.message import Complete, Incomplete, Verdict
 from drivebus.protocols.checksum import hex_bytes, hex_pairs, lrc
-from drivebus.protocols.modbus import pdu
+from drivebus.protocols.modbus import replies, requests
 from drivebus.protocols.modbus.messages import BROADCAST, ECHO_FUNCTIONS, MAX_READ, Reply, Request
 from drivebus.protocols.modbus.rtu import ErrorForm
 
@@ -67,11 +67,11 @@ class AsciiCodec:
 
     def encode_request(self, request: Request, /) -> bytes:
         """The bytes of a request. Raises ValueError for a field out of range."""
-        return with_check(pdu.encode_request(request, self.max_read))
+        return with_check(requests.encode_request(request, self.max_read))
 
     def encode_reply(self, reply: Reply, /) -> bytes:
         """The bytes of a station's reply. Raises ValueError for a field out of range."""
-        return with_check(pdu.encode_reply(reply))
+        return with_check(replies.encode_reply(reply))
 
     def decode_reply(self, request: Request, data: bytes, /) -> Verdict:
         """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
@@ -86,7 +86,7 @@ class AsciiCodec:
             return Incomplete(junk + size)
         octets = checked(frame[:size])
         try:
-            return Complete(pdu.read_reply(request, octets), junk + size)
+            return Complete(replies.read_reply(request, octets), junk + size)
         except AddressError as error:
             error.size = junk + size
             raise
@@ -94,7 +94,7 @@ class AsciiCodec:
     def _reply_extent(self, request: Request, frame: bytes) -> int:
         """An 11-character short error of a write has its CR LF where its echo has digits: nothing is ambiguous."""
         head = hex_bytes(frame[1:7], start=1)
-        extent = pdu.reply_extent(request, head, self._short)
+        extent = replies.reply_extent(request, head, self._short)
         if self._short and head[1] in ECHO_FUNCTIONS and head[2] == 0 and frame[9:11] == END:
             return 3
         return extent
@@ -112,14 +112,14 @@ class AsciiCodec:
             return Incomplete(junk + size)
         octets = checked(frame[:size])
         try:
-            return Complete(pdu.read_request(octets), junk + size)
+            return Complete(requests.read_request(octets), junk + size)
         except ProtocolError as error:
             error.size = junk + size
             raise
 
     def _request_size(self, frame: bytes) -> int:
         head = hex_bytes(frame[1:5], start=1)
-        extent = pdu.request_extent(head)
+        extent = requests.request_extent(head)
         if extent is None:
             return self._unknown_size(frame)
         if extent == 7 and len(frame) >= 15:
@@ -147,7 +147,7 @@ class AsciiCodec:
 
     def reply_size(self, request: Request, /) -> int:
         """Characters of the normal reply; 0 for a broadcast."""
-        return 0 if request.address == BROADCAST else size_of(pdu.reply_octets(request))
+        return 0 if request.address == BROADCAST else size_of(replies.reply_octets(request))
 
     def largest_reply(self, request: Request, /) -> int:
         """Characters of the longest lawful reply, with the junk that ``resync`` allows."""

@@ -17,7 +17,8 @@ from drivebus.protocols.describe import Candidate, Description, Direction, check
 from drivebus.protocols.modbus import ascii, rtu
 from drivebus.protocols.modbus.effects import request_of
 from drivebus.protocols.modbus.messages import ECHO_FUNCTIONS, READ_FUNCTIONS, REGISTER_FUNCTIONS
-from drivebus.protocols.modbus.pdu import SIX, BadRequest
+from drivebus.protocols.modbus.pdu import SIX
+from drivebus.protocols.modbus.requests import BadRequest
 from drivebus.protocols.modbus.rtu import ErrorForm
 
 

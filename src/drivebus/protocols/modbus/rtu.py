@@ -10,7 +10,7 @@ from typing import Final, Literal
 from drivebus.errors import AddressError, ChecksumError, LengthError, ProtocolError
 from drivebus.message import Complete, CompleteIfSilent, Incomplete, Verdict
 from drivebus.protocols.checksum import crc16
-from drivebus.protocols.modbus import pdu
+from drivebus.protocols.modbus import replies, requests
 from drivebus.protocols.modbus.messages import BROADCAST, ECHO_FUNCTIONS, MAX_READ, ErrorReply, Reply, Request
 
 ErrorForm = Literal["exception", "short"]
@@ -58,11 +58,11 @@ class RtuCodec:
 
     def encode_request(self, request: Request, /) -> bytes:
         """The bytes of a request. Raises ValueError for a field out of range."""
-        return with_check(pdu.encode_request(request, self.max_read))
+        return with_check(requests.encode_request(request, self.max_read))
 
     def encode_reply(self, reply: Reply, /) -> bytes:
         """The bytes of a station's reply. Raises ValueError for a field out of range."""
-        return with_check(pdu.encode_reply(reply))
+        return with_check(replies.encode_reply(reply))
 
     def decode_reply(self, request: Request, data: bytes, /) -> Verdict:
         """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
@@ -72,12 +72,12 @@ class RtuCodec:
             verdict = self._short_error(request, data)
             if verdict is not None:
                 return verdict
-        size = pdu.reply_extent(request, data, self._short) + CHECK
+        size = replies.reply_extent(request, data, self._short) + CHECK
         if len(data) < size:
             return Incomplete(size)
         octets = checked(data, size)
         try:
-            return Complete(pdu.read_reply(request, octets), size)
+            return Complete(replies.read_reply(request, octets), size)
         except AddressError as error:
             error.size = size
             raise
@@ -111,13 +111,13 @@ class RtuCodec:
         """
         if len(data) < SMALLEST:
             return _FIRST_REQUEST
-        extent = pdu.request_extent(data)
+        extent = requests.request_extent(data)
         size = self._unknown_size(data) if extent is None else extent + CHECK
         if len(data) < size:
             return Incomplete(size)
         octets = checked(data, size)
         try:
-            return Complete(pdu.read_request(octets), size)
+            return Complete(requests.read_request(octets), size)
         except ProtocolError as error:
             error.size = size
             raise
@@ -135,7 +135,7 @@ class RtuCodec:
 
     def reply_size(self, request: Request, /) -> int:
         """Bytes of the normal reply; 0 for a broadcast."""
-        return 0 if request.address == BROADCAST else pdu.reply_octets(request) + CHECK
+        return 0 if request.address == BROADCAST else replies.reply_octets(request) + CHECK
 
     def largest_reply(self, request: Request, /) -> int:
         """Bytes of the longest lawful reply: the normal one (an error is never longer)."""
