@@ -87,5 +87,8 @@ def parse_addresses(text: str) -> list[int]:
         first, dash, last = part.strip().partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()) or len(part) > 7:
             raise ConfigurationError("sim.addresses", found=text, expected="0-3,7")
-        found += range(int(first), int(last if dash else first) + 1)
+        numbers = range(int(first), int(last if dash else first) + 1)
+        if not numbers:
+            raise ConfigurationError("sim.addresses", found=text, expected="0-3,7")
+        found += numbers
     return list(dict.fromkeys(found))
