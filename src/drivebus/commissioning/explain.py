@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from drivebus import profiles
 from drivebus.commissioning import meaning, misprints
@@ -45,6 +45,13 @@ def explain(
     found = read(profile, data, chosen, way, request)
     asked = None if request is None else read(profile, request, chosen, "request", None).fields
     return misprints.known(profile, data, asked, meaning.add(profile, found, asked))
+
+
+def meant(found: Description) -> Mapping[str, Any] | None:
+    """The other reading of bytes that are ambiguous by themselves (C320 hex data, T03); None where they are not."""
+    if not any(key.endswith(".ambiguous") for key, _ in found.errata):
+        return None
+    return next((reading.fields for reading in found.readings if reading.note[0].endswith(".nibbles")), None)
 
 
 def _encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> str:

@@ -37,6 +37,9 @@ def _decode(
 
 def as_document(model: str, data: bytes, found: Description) -> dict[str, Any]:
     """The JSON of a frame; ``fields`` has at least the keys of the worked vectors."""
+    from drivebus.commissioning.explain import meant
+
+    other = meant(found)
     return {
         "model": model,
         "family": found.family,
@@ -49,6 +52,8 @@ def as_document(model: str, data: bytes, found: Description) -> dict[str, Any]:
         "errata": _sentences(found.errata),
         "hazards": _sentences(found.hazards),
         "canonical_hex": found.canonical,
+        "ambiguous": other is not None,
+        "meant": None if other is None else dict(other),
         "readings": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.readings],
     }
 
