@@ -316,6 +316,13 @@ def test_t03_each_field_tells_how_it_is_written_or_the_others_do(
     assert (found.state, found.item, found.data, found.other_data) == (state, item, read, other)
 
 
+def test_t03_data_stay_packed_and_ambiguous_where_the_other_fields_disagree() -> None:
+    body = bytes.fromhex("00 10 00 01 01 02 00 01 00 00 01 06")  # the address says packed, the state says nibbles
+    frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
+    found = accepted(sifang.ReadParameter(16, 2, 1), frame, "hex", nibble=True)
+    assert (found.state, found.data, found.other_data) == (State.ACCELERATING_FORWARD, 0x0106, 0x16)
+
+
 @given(addresses, states, groups, items, words)
 def test_t03_a_packed_frame_is_read_as_packed_whatever_its_data(
     address: int, state: State, group: int, item: int, data: int
