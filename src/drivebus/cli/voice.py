@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import click
@@ -87,4 +87,6 @@ def plain(value: Any) -> Any:
         return getattr(value, language())
     if isinstance(value, set | frozenset):
         return sorted(value)
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     return getattr(value, "value", None) if hasattr(value, "value") else str(value)
