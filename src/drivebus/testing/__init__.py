@@ -1,1 +1,1 @@
-"""Public kits for tests: virtual time (``virtual``), scripted ports (``playbook``), conformance of codecs (``codec_kit``)."""
+"""Public kits for tests: virtual time (``virtual``), scripted ports (``playbook``), codecs (``codec_kit``)."""

@@ -177,8 +177,8 @@ def _readings(data: bytes, encoding: str) -> tuple[Candidate, ...]:
     function = octets[1]
     if function in READ_FUNCTIONS and len(octets) > 3:
         count = octets[2] // 2 if function in REGISTER_FUNCTIONS else 8 * octets[2]
-        kind = "registers" if function in REGISTER_FUNCTIONS else "bits"
-        return (Candidate(note(f"modbus.reading.{kind}", count=count), {"function": function, "count": count}),)
+        key = "modbus.reading.registers" if function in REGISTER_FUNCTIONS else "modbus.reading.bits"
+        return (Candidate(note(key, count=count), {"function": function, "count": count}),)
     if function in ECHO_FUNCTIONS and len(octets) == SIX.size:
         return (Candidate(note("modbus.reading.echo"), fields_of(octets, "request") if function < 9 else {}),)
     if function == 6 and encoding == "rtu":
