@@ -1,1 +1,22 @@
-"""To be described by its first module."""
+"""Who speaks when on one line: ``Bus`` is the master; everything that it decides is decided in the pure ``core``."""
+
+from drivebus.bus.master import Bus, Watch
+from drivebus.bus.planner import BusArithmetic, DriveArithmetic, Poll, arithmetic
+from drivebus.bus.stations import Health, Presence
+from drivebus.bus.statistics import BusStatistics, StationStatistics
+from drivebus.bus.trace import Kind, TraceEvent
+
+__all__ = [
+    "Bus",
+    "BusArithmetic",
+    "BusStatistics",
+    "DriveArithmetic",
+    "Health",
+    "Kind",
+    "Poll",
+    "Presence",
+    "StationStatistics",
+    "TraceEvent",
+    "Watch",
+    "arithmetic",
+]

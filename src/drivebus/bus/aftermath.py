@@ -1,0 +1,115 @@
+"""What follows a transaction that brought no believable answer: doubt, retry, silence. Pure.
+
+Two kinds of failure. *Damage* (a checksum, a parity mark, on an answer's worth of bytes): the answer has come and is
+spoiled, so it can't come later; a read may be repeated at once. *Anything else* (nothing, too little, another item,
+too much): the true answer may still be on its way, so the station is suspect: quarantine, then a fence (5.3).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivebus.bus.planner import PollJob
+from drivebus.bus.trace import Kind, TraceEvent
+from drivebus.errors import AlphabetError, ChecksumError, LineFault, NoReply, ProtocolError, TrailingError
+from drivebus.message import Lane
+
+if TYPE_CHECKING:
+    from drivebus.bus.core import BusCore
+    from drivebus.bus.job import Job
+    from drivebus.bus.stations import Station
+    from drivebus.bus.transaction import Transaction
+
+
+class NotBelieved(NoReply):
+    """A reply came, and may be our own echo or an older one: it counts as none, and sending again would not help."""
+
+    retryable = False
+
+
+def disbelief(core: BusCore, flight: Transaction) -> Exception | None:
+    """Why a reply that the codec took must not be believed."""
+    job = flight.job
+    if not core.echo.believes(flight):
+        return NotBelieved("bus.mirrored", station=job.station.address)
+    if job.station.suspect and not job.fence:
+        return NotBelieved("bus.suspect", station=job.station.address)
+    return None
+
+
+def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
+    """Count it, draw the consequences for the station, and try again or tell."""
+    job, station = flight.job, flight.job.station
+    _count(core, flight, error, now)
+    if isinstance(error, NotBelieved):
+        if job.fence:
+            core.believe(station, now, really=False)
+        core.finish(job, error, flight)
+        return
+    if not _damaged(error, flight):
+        station.doubt(now)
+        core.scheduler.doubts(station)
+    if job.fence:
+        _unfenced(core, flight, error, now)
+        return
+    if not station.seen and isinstance(error, NoReply):
+        station.give_up(now)
+        core.scheduler.doubts(station)
+    if _again(job, station):
+        core.counters.kind("retry")
+        core.scheduler.again(job)
+    else:
+        core.finish(job, error, flight)
+
+
+def _unfenced(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
+    """A fence failed: the station is silent, and what waited for the fence is told so."""
+    station = flight.job.station
+    station.doubt(now)
+    if station.dead:
+        core.scheduler.budget.spend(now - flight.sent_at + station.gap_s, now)
+    station.give_up(now)
+    for waiting in core.scheduler.withdraw(lambda job: job.station is station and job.lane is not Lane.STOP):
+        core.finish(waiting, NoReply("bus.silent", station=station.address))
+    core.scheduler.doubts(station)
+
+
+def _again(job: Job, station: Station) -> bool:
+    """One retry for a read, two for what is absolute; never for a station that is not there (F11)."""
+    if job.attempts >= job.attempts_allowed or station.dead or not station.seen:
+        return False
+    if isinstance(job, PollJob):
+        job.retrying = not job.cancelled
+        return job.retrying
+    return True
+
+
+def _damaged(error: Exception, flight: Transaction) -> bool:
+    whole = flight.heard >= flight.job.reply_bytes
+    return whole and isinstance(error, ChecksumError | AlphabetError | LineFault)
+
+
+def _count(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
+    job, station = flight.job, flight.job.station
+    core.counters.failed(error, now)
+    station.counters.failed(error, now)
+    if isinstance(error, LineFault):
+        core.counters.kind(error.key.partition(".")[2])
+        station.counters.kind(error.key.partition(".")[2])
+    if isinstance(error, TrailingError) and _second_answer(flight, error):
+        core.counters.kind("duplicate")
+        station.counters.kind("duplicate")
+        station.duplicates += 1
+    if core.tracing:
+        kind = Kind.SILENCE if isinstance(error, NoReply) and not flight.heard else Kind.VOID
+        core.trace(TraceEvent(now, kind, bytes(flight.buffer), station.address, None, error, job.attempts))
+
+
+def _second_answer(flight: Transaction, error: TrailingError) -> bool:
+    """Do the bytes after the answer form another answer (F15: two drives at one address)?"""
+    rest = bytes(flight.buffer[error.expected :]) if isinstance(error.expected, int) else b""
+    try:
+        verdict = flight.job.codec.decode_reply(flight.job.request, rest) if rest else None
+    except ProtocolError:
+        return False
+    return getattr(verdict, "size", 0) > 0

@@ -1,0 +1,359 @@
+"""The bus as a machine without a clock: events and ``now`` in, effects out. One request outstanding, ever (I6).
+
+Every public method that takes ``now`` returns the list of effects to perform, in order. The safety argument in one
+place: a frame leaves only in ``_transmit``; ``_transmit`` runs only from ``_send_next``, with no transaction in flight,
+after the gap, with the frame that ``Scheduler.next`` chose at this very ``now``, and the scheduler gives nothing but
+stops, and frames whose permit and expiry it has just checked. A reply is believed only in ``_accept``, which a
+transaction reaches only with a whole frame that its codec took for the answer to the one request outstanding,
+followed by the gap in silence, from a station that owes no fence. What happens after a failure is in ``aftermath``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from drivebus.bus import aftermath, mixed, unasked
+from drivebus.bus.echo import EchoKeeper
+from drivebus.bus.effects import Act, Done, Traced, Transmit, WakeAt
+from drivebus.bus.job import Job
+from drivebus.bus.listener import Listener
+from drivebus.bus.planner import Poll, PollJob
+from drivebus.bus.rights import check_address, checked_job
+from drivebus.bus.scheduler import FOREVER, Scheduler
+from drivebus.bus.stations import Health, Presence, Station
+from drivebus.bus.statistics import Activity, BusStatistics, Counters, snapshot
+from drivebus.bus.trace import Kind, TraceEvent
+from drivebus.bus.transaction import Transaction
+from drivebus.errors import LineFault, NoReply, PortLost, Superseded
+from drivebus.line import LineSettings
+from drivebus.message import Answer, Ask, Effect, Lane, StationLink
+
+STOP_PATIENCE_CHARACTERS = 64
+"""A stop waits no longer than this for a babbling line to fall silent (I3): longer than any frame of these families."""
+DUPLICATE_HINTS = 2
+"""So many second answers mean two drives at one address (F15)."""
+BABBLE_S = 1.0
+"""Everything else fails when the line has not been silent for this long."""
+
+
+class BusCore:
+    """One line and its stations. ``paced``: the port's bytes take their character time (ruling 9)."""
+
+    def __init__(
+        self,
+        line: LineSettings,
+        *,
+        name: str = "",
+        paced: bool = False,
+        echo: str = "detect",
+        allow_mixed: bool = False,
+    ) -> None:
+        self.line = line
+        self.name = name
+        self.paced = paced
+        self.tracing = False
+        self.is_open = False
+        self.opened_at = 0.0
+        self.stations: dict[int, Station] = {}
+        self.scheduler = Scheduler(line)
+        self.listener = Listener()
+        self.echo = EchoKeeper(echo)
+        self.counters = Counters()
+        self.activity = Activity()
+        self.flight: Transaction | None = None
+        self._allow_mixed = allow_mixed
+        self._character_s = line.character_s
+        self._quiet_since = 0.0
+        self._wanted_at: float | None = None
+        self._wake: float | None = None
+        self._out: list[Act] = []
+
+    # --- configuration -----------------------------------------------------------------------------------------
+
+    def add(self, link: StationLink) -> None:
+        """Register a station. Raises ConfigurationError for an address taken or never answering, or mixed families."""
+        check_address(link, self.stations)
+        mixed.check(link, (station.link for station in self.stations.values()), self._allow_mixed)
+        self.stations[link.address] = Station(link, self.line)
+
+    def remove(self, address: int, now: float) -> list[Act]:
+        """Forget a station: its polls end, what is queued for it fails."""
+        station = self.stations.pop(address)
+        self.scheduler.forget(station)
+        gone = self.scheduler.withdraw(lambda job: job.station is station)
+        for job in gone:
+            self.finish(job, NoReply("bus.removed", station=address))
+        return self._go_on(now)
+
+    def latch(self, addresses: Iterable[int] | None, on: bool) -> None:
+        """While latched no frame that may move a motor leaves for these stations (None: all)."""
+        for address in self.stations if addresses is None else addresses:
+            self.stations[address].latched = on
+
+    # --- wishes ------------------------------------------------------------------------------------------------
+
+    def submit(self, ask: Ask, token: Any, now: float) -> list[Act]:
+        """Queue one transaction; its Done comes when it is over. Raises ValueError for a request out of range."""
+        job = checked_job(ask, token, self.stations, self.line)
+        if not isinstance(job, Job):
+            return self._refuse(ask, token, job)
+        if not self.is_open:
+            return self._refuse(ask, token, PortLost("bus.not_open"))
+        if job.effect is Effect.STOP:
+            stopped = list(self.stations.values()) if job.broadcast else [job.station]
+            for old in self.scheduler.supersede(stopped):
+                self.finish(old, Superseded("bus.superseded", station=old.station.address))
+        elif (refused := job.refusal(now)) is not None:
+            return self._refuse(ask, token, refused)
+        self.scheduler.put(job)
+        return self._go_on(now)
+
+    def cancel(self, token: Any, now: float) -> list[Act]:
+        """Nobody waits for this any more: what has not been sent never will be."""
+        self.scheduler.withdraw(lambda job: job.token is token)
+        return self._go_on(now)
+
+    def watch(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[Act]:
+        """Send these polls for ever; each answer is a Done under ``token``. Raises KeyError, ValueError."""
+        station = self.stations[address]
+        jobs = []
+        for poll in polls:
+            job = PollJob(poll, token, station, self.line, now + self.scheduler.plan.phase(poll))
+            if job.effect is not Effect.NONE:
+                raise ValueError(f"poll {poll.request!r}: a poll only reads, this one is {job.effect.value}")
+            jobs.append(job)
+        for job in jobs:
+            self.scheduler.plan.put(job)
+        return self._go_on(now)
+
+    def unwatch(self, token: Any, now: float) -> list[Act]:
+        """No more of these polls, and no more Done under this token."""
+        self.scheduler.plan.cancel(token)
+        self.scheduler.withdraw(lambda job: job.token is token)
+        return self._go_on(now)
+
+    # --- events ------------------------------------------------------------------------------------------------
+
+    def opened(self, now: float) -> list[Act]:
+        """The port is open (again). Nothing older is replayed (I10)."""
+        self.is_open = True
+        self.opened_at = self._quiet_since = now
+        self.echo.opened()
+        self.listener.take()
+        for station in self.stations.values():
+            station.backoff_s = station.probe_at = 0.0
+        return self._go_on(now)
+
+    def lost(self, error: PortLost, now: float) -> list[Act]:
+        """The port is gone: everything pending fails, every station owes a fence, every permit is void."""
+        self.is_open = False
+        flight, self.flight = self.flight, None
+        if flight is not None:
+            self._count(flight, now)
+            self.finish(flight.job, error, flight)
+        for job in self.scheduler.withdraw(lambda job: True):
+            self.finish(job, error)
+        for station in self.stations.values():
+            station.generation += 1
+            station.doubt(now)
+            self.scheduler.doubts(station)
+        self._wanted_at = None
+        return self._go_on(now)
+
+    def received(self, data: bytes, now: float, marks: int = 0) -> list[Act]:
+        """Bytes came; ``marks`` of them with a parity or framing error (G20)."""
+        self.counters.bytes_received += len(data)
+        if marks:
+            self.counters.kind("marks", marks)
+        flight = self.flight
+        if flight is not None and now > flight.final_at and flight.message is None:
+            self._conclude(flight, now)
+            flight = self.flight
+        if now > self._quiet_since:
+            self._quiet_since = now
+        if flight is not None:
+            flight.received(data, now, marks)
+        else:
+            self.listener.heard(data, now)
+        return self._go_on(now)
+
+    def woke(self, now: float) -> list[Act]:
+        """It is ``now``: whatever was waited for may have come."""
+        self._wake = None
+        return self._go_on(now)
+
+    # --- the machine -------------------------------------------------------------------------------------------
+
+    def _go_on(self, now: float) -> list[Act]:
+        flight = self.flight
+        if flight is not None and now >= flight.final_at:
+            self._conclude(flight, now)
+            flight = self.flight
+        if flight is not None:
+            self._sleep(flight.final_at)
+        elif self.is_open:
+            self._send_next(now)
+        else:
+            self._sleep(None)
+        out, self._out = self._out, []
+        return out
+
+    def _send_next(self, now: float) -> None:
+        """Choose, wait for the gap, transmit. The choice is made again at every wake, so a stop always comes first."""
+        job = self.scheduler.next(now)
+        while self.scheduler.refused:
+            refused, error = self.scheduler.refused.pop(0)
+            self.finish(refused, error)
+        heard = self.listener.buffer
+        at = self._quiet_since + (job.gap_s if job is not None else self._longest_gap_s() if heard else 0.0)
+        if now < at and not (job is not None and self._patience_is_over(job, now)):
+            self._sleep(at if job is None else min(at, self._impatient_at(job)))
+            return
+        if heard:
+            unasked.sort_out(self, now)
+        if job is None:
+            self._wanted_at = None
+            self._sleep(None if self.scheduler.wake_at == FOREVER else self.scheduler.wake_at)
+        elif self._wanted_at is not None and now < at and job.lane is not Lane.STOP:
+            self._fail_unsent(job, LineFault("bus.no_silence", seconds=BABBLE_S), now)
+        else:
+            self._transmit(job, now)
+
+    def _transmit(self, job: Job, now: float) -> None:
+        self.scheduler.took(job, now)
+        self._wanted_at = None
+        job.attempts += 1
+        station = job.station
+        station.asked = job
+        size = len(job.data)
+        for counters in (self.counters, station.counters):
+            counters.transactions += 1
+            counters.bytes_sent += size
+        flight = Transaction(job, now, self._character_s, paced=self.paced, echo=self.echo.filter_for(job))
+        self.flight = flight
+        self._quiet_since = flight.sent_end
+        self._out.append(Transmit(job.data))
+        if self.tracing:
+            self.trace(TraceEvent(now, Kind.SENT, job.data, station.address, job.request, attempt=job.attempts))
+        self._sleep(flight.final_at)
+
+    def _conclude(self, flight: Transaction, now: float) -> None:
+        """The transaction is over: believe its reply, or see what is wrong and go on from there."""
+        self.flight = None
+        self._count(flight, now)
+        if flight.early or flight.foreign:
+            unasked.during(self, flight, now)
+        error = flight.outcome()
+        if error is None and not flight.job.broadcast:
+            error = aftermath.disbelief(self, flight)
+        self.echo.concluded(flight)
+        if error is None:
+            self._accept(flight, now)
+        else:
+            aftermath.failed(self, flight, error, now)
+
+    def _accept(self, flight: Transaction, now: float) -> None:
+        job = flight.job
+        station = job.station
+        if not job.broadcast:
+            assert flight.heard_at is not None
+            station.last_heard_at = flight.heard_at
+            self.counters.replied(flight.heard_at - flight.sent_end, now)
+            station.counters.replied(flight.heard_at - flight.sent_end, now)
+            if job.fence:
+                self.believe(station, now, really=True)
+            station.seen = True
+        if self.tracing and not job.broadcast:
+            self.trace(
+                TraceEvent(flight.heard_at or now, Kind.REPLY, bytes(flight.buffer), station.address, flight.message)
+            )
+        self.finish(job, None, flight)
+
+    # --- shared with aftermath and unasked ---------------------------------------------------------------------
+
+    def believe(self, station: Station, now: float, *, really: bool) -> None:
+        """The station's replies are current again."""
+        station.revive(really=really)
+        self.scheduler.trusts(station, now)
+
+    def finish(self, job: Job, error: Exception | None, flight: Transaction | None = None) -> None:
+        """Tell whoever waits for this job what became of it; nobody waits for a fence."""
+        if job.token is None:
+            return
+        if flight is None:
+            answer = Answer(job.ask, None, error, b"", b"", None, None, job.attempts)
+        else:
+            received, message = bytes(flight.buffer), flight.message if error is None else None
+            answer = Answer(
+                job.ask, message, error, job.data, received, flight.sent_at, flight.heard_at, job.attempts
+            )  # fmt: skip
+        if isinstance(job, PollJob):
+            job.attempts = 0
+            if job.cancelled:
+                return
+        self._out.append(Done(job.token, answer))
+
+    def trace(self, event: TraceEvent) -> None:
+        self._out.append(Traced(event))
+
+    def health(self, address: int, now: float) -> Health:
+        """Raises KeyError for an address that is not registered."""
+        station = self.stations[address]
+        return Health(
+            self.presence(address), station.suspect, self.listener.foreign_master(now),
+            station.duplicates >= DUPLICATE_HINTS, station.counters.window.rate(now), station.last_heard_at,
+        )  # fmt: skip
+
+    def statistics(self, now: float) -> BusStatistics:
+        """What this bus has done since it was opened."""
+        stations = {address: station.counters for address, station in self.stations.items()}
+        return snapshot(
+            self.name, self.counters, self.activity, stations,
+            now=now, since=self.opened_at, queued=len(self.scheduler), echoes=self.echo.count,
+        )  # fmt: skip
+
+    def presence(self, address: int) -> Presence:
+        """Raises KeyError for an address that is not registered."""
+        found = self.stations[address].presence
+        return Presence.SILENT if found is Presence.ONLINE and not self.is_open else found
+
+    # --- small things ------------------------------------------------------------------------------------------
+
+    def _refuse(self, ask: Ask, token: Any, error: Exception) -> list[Act]:
+        return [Done(token, Answer(ask, error=error))]
+
+    def _fail_unsent(self, job: Job, error: Exception, now: float) -> None:
+        """The line babbles: this frame is not sent, whoever waits is told, the next one gets its turn."""
+        self.scheduler.took(job, now)
+        self._wanted_at = None
+        self.counters.kind("no_silence")
+        if job.fence:
+            job.station.doubt(now)
+        self.finish(job, error)
+        self._sleep(now + job.gap_s)
+
+    def _patience_is_over(self, job: Job, now: float) -> bool:
+        """A line that never falls silent must not hold back a stop, nor anybody for ever."""
+        if self._wanted_at is None:
+            self._wanted_at = now
+        return now >= self._impatient_at(job)
+
+    def _impatient_at(self, job: Job) -> float:
+        assert self._wanted_at is not None
+        patience_s = job.gap_s + STOP_PATIENCE_CHARACTERS * self._character_s if job.lane is Lane.STOP else BABBLE_S
+        return self._wanted_at + patience_s
+
+    def _longest_gap_s(self) -> float:
+        return max((station.gap_s for station in self.stations.values()), default=3.5 * self._character_s)
+
+    def _sleep(self, when: float | None) -> None:
+        if when != self._wake:
+            self._wake = when
+            self._out.append(WakeAt(when))
+
+    def _count(self, flight: Transaction, now: float) -> None:
+        """The wire was used by both frames, and kept from everybody until now."""
+        wire_s = flight.job.send_s + (flight.heard + len(flight.early)) * self._character_s
+        self.activity.add(now, wire_s, now - flight.sent_at)
+        flight.job.station.counters.bytes_received += flight.heard

@@ -1,0 +1,310 @@
+"""The asyncio shell around the pure core: owns one port, tells the core what happened, does what the core says.
+
+No rule of the bus lives here. What does: the port's life (open, lost, open again), futures, sinks and time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from math import inf
+from types import TracebackType
+from typing import Any
+
+from drivebus.bus import timer as timers
+from drivebus.bus.core import BusCore
+from drivebus.bus.effects import Act, Done, Traced, Transmit
+from drivebus.bus.planner import Poll
+from drivebus.bus.stations import Health, Presence
+from drivebus.bus.statistics import BusStatistics
+from drivebus.bus.trace import TraceEvent
+from drivebus.errors import PortError, PortLost
+from drivebus.line import LineSettings
+from drivebus.message import Answer, Ask, StationLink
+from drivebus.ports.port import Port, Quietable
+from drivebus.seams import Clock
+
+REOPEN_S = 0.4
+"""Pause between attempts to open a lost port: polling is back within 2 s of the device (G09)."""
+WORTH_WAITING_S = 0.001
+"""A reader is put to sleep only where it saves more than this: falling quiet costs a system call."""
+
+
+class Watch:
+    """A set of polls of one station; ``cancel`` ends it."""
+
+    __slots__ = ("_bus", "sink")
+
+    def __init__(self, bus: Bus, sink: Callable[[Answer], None]) -> None:
+        self._bus = bus
+        self.sink = sink
+
+    def cancel(self) -> None:
+        """No more polls, no more answers. Idempotent."""
+        self._bus._unwatch(self)
+
+
+class Bus:
+    """One master on one port. Belongs to one event loop; every method is called from it."""
+
+    def __init__(self, port: Port, *, name: str = "", allow_mixed: bool = False, clock: Clock | None = None) -> None:
+        self.port = port
+        self.name = name or port.url
+        echo = getattr(port, "echo", "detect")
+        self.core = BusCore(port.settings, name=self.name, echo=echo, allow_mixed=allow_mixed)
+        self._clock = clock
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._alarm: timers.Alarm | None = None
+        self._acts: deque[Act] = deque()
+        self._performing = False
+        self._tracers: list[Callable[[TraceEvent], None]] = []
+        self._reopening: asyncio.Task[None] | None = None
+        self._quiet = port if isinstance(port, Quietable) else None
+        self._listen_at = inf
+        self._wake_at: float | None = None
+
+    # --- life --------------------------------------------------------------------------------------------------
+
+    async def open(self) -> None:
+        """Open the port and begin. Raises PortUnavailable with why and what to do."""
+        if self._loop is not None:
+            return
+        loop = asyncio.get_running_loop()
+        timer = timers.acquire(loop)
+        try:
+            await self.port.open(self)
+        except BaseException:
+            timers.release(loop)
+            raise
+        self._loop = loop
+        self._clock = self._clock or timer.now
+        self._alarm = timer.alarm(self._woke)
+        self._opened()
+
+    async def close(self) -> None:
+        """End everything: what is pending fails with PortLost, the port is let go. Idempotent."""
+        loop, self._loop = self._loop, None
+        if loop is None:
+            return
+        if self._reopening is not None:
+            self._reopening.cancel()
+            await asyncio.gather(self._reopening, return_exceptions=True)
+        self._perform(self.core.lost(PortLost("bus.closed"), self.now()))
+        assert self._alarm is not None
+        self._alarm.set(None)
+        timers.release(loop)
+        await self.port.close()
+
+    async def __aenter__(self) -> Bus:
+        await self.open()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    # --- stations ----------------------------------------------------------------------------------------------
+
+    @property
+    def line(self) -> LineSettings:
+        return self.core.line
+
+    @property
+    def is_open(self) -> bool:
+        """Is the port there now? A lost port is opened again by itself."""
+        return self.core.is_open
+
+    def add(self, link: StationLink) -> None:
+        """Register a station. Raises ConfigurationError: address taken or broadcast, or families mixed (T18)."""
+        self.core.add(link)
+
+    def remove(self, address: int) -> None:
+        """Forget a station; its polls end and its queued asks fail. Raises KeyError."""
+        self._perform(self.core.remove(address, self.now()))
+
+    def presence(self, address: int) -> Presence:
+        """Raises KeyError for an address that is not registered, as the following do."""
+        return self.core.presence(address)
+
+    def health(self, address: int) -> Health:
+        return self.core.health(address, self.now())
+
+    def generation(self, address: int) -> int:
+        """How many stops this station has had: a permit of an older generation is void."""
+        return self.core.stations[address].generation
+
+    def latch(self, addresses: Iterable[int] | None = None) -> None:
+        """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
+        self.core.latch(addresses, True)
+
+    def release(self, addresses: Iterable[int] | None = None) -> None:
+        self.core.latch(addresses, False)
+
+    def latched(self, address: int) -> bool:
+        return self.core.stations[address].latched
+
+    # --- traffic -----------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        """Monotonic seconds: the time of everything that this bus says."""
+        if self._clock is not None:
+            return self._clock()
+        return timers.clock_of(asyncio.get_running_loop())
+
+    async def transact(self, ask: Ask) -> Answer:
+        """Do one transaction; what went wrong is ``answer.error``. Raises ValueError for a request out of range.
+
+        Cancelled while it waits in a queue, it is never sent; while its frame is out, its answer is dropped.
+        """
+        future: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        self._perform(self.core.submit(ask, future, self.now()))
+        try:
+            return await future
+        except asyncio.CancelledError:
+            self._perform(self.core.cancel(future, self.now()))
+            raise
+
+    def watch(self, address: int, polls: Sequence[Poll], sink: Callable[[Answer], None]) -> Watch:
+        """Send these polls again and again; ``sink`` gets each answer, errors too. Raises KeyError, ValueError."""
+        watch = Watch(self, sink)
+        self._perform(self.core.watch(address, polls, watch, self.now()))
+        return watch
+
+    def _unwatch(self, watch: Watch) -> None:
+        self._perform(self.core.unwatch(watch, self.now()))
+
+    def statistics(self) -> BusStatistics:
+        """Load, rates, reply times, errors and bytes, of the bus and of each station."""
+        return self.core.statistics(self.now())
+
+    def trace(self, sink: Callable[[TraceEvent], None]) -> Callable[[], None]:
+        """Hand every frame on the wire to ``sink``; returns what ends it."""
+        self._tracers.append(sink)
+        self.core.tracing = True
+        return lambda: self._untrace(sink)
+
+    def _untrace(self, sink: Callable[[TraceEvent], None]) -> None:
+        if sink in self._tracers:
+            self._tracers.remove(sink)
+        self.core.tracing = bool(self._tracers)
+
+    # --- Receiver ----------------------------------------------------------------------------------------------
+
+    def data_received(self, data: bytes, marks: int = 0) -> None:
+        """From the port: bytes came."""
+        assert self._clock is not None
+        self._perform(self.core.received(data, self._clock(), marks))
+        self._hush()
+
+    def port_lost(self, error: PortLost) -> None:
+        """From the port: it is gone. Everything pending fails; opening it again begins at once."""
+        if self._loop is None or not self.core.is_open:
+            return
+        self._perform(self.core.lost(error, self.now()))
+        if self._reopening is None or self._reopening.done():
+            self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
+
+    async def _reopen(self) -> None:
+        while True:
+            try:
+                await self.port.open(self)
+            except PortError:
+                await asyncio.sleep(REOPEN_S)
+            else:
+                break
+        self._opened()
+
+    def _opened(self) -> None:
+        self.core.paced = self.port.capabilities.paced
+        self._perform(self.core.opened(self.now()))
+
+    # --- time --------------------------------------------------------------------------------------------------
+
+    def _woke(self) -> None:
+        """The alarm: hear first what the port still holds, so that no byte in the kernel is overlooked."""
+        assert self._clock is not None
+        if self._quiet is not None:
+            self._listen_at = inf
+            self._quiet.quiet_until(0.0)
+        now = self._clock()
+        if self._wake_at is not None and now >= self._wake_at:
+            if self._quiet is None and self.core.flight is not None:
+                self._loop.call_soon(self._woke_after_readers)  # type: ignore[union-attr]
+                return
+            self._perform(self.core.woke(now))
+        self._set_alarm()
+
+    def _woke_after_readers(self) -> None:
+        """Readers that were ready when the alarm rang have run by now."""
+        assert self._clock is not None
+        if self._wake_at is not None and self._clock() >= self._wake_at:
+            self._perform(self.core.woke(self._clock()))
+        self._set_alarm()
+
+    def _hush(self) -> None:
+        """No byte that comes before ``useful_at`` can complete the reply: let them wait in the kernel."""
+        flight = self.core.flight
+        if self._quiet is None or flight is None:
+            return
+        useful_at = flight.useful_at()
+        if useful_at is not None and useful_at > self.now() + WORTH_WAITING_S:
+            self._listen_at = useful_at
+            self._quiet.quiet_until(inf)
+            self._set_alarm()
+
+    def _set_alarm(self) -> None:
+        assert self._alarm is not None
+        when = self._listen_at if self._wake_at is None else min(self._wake_at, self._listen_at)
+        if when != self._alarm.when:
+            self._alarm.set(None if when == inf else when)
+
+    # --- effects -----------------------------------------------------------------------------------------------
+
+    def _perform(self, acts: list[Act]) -> None:
+        """Do what the core says, in order, also where doing it makes the core say more."""
+        if not acts:
+            return
+        self._acts.extend(acts)
+        if self._performing:
+            return
+        self._performing = True
+        try:
+            while self._acts:
+                self._do(self._acts.popleft())
+        finally:
+            self._performing = False
+
+    def _do(self, act: Act) -> None:
+        kind = type(act)
+        if kind is Transmit:
+            try:
+                self.port.write(act.data)  # type: ignore[union-attr]
+            except PortLost as error:
+                self.port_lost(error)
+            else:
+                self._hush()
+        elif kind is Done:
+            self._answer(act.token, act.answer)  # type: ignore[union-attr]
+        elif kind is Traced:
+            for tracer in tuple(self._tracers):
+                self._tell(tracer, act.event)  # type: ignore[union-attr]
+        else:
+            self._wake_at = act.when  # type: ignore[union-attr]
+            if self._alarm is not None:
+                self._set_alarm()
+
+    def _answer(self, token: Any, answer: Answer) -> None:
+        if type(token) is Watch:
+            self._tell(token.sink, answer)
+        elif not token.done():
+            token.set_result(answer)
+
+    def _tell(self, sink: Callable[[Any], None], value: Any) -> None:
+        """A sink that fails is the sink's problem: the bus goes on, the loop's handler is told."""
+        try:
+            sink(value)
+        except Exception as error:
+            loop = self._loop or asyncio.get_running_loop()
+            loop.call_exception_handler({"message": f"a sink of bus {self.name} failed", "exception": error})

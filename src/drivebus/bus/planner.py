@@ -1,0 +1,181 @@
+"""Which poll is due, and what a set of polls will cost a line before it is started. Pure; ``now`` is an argument."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any
+
+from drivebus.bus.job import Job
+from drivebus.message import Ask, Lane
+
+if TYPE_CHECKING:
+    from drivebus.bus.stations import Station
+    from drivebus.line import LineSettings
+    from drivebus.message import StationLink
+
+GOLDEN = 0.6180339887498949
+"""Multiples of it, modulo 1, spread any number of phases evenly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """A request that is to be sent again and again.
+
+    ``period_s`` 0 means: as often as the bus allows. ``phase_s`` (from the moment of ``watch``) is chosen so that
+    polls spread evenly where it is None.
+    """
+
+    request: Any
+    period_s: float
+    phase_s: float | None = None
+    tag: Any = None
+
+    def __post_init__(self) -> None:
+        if not self.period_s >= 0:
+            raise ValueError(f"period {self.period_s} s: expected 0 or more")
+
+
+class PollJob(Job):
+    """A poll made ready for the wire; sent again and again."""
+
+    __slots__ = ("cancelled", "due", "period_s", "phase_at", "retrying")
+
+    def __init__(self, poll: Poll, token: Any, station: Station, line: LineSettings, phase_at: float) -> None:
+        super().__init__(Ask(station.address, poll.request, Lane.POLL, tag=poll.tag), token, station, line)
+        self.period_s = poll.period_s
+        self.phase_at = self.due = phase_at
+        self.cancelled = False
+        self.retrying = False
+        """Its second attempt waits in the queue: it is not due until that is done."""
+
+    def miss_to(self, now: float) -> None:
+        """The next due time after ``now``, in phase: what was missed is not made up for."""
+        if self.period_s <= 0:
+            self.due = now
+            return
+        self.due += self.period_s
+        if self.due <= now:
+            missed = int((now - self.phase_at) / self.period_s)
+            self.due = self.phase_at + (missed + 1) * self.period_s
+
+
+class Plan:
+    """All polls of a bus, the most overdue first."""
+
+    __slots__ = ("_count", "_heap", "_phases")
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, PollJob]] = []
+        self._count = 0
+        self._phases = 0
+
+    def phase(self, poll: Poll) -> float:
+        """Seconds from ``watch`` to the first time."""
+        if poll.phase_s is not None:
+            return poll.phase_s
+        share = (self._phases * GOLDEN) % 1.0
+        self._phases += 1
+        return share * poll.period_s
+
+    def put(self, job: PollJob, at: float | None = None) -> None:
+        """Due at its own time, or at ``at`` this once."""
+        self._count += 1
+        heappush(self._heap, (job.due if at is None else at, self._count, job))
+
+    def first(self, now: float) -> PollJob | None:
+        """The most overdue poll that may be sent; it stays in the plan. A suspect station's are parked on the way."""
+        heap = self._heap
+        while heap:
+            due, _, job = heap[0]
+            if due > now:
+                return None
+            station = job.station
+            if job.cancelled:
+                heappop(heap)
+            elif station.suspect:
+                station.parked.append(heappop(heap)[2])
+            elif job.retrying:
+                self.took(job, now)
+            else:
+                return job
+        return None
+
+    def took(self, job: PollJob, now: float) -> None:
+        """``job``, which was first, is being sent (or skipped)."""
+        heappop(self._heap)
+        job.miss_to(now)
+        self.put(job)
+
+    def resume(self, station: Station, now: float) -> None:
+        """The station answers again: its polls are due at once, those that were missed once only."""
+        for job in station.parked:
+            if isinstance(job, PollJob) and not job.cancelled:
+                self.put(job, now)
+        station.parked.clear()
+
+    def cancel(self, token: Any = None, station: Station | None = None) -> None:
+        """No more of the polls of this token, or of this station."""
+        parked = (job for one in {entry[2].station for entry in self._heap} for job in one.parked)
+        for job in (*(entry[2] for entry in self._heap), *parked):
+            if isinstance(job, PollJob) and (job.station is station if station is not None else job.token is token):
+                job.cancelled = True
+
+    def next_due(self) -> float | None:
+        return self._heap[0][0] if self._heap else None
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveArithmetic:
+    """What one drive gets out of a plan. Seconds."""
+
+    refresh_s: float
+    """Longest time between two answers to its slowest poll while everybody answers at its limit."""
+    stop_bound_s: float
+    """Longest time from asking for a stop to its last bit on the wire (5.1), everybody else alive or not."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusArithmetic:
+    """What a set of polls costs a line."""
+
+    load_percent: float
+    """Bus time that the polls ask for if every station uses its whole time to answer; above 100 the periods stretch."""
+    cycle_s: float
+    """Every poll once, back to back, every station at its limit."""
+    drives: Mapping[int, DriveArithmetic]
+
+
+def arithmetic(polls: Sequence[tuple[StationLink, Sequence[Poll]]], line: LineSettings) -> BusArithmetic:
+    """Load, refresh and stop bound of a plan, before anything is sent.
+
+    The stop frame is ``link.extra["stop"]`` (a request) where the dialect gives one, else as long as the fence.
+    """
+    costs = [(link, poll, _cost_s(link, poll, line)) for link, many in polls for poll in many]
+    cycle_s = sum(cost for _, _, cost in costs)
+    load = sum(cost / poll.period_s if poll.period_s > 0 else 1.0 for _, poll, cost in costs)
+    longest = max((cost - link.timing.gap_s(line) for link, _, cost in costs), default=0.0)
+    stretch = max(1.0, load)
+    drives = {
+        link.address: DriveArithmetic(
+            max((max(poll.period_s * stretch, cycle_s if poll.period_s <= 0 else 0.0) for poll in many), default=0.0),
+            longest + link.timing.gap_s(line) + line.seconds(_stop_bytes(link)),
+        )
+        for link, many in polls
+    }
+    return BusArithmetic(100 * load, cycle_s, drives)
+
+
+def _cost_s(link: StationLink, poll: Poll, line: LineSettings) -> float:
+    """Gap, request, and the whole time that may pass until its reply is whole or given up."""
+    codec, timing = link.codec, link.timing
+    request_s = line.seconds(len(codec.encode_request(poll.request)))
+    return timing.gap_s(line) + request_s + timing.timeout_s(line, codec.largest_reply(poll.request))
+
+
+def _stop_bytes(link: StationLink) -> int:
+    return len(link.codec.encode_request(link.extra.get("stop") or link.fence(0)))
