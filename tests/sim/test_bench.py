@@ -191,7 +191,7 @@ def test_f03_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledge
     assert isinstance(story(told()), modbus.Written)
 
 
-def test_f01_a_late_reply_comes_after_the_next_request() -> None:
+def test_f01_a_late_reply_comes_where_the_next_one_is_expected() -> None:
     async def told() -> list[bytes]:
         async with Desk("sim://vc660@1") as desk:
             desk.station().faults.late_s.append(0.3)
@@ -200,8 +200,8 @@ def test_f01_a_late_reply_comes_after_the_next_request() -> None:
             return [data for _, data, _ in desk.heard]
 
     first, second = story(told())
-    assert len(first) == 7
-    assert len(second) == 13
+    assert len(first) == 13  # of the request before
+    assert len(second) == 7
 
 
 def test_f15_two_drives_at_one_address_garble_their_replies() -> None:

@@ -121,15 +121,23 @@ def test_a_flipped_bit_is_marked_where_there_is_parity_and_unseen_where_there_is
 
 def test_a_late_reply_comes_late_but_whole() -> None:
     w = wire("late=1:0.4")
-    w.reply("station", b"1234", 0.0)
+    w.reply("station", b"1234", 0.0, 0.0)
     [(at, data, _)] = arrivals(w)
     assert 4 * CHARACTER_S < at < 0.4 + 4 * CHARACTER_S
     assert data == b"1234"
 
 
+def test_late_replies_of_one_station_come_in_order() -> None:
+    w = wire("late=0.5:5", seed=3)
+    for n in range(50):
+        w.reply("station", bytes((n,)), n * 0.1, n * 0.1)
+    assert b"".join(data for _, data, _ in arrivals(w)) == bytes(range(50))
+    assert w.collisions == 0
+
+
 def test_a_duplicate_reply_comes_twice() -> None:
     w = wire("duplicate=1")
-    w.reply("station", b"1234", 0.0)
+    w.reply("station", b"1234", 0.0, 0.0)
     assert [data for _, data, _ in arrivals(w)] == [b"1234", b"1234"]
 
 
@@ -142,7 +150,7 @@ def test_the_driver_can_cut_the_first_and_the_last_byte() -> None:
 
 def test_a_stray_byte_can_come_before_a_reply() -> None:
     w = wire("junk=1")
-    w.reply("station", b"1234", 0.0)
+    w.reply("station", b"1234", 0.0, 0.0)
     [(_, data, _)] = arrivals(w)
     assert len(data) == 5 and data[1:] == b"1234"
 
@@ -166,7 +174,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     def heard(seed: int) -> list[tuple[float, bytes, int]]:
         w = wire("noisy,late=0.3:0.2,duplicate=0.1", seed=seed)
         for n in range(200):
-            w.reply("station", bytes(range(12)), n * 1.0)
+            w.reply("station", bytes(range(12)), n * 1.0, n * 1.0)
         return arrivals(w)
 
     assert heard(7) == heard(7)
@@ -175,7 +183,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 def test_clean_weather_draws_no_lots() -> None:
     w = Wire(LINE, Weather(), NoLuck())
-    w.reply("station", b"1234", 0.0)
+    w.reply("station", b"1234", 0.0, 0.0)
     assert [data for _, data, _ in arrivals(w)] == [b"1234"]
 
 

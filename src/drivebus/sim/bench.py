@@ -220,7 +220,7 @@ class Bench:
             station.note_gap(frame.quiet_s, frame.short_gap)
             reply = station.heard(frame.message, frame.codec, self.line, now, error=frame.error, everybody=everybody)
             if reply is not None:
-                self.wire.reply(station, reply.data, max(now, said.end + reply.delay_s))
+                self.wire.reply(station, reply.data, now, max(now, said.end + reply.delay_s))
 
 
 def open_port(link: Any) -> Any:

@@ -15,6 +15,8 @@ from drivebus.seams import Rng
 from drivebus.sim.weather import Weather
 
 _EPSILON_S = 1e-9
+_PAUSE_CHARACTERS = 5.0
+"""Silence that a station keeps between two frames of its own."""
 
 
 class Side(Enum):
@@ -91,15 +93,16 @@ class Wire:
         now: float,
         sides: tuple[Side, ...],
         settings: LineSettings | None = None,
+        at: float | None = None,
     ) -> Transmission:
-        """``talker`` starts to send at ``now`` (or when its earlier bytes have left); returns what will be heard.
+        """``talker`` starts to send at ``at`` (default ``now``), or when its earlier bytes have left.
 
         ``settings`` other than the wire's own (a wrong baud rate) make all of it unreadable.
         """
         self._forget(now)
-        start = now
+        start = now if at is None else at
         for recent in self._recent:
-            if recent.talker is talker and recent.end > start and recent.start <= now:
+            if recent.talker is talker and recent.end > start:
                 start = recent.end
         said = Transmission(talker, data, start, (settings or self.settings).character_s, self._quiet(start))
         self._damage(said, foreign=settings is not None and settings != self.settings)
@@ -110,16 +113,20 @@ class Wire:
             self._schedule(said, sides)
         return said
 
-    def reply(self, talker: object, data: bytes, at: float) -> Transmission:
-        """A station answers the hosts at ``at``, subject to lateness, stray bytes and duplication."""
+    def reply(self, talker: object, data: bytes, now: float, at: float) -> Transmission:
+        """A station answers the hosts at ``at``, subject to lateness, stray bytes and duplication.
+
+        However late, a station answers in order.
+        """
         weather = self.weather
-        if self._chance(weather.late):
-            at += self._rng.random() * weather.late_s
+        late = at + (self._rng.random() * weather.late_s if self._chance(weather.late) else 0.0)
         if self._chance(weather.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
-        said = self.say(talker, data, at, (Side.HOSTS,))
+        pause = self.settings.seconds(_PAUSE_CHARACTERS)
+        at = max((recent.end + pause for recent in self._recent if recent.talker is talker), default=at)
+        said = self.say(talker, data, now, (Side.HOSTS,), at=max(at, late))
         if self._chance(weather.duplicate):
-            self.say(talker, data, said.end + 5 * said.character_s, (Side.HOSTS,))
+            self.say(talker, data, now, (Side.HOSTS,), at=said.end + pause)
         return said
 
     def quiet_since(self, now: float) -> float:
