@@ -66,10 +66,11 @@ def ask_start(core: BusCore, address: int = 1, **more: Any) -> Ask:
 
 @dataclass
 class Station:
-    """Answers reads with counters, obeys writes, and remembers what it heard. ``delay_s``: before its reply's first bit."""
+    """Answers reads with counters, obeys writes, and remembers what it heard."""
 
     address: int = 1
     delay_s: float = 0.005
+    """From the request's last bit to the reply's first."""
     alive: bool = True
     heard: list[tuple[float, Any]] = field(default_factory=list)
     registers: dict[int, int] = field(default_factory=dict)

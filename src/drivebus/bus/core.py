@@ -33,6 +33,8 @@ STOP_PATIENCE_CHARACTERS = 64
 """A stop waits no longer than this for a babbling line to fall silent (I3): longer than any frame of these families."""
 DUPLICATE_HINTS = 2
 """So many second answers mean two drives at one address (F15)."""
+SERVED = -1.0
+"""The last WakeAt has been served: the next one is said even if it is None again."""
 BABBLE_S = 1.0
 """Everything else fails when the line has not been silent for this long."""
 
@@ -180,7 +182,7 @@ class BusCore:
 
     def woke(self, now: float) -> list[Act]:
         """It is ``now``: whatever was waited for may have come."""
-        self._wake = None
+        self._wake = SERVED
         return self._go_on(now)
 
     # --- the machine -------------------------------------------------------------------------------------------
