@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
-from drivebus.profiles.complaint import Problem, problem
+from drivebus.profiles.complaint import Path, Problem, problem
 from drivebus.profiles.schema import BitIn, ProfileIn
 
 
@@ -54,5 +54,7 @@ def _status(profile: ProfileIn) -> Iterator[Problem]:
     seen = profile.status.reserved_mask
     for name, mask in profile.status.bits.items():
         if mask.bit_count() != 1 or mask & seen:
-            yield problem("status_bit", ("status", "bits", name), f"{mask:04X}H", seen=f"{seen:04X}H")
+            also: list[Path] = [("status", "bits", other) for other, bit in profile.status.bits.items() if bit & mask]
+            also.append(("status", "reserved_mask"))
+            yield problem("status_bit", ("status", "bits", name), f"{mask:04X}H", also=also, seen=f"{seen:04X}H")
         seen |= mask

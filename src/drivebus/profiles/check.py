@@ -27,7 +27,11 @@ NEEDED_BITS = {
 
 
 def problems(profile: ProfileIn) -> Iterator[Problem]:
-    """Everything that does not fit together."""
+    """Everything that does not fit together; only the family's own where even that does not fit."""
+    foreign = list(_family(profile))
+    if foreign:
+        yield from foreign
+        return
     yield from _line(profile)
     yield from _addresses(profile)
     yield from _capabilities(profile)
@@ -64,6 +68,9 @@ def _addresses(profile: ProfileIn) -> Iterator[Problem]:
     if profile.broadcast is not None and low <= profile.broadcast <= high:
         also = (("addresses",),)
         yield problem("broadcast", ("broadcast",), profile.broadcast, also=also, low=low, high=high)
+
+
+def _family(profile: ProfileIn) -> Iterator[Problem]:
     for encoding in profile.encodings:
         if encoding not in ENCODINGS[profile.family]:
             yield problem("choice", ("encodings",), encoding, choices=_listed(ENCODINGS[profile.family]))
@@ -103,7 +110,8 @@ def _modbus(profile: ProfileIn) -> Iterator[Problem]:
     if profile.commands is not None and profile.commands.function not in functions:
         yield problem("not_in", ("commands", "function"), profile.commands.function, choices=_listed(functions))
     if "read" in profile.capabilities and 3 not in functions:
-        yield problem("needs", ("capabilities",), "read", what="[modbus] functions 3")
+        also = (("modbus", "functions"),)
+        yield problem("needs", ("capabilities",), "read", also=also, what="[modbus] functions 3")
 
 
 def _ranges(profile: ProfileIn) -> Iterator[Problem]:

@@ -41,7 +41,7 @@ EvidenceLine = Annotated[
 class Strict(BaseModel):
     """No unknown keys, no coercion."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class TextIn(Strict):
@@ -50,13 +50,15 @@ class TextIn(Strict):
 
 
 class ScaleIn(Strict):
-    factor: Annotated[float, Field(gt=0)] = 1.0
+    factor: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     offset: float = 0.0
     coding: Literal["binary", "signed", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
 
 
 class SetpointIn(ScaleIn):
+    factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
+    """Hz a step; the bounds catch a slip that would be a runaway."""
     evidence: EvidenceLine = "assumed"
 
 
@@ -178,8 +180,8 @@ class WriteIn(Strict):
 
 
 class CommLossIn(Strict):
-    time: str | None = None
-    action: str | None = None
+    time: Sentence | None = None
+    action: Sentence | None = None
     trips_values: list[Word] = []
     evidence: EvidenceLine = "assumed"
 

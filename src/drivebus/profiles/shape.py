@@ -14,6 +14,7 @@ _TYPES = {
     "int_type": "integer",
     "int_from_float": "integer",
     "float_type": "number",
+    "finite_number": "number",
     "string_type": "string",
     "bool_type": "boolean",
     "list_type": "array",
