@@ -10,7 +10,7 @@ import pytest
 from drivebus.protocols import modbus
 from drivebus.protocols.checksum import crc16
 from drivebus.sim.motor import Trip
-from drivebus.sim.vc660 import COMMAND_SOURCE, FREQUENCY_SOURCE, KEYPAD_HZ, REPLY_DELAY, index
+from drivebus.sim.vc660_tables import COMMAND_SOURCE, FREQUENCY_SOURCE, KEYPAD_HZ, REPLY_DELAY, index
 from simdesk import Desk, story
 
 

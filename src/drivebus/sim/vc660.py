@@ -1,7 +1,4 @@
-"""A pretend VC660 spindle drive: Modbus RTU, from its debugging guide (§ one, four, five, six). Pure.
-
-What the guide does not print is the sim's own and marked so: sizes of the parameter groups, fault bits beyond b0.
-"""
+"""A pretend VC660 spindle drive: Modbus RTU, from its debugging guide (§ one, four, five, six). Pure."""
 
 from __future__ import annotations
 
@@ -12,65 +9,39 @@ from drivebus.line import LineSettings
 from drivebus.message import Codec
 from drivebus.protocols import modbus
 from drivebus.sim.ear import EarRule
-from drivebus.sim.memory import Cell, Guard, Refusal
+from drivebus.sim.memory import Refusal
 from drivebus.sim.motor import Motor, Phase, Trip
 from drivebus.sim.station import Station
-
-PARAMETERS = 451
-"""Indices 0-450 (0-1C2H)."""
-SAVE = 0x8000
-"""Index with this bit: EEPROM as well (T14)."""
-MAX_READ = 4
-GROUP_SIZES = (30, 40, 60, 60, 50, 60, 20, 50, 40, 41)
-"""Parameters of F00, F01, … The guide does not publish them: the sim's own, 451 in all."""
-
-START, STOP, REVERSE, JOG_FORWARD, JOG_REVERSE = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
-COAST, EMERGENCY, PAUSE, HOLD, RESET = 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9
-PULSES = START | STOP | COAST | EMERGENCY | RESET
-"""Marked * in the control table."""
-
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILED = 1, 2, 3, 4
-
-_FAULT_BITS = {Trip.UNDERVOLTAGE: 0} | {
-    trip: 1 + n for n, trip in enumerate(t for t in Trip if t is not Trip.UNDERVOLTAGE)
-}
-"""b0 of the first fault word is under-voltage; the others are the sim's own."""
-_ANALOG_LIMIT = 0x3FFF
-"""The guide prints "0~3ffff", which no register holds [OPEN]."""
-
-
-def index(group: int, number: int) -> int:
-    """The consecutive index of Fgg.nn."""
-    return sum(GROUP_SIZES[:group]) + number
-
-
-FREQUENCY_SOURCE, KEYPAD_HZ = index(0, 1), index(0, 2)
-COMMAND_SOURCE = index(1, 0)
-REPLY_DELAY, VIRTUAL_INPUTS = index(6, 6), index(6, 7)
-ACCEL_TIME, DECEL_TIME, JOG_HZ = index(0, 8), index(0, 9), index(0, 10)
-"""The sim's own places; 0.1 s and 0.01 Hz."""
-
-
-def cells() -> dict[int, Cell]:
-    """The parameters as a commissioned drive has them: commands and frequency from the bus."""
-    table = {number: Cell() for number in range(PARAMETERS)}
-    table |= {
-        index(0, 0): Cell(5000, 0, 40000, Guard.RUNNING),
-        FREQUENCY_SOURCE: Cell(4, 0, 9, Guard.RUNNING),
-        KEYPAD_HZ: Cell(5000, 0, 40000),
-        index(0, 3): Cell(0, 0, 40000),
-        ACCEL_TIME: Cell(100, 1, 36000),
-        DECEL_TIME: Cell(100, 1, 36000),
-        JOG_HZ: Cell(500, 0, 40000),
-        COMMAND_SOURCE: Cell(2, 0, 2, Guard.RUNNING),
-        index(6, 2): Cell(0, 0, 1, Guard.RUNNING),
-        index(6, 3): Cell(1, 0, 247, Guard.RUNNING),
-        index(6, 4): Cell(5, 0, 7, Guard.RUNNING),
-        index(6, 5): Cell(0, 0, 2, Guard.RUNNING),
-        REPLY_DELAY: Cell(4, 0, 1000),
-        VIRTUAL_INPUTS: Cell(0, 0, 1),
-    }
-    return table
+from drivebus.sim.vc660_tables import (
+    ACCEL_TIME,
+    ANALOG_LIMIT,
+    COAST,
+    COMMAND_SOURCE,
+    DECEL_TIME,
+    EMERGENCY,
+    FAILED,
+    FAULT_BITS,
+    FREQUENCY_SOURCE,
+    HOLD,
+    ILLEGAL_ADDRESS,
+    ILLEGAL_FUNCTION,
+    ILLEGAL_VALUE,
+    JOG_FORWARD,
+    JOG_HZ,
+    JOG_REVERSE,
+    KEYPAD_HZ,
+    MAX_READ,
+    PARAMETERS,
+    PAUSE,
+    PULSES,
+    REPLY_DELAY,
+    RESET,
+    REVERSE,
+    SAVE,
+    START,
+    STOP,
+    cells,
+)
 
 
 class VC660Station(Station):
@@ -187,7 +158,7 @@ class VC660Station(Station):
             case 0x08 | 0x14:
                 return self.outputs
             case 0x16:
-                return 1 << _FAULT_BITS[motor.trip] if motor.trip else 0
+                return 1 << FAULT_BITS[motor.trip] if motor.trip else 0
             case 0x18:
                 return 1 if motor.temperature_c > 80.0 else 0
         return 0
@@ -244,7 +215,7 @@ class VC660Station(Station):
             case 7:
                 self.outputs &= ~value
             case 8 | 9:
-                if value > _ANALOG_LIMIT:
+                if value > ANALOG_LIMIT:
                     return ILLEGAL_VALUE
                 self.analog[number - 8] = value
         return 0
@@ -303,4 +274,4 @@ class VC660Station(Station):
             self.motor.stop()
 
     def trip_code(self, trip: Trip) -> int:
-        return _FAULT_BITS[trip]
+        return FAULT_BITS[trip]
