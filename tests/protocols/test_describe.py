@@ -10,11 +10,14 @@ import pytest
 
 from drivebus import i18n
 from drivebus.protocols import dzb, sifang
+from drivebus.protocols.checksum import STRICT
 from drivebus.protocols.describe import Description
+from drivebus.protocols.sifang.frame import CONTROL, READ, WRITE, AsciiForm
 from protocols.vectors import Vector, load
 
 C320, DZB100 = load("c320"), load("dzb100")
 VECTORS = [*C320.values(), *DZB100.values()]
+ASCII = AsciiForm(STRICT)
 MODULES: dict[str, ModuleType] = {"c320": sifang, "dzb100": dzb}
 
 
@@ -123,6 +126,40 @@ def test_the_fields_of_a_frame_with_a_wrong_sum_are_still_shown() -> None:
     found = sifang.describe(b"*0000100003E70261\r", request=C320["c320-4.2-request-ascii"].bytes)
     assert (found.valid, found.fields["frequency_hz"], found.canonical) == (False, 9.99, None)
     assert found.problems == (("protocols.checksum", {"expected": 0x260, "found": 0x261}),)
+
+
+def test_what_a_host_would_never_send_has_no_canonical_form() -> None:
+    read_of_everybody = ASCII.build(READ, 31, 1, 0, 0, 0)
+    start_with_data_that_it_cannot_have = ASCII.build(CONTROL, 5, 4, 1, 999)
+    for frame in (read_of_everybody, start_with_data_that_it_cannot_have):
+        found = sifang.describe(frame)
+        assert (found.valid, found.canonical) == (True, None)
+
+
+def test_an_ambiguous_write_shows_both_numbers_and_the_meant_frame() -> None:
+    frame = sifang.SifangCodec("hex").encode_request(sifang.WriteParameter(5, 2, 1, 0x0106))
+    found = sifang.describe(frame)
+    assert (found.fields["data"], [dict(reading.fields) for reading in found.readings]) == (0x0106, [{"data": 0x16}])
+    assert found.canonical == sifang.SifangCodec("hex").encode_request(sifang.WriteParameter(5, 2, 1, 0x16))
+
+
+def test_a_reply_with_a_state_that_nobody_listed_is_not_valid_in_any_reading() -> None:
+    found = sifang.describe(ASCII.build(WRITE, 5, 0, 0x07, 0, 1, 7))
+    assert [key for key, _ in found.problems] == ["protocols.sifang.state"]
+    assert found.fields["state"] == 7
+
+
+def test_t08_a_queried_frequency_follows_the_query_coding() -> None:
+    frame = b"Q\x03\x060701007B"
+    assert dzb.describe(frame).fields["frequency_hz"] == 12.3
+    assert dzb.describe(frame, meaning=dzb.Meaning(query_coding="hex-1")).fields["frequency_hz"] == 123.0
+    assert "frequency_hz" not in dzb.describe(frame, meaning=dzb.Meaning(query_coding="decimal-0.1")).fields
+
+
+def test_a_state_word_that_is_not_believed_is_the_problem_of_its_reply() -> None:
+    found = dzb.describe(b"Q\x03\x0607039000")
+    assert [key for key, _ in found.problems] == ["protocols.dzb.command_digit"]
+    assert (found.fields["data"], "state" in found.fields) == (0x9000, False)
 
 
 def test_a_wrong_request_is_the_problem_of_its_reply() -> None:

@@ -182,6 +182,28 @@ def test_t10_what_no_drive_can_answer_or_obey_is_not_emitted(request_: dzb.Reque
         CODEC.encode_request(request_)
 
 
+@pytest.mark.parametrize(
+    "reply",
+    [dzb.Reply("X", 1, 1, 0, True), dzb.Reply("P", 1, 1, 0, None, 1), dzb.Reply("C", 1, 1, 0, None, 9)],
+    ids=repr,
+)
+def test_a_reply_that_is_no_reply_is_not_emitted(reply: dzb.Reply) -> None:
+    with pytest.raises(ValueError, match=r"expected C|0 to 8"):
+        CODEC.encode_reply(reply)
+
+
+def test_a_command_digit_that_nobody_listed_is_not_heard() -> None:
+    with pytest.raises(CodeError) as caught:
+        CODEC.decode_request(b"C\x03\x0101090000")
+    assert (caught.value.expected, caught.value.found) == ("0-8", 9)
+    assert CODEC.decode_request(b"C\x03\x0101380000").message.command is Command.RESET  # the high digit is undefined
+
+
+@given(requests)
+def test_a_request_speaks_to_its_address(request: dzb.Request) -> None:
+    assert CODEC.address_of(request) == request.address
+
+
 def test_only_commands_are_for_everybody() -> None:
     with pytest.raises(CodeError) as caught:
         CODEC.decode_request(b"P\x03\x0200100000")

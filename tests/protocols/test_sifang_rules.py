@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivebus.errors import AddressError, CodeError, EchoError, HeaderError, ProtocolError, TerminatorError
+from drivebus.errors import (
+    AddressError,
+    AlphabetError,
+    ChecksumError,
+    CodeError,
+    EchoError,
+    HeaderError,
+    ProtocolError,
+    TerminatorError,
+)
 from drivebus.message import Complete, Effect, Incomplete
 from drivebus.protocols import sifang
 from drivebus.protocols.sifang import Operation, Reply, Response, SifangCodec, State
@@ -211,6 +220,13 @@ def test_only_enumerated_states_and_responses_are_believed(encoding: Encoding) -
         assert caught.value.found == response
 
 
+def test_a_hex_identity_has_digits_in_bytes_7_and_8_unless_the_drive_is_in_fault() -> None:
+    frame = PackedForm().build(WRITE, 5, 0, State.STOPPED, 0, 0x25, 7)
+    with pytest.raises(AlphabetError) as caught:
+        CODECS["hex"].decode_reply(sifang.ReadIdentity(5, 0), frame)
+    assert (caught.value.expected, caught.value.found, caught.value.params["position"]) == (0x0F, 0x25, 8)
+
+
 def test_a_short_reply_with_a_state_is_none() -> None:
     with pytest.raises(CodeError) as caught:
         CODECS["ascii"].decode_reply(MONITOR, b"*0560300FE\r")
@@ -406,6 +422,10 @@ def test_an_illegal_character_is_answered_with_code_7_where_the_address_can_be_r
 )
 def test_a_wrong_head_sum_or_end_and_nobodys_address_are_not_answered(frame: bytes) -> None:
     assert answer(frame) is None
+
+
+def test_an_error_that_is_no_requests_gets_no_short_reply() -> None:
+    assert sifang.short_reply(ChecksumError("protocols.checksum", expected=1, found=2, address=7)) is None
 
 
 def test_nobody_complains_about_a_broadcast() -> None:

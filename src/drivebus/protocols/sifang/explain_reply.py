@@ -20,7 +20,7 @@ from drivebus.protocols.sifang.frame import (
     PackedForm,
 )
 from drivebus.protocols.sifang.messages import ReadIdentity, Request
-from drivebus.protocols.sifang.replies import framed_size, read_full, read_identity, read_short
+from drivebus.protocols.sifang.replies import framed_size, read_full, read_short
 from drivebus.protocols.sifang.tables import (
     KIND_AT,
     RESPONSES,
@@ -88,12 +88,7 @@ def _check_alone(data: bytes, form: Form) -> None:
     if size == SHORT.size:
         read_short(form, data)
         return
-    try:
-        read_full(form, data)
-    except ProtocolError:
-        if not _only_identity(data, form):
-            raise
-        read_identity(form, data)
+    read_full(form, data)  # a class-0 reply's digits 7-8 read as a nibble item
 
 
 def _only_identity(data: bytes, form: Form) -> bool:
