@@ -131,7 +131,7 @@ def _check_address(request: Request, reply: Reply) -> None:
 
 def _check_echo(name: str, expected: int, found: int | None) -> None:
     if found is not None and found != expected:
-        raise EchoError("protocols.echo", expected=expected, found=found, field=name)
+        raise EchoError(f"protocols.sifang.echo.{name}", expected=expected, found=found)
 
 
 def _control_reply(request: Control, reply: Reply) -> Reply:
@@ -146,9 +146,9 @@ def _check_written(request: WriteParameter, reply: Reply) -> None:
     """Done: the drive echoes the data. Refused: it says 0000 (section 3); the data that we sent mean our own echo."""
     if reply.response is Response.OK:
         if request.data not in (reply.data, reply.other_data):
-            raise EchoError("protocols.echo", expected=request.data, found=reply.data, field="data")
+            raise EchoError("protocols.sifang.echo.data", expected=request.data, found=reply.data)
     elif request.data and reply.data == request.data and _looks_sent(request, reply):
-        raise EchoError("protocols.sifang.own_echo", expected=0, found=reply.data, field="data")
+        raise EchoError("protocols.sifang.own_echo", expected=0, found=reply.data)
 
 
 def _looks_sent(request: WriteParameter, reply: Reply) -> bool:

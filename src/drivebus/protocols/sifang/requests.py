@@ -133,4 +133,4 @@ def _request(address: int, kind: int, operation: Operation, rest: list[int]) -> 
 
 def _check_unused(name: str, value: int, address: int) -> None:
     if value:
-        raise ItemError("protocols.sifang.unused", expected=0, found=value, field=name, address=address)
+        raise ItemError(f"protocols.sifang.unused.{name}", expected=0, found=value, address=address)
