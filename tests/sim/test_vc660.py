@@ -10,7 +10,15 @@ import pytest
 from drivebus.protocols import modbus
 from drivebus.protocols.checksum import crc16
 from drivebus.sim.motor import Trip
-from drivebus.sim.vc660_tables import COMMAND_SOURCE, FREQUENCY_SOURCE, KEYPAD_HZ, REPLY_DELAY, index
+from drivebus.sim.vc660_tables import (
+    COMMAND_SOURCE,
+    FIRST_OUTPUT,
+    FREQUENCY_SOURCE,
+    KEYPAD_HZ,
+    REPLY_DELAY,
+    VIRTUAL_INPUTS,
+    index,
+)
 from simdesk import Desk, story
 
 
@@ -362,9 +370,15 @@ def test_2001h_is_ignored_unless_f00_01_is_4() -> None:
     story(told())
 
 
-def test_virtual_inputs_and_outputs_are_set_and_cleared_by_ones() -> None:
+def test_virtual_inputs_and_outputs_are_set_and_cleared_by_ones_where_the_keypad_allows_it() -> None:
     async def told() -> None:
         async with Desk("sim://vc660@1") as desk:
+            await desk.ask(write(0x2002, 0b0110))
+            await desk.ask(write(0x2006, 0b101))
+            assert (await desk.ask(read(0x3007, 2))).values == (0, 0)
+            desk.station().press_set(VIRTUAL_INPUTS, 1)
+            for n in range(3):
+                desk.station().press_set(FIRST_OUTPUT + n, 28 + n)
             await desk.ask(write(0x2002, 0b0110))
             await desk.ask(write(0x2003, 0b0010))
             await desk.ask(write(0x2006, 0b101))

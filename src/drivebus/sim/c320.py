@@ -106,7 +106,7 @@ class C320Station(C320Drive):
         return Reply(self.address, response, group=group, info=digits.get(group, "000000"))
 
     def _monitor_reply(self, number: int, response: Response, item: int) -> Reply:
-        data = self.monitor(number) if response is Response.OK else 0
+        data = self.monitor(number) & 0xFFFF if response is Response.OK else 0
         return Reply(self.address, response, group=0, item=item, data=data)
 
     @property

@@ -125,7 +125,7 @@ class DF800Station(Station):
             shown = self.command if register == COMMAND else round(self.bus_hz * 100)
             return shown if self.reads_command else None
         if register < 16:
-            return self._monitor(register)
+            return self._monitor(register) & 0xFFFF
         return None if self.memory.refuses_read(register) else self.memory[register]
 
     def _monitor(self, number: int) -> int:

@@ -21,8 +21,10 @@ from drivebus.sim.vc660_tables import (
     EMERGENCY,
     FAILED,
     FAULT_BITS,
+    FIRST_OUTPUT,
     FREQUENCY_SOURCE,
     HOLD,
+    HOST_OUTPUT,
     ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
     ILLEGAL_VALUE,
@@ -40,6 +42,7 @@ from drivebus.sim.vc660_tables import (
     SAVE,
     START,
     STOP,
+    VIRTUAL_INPUTS,
     cells,
 )
 
@@ -130,7 +133,7 @@ class VC660Station(Station):
             return self.memory[register]
         if not 0x3000 <= register <= 0x3018:
             return None
-        return self._monitor(register - 0x3000)
+        return self._monitor(register - 0x3000) & 0xFFFF
 
     def _monitor(self, number: int) -> int:
         motor = self.seen
@@ -150,18 +153,22 @@ class VC660Station(Station):
             case 0x06:
                 return round(motor.bus_v)
             case 0x07:
-                return self.inputs[0]
+                return self.inputs[0] if self.memory[VIRTUAL_INPUTS] else 0
             case 0x0B:
                 return round(motor.temperature_c)
             case 0x0C:
                 return round(self.reference_hz * 60 / motor.rating.pole_pairs)
             case 0x08 | 0x14:
-                return self.outputs
+                return self.outputs & self._driven_by_host()
             case 0x16:
                 return 1 << FAULT_BITS[motor.trip] if motor.trip else 0
             case 0x18:
                 return 1 if motor.temperature_c > 80.0 else 0
         return 0
+
+    def _driven_by_host(self) -> int:
+        """Outputs Y0-Y2 whose F04.00-02 hand them to the host (28, 29, 30)."""
+        return sum(1 << n for n in range(3) if self.memory[FIRST_OUTPUT + n] == HOST_OUTPUT + n)
 
     def _status(self, motor: Motor) -> int:
         running = motor.energised

@@ -40,6 +40,7 @@ def index(group: int, number: int) -> int:
 FREQUENCY_SOURCE, KEYPAD_HZ = index(0, 1), index(0, 2)
 COMMAND_SOURCE = index(1, 0)
 REPLY_DELAY, VIRTUAL_INPUTS = index(6, 6), index(6, 7)
+FIRST_OUTPUT, HOST_OUTPUT = index(4, 0), 28
 ACCEL_TIME, DECEL_TIME, JOG_HZ = index(0, 8), index(0, 9), index(0, 10)
 """The sim's own places; 0.1 s and 0.01 Hz."""
 
