@@ -17,9 +17,9 @@ PAGES = sorted((ROOT / "docs" / "protocols").glob("*.md"))
 
 
 def toml_examples() -> list[tuple[str, str]]:
-    found = (
-        (page.name, re.findall(r"^ *```toml\n(.*?)```", page.read_text(), re.DOTALL | re.MULTILINE)) for page in PAGES
-    )
+    pages = [*PAGES, *sorted((ROOT / "docs" / "reference").glob("profiles*.md"))]
+    fence = re.compile(r"^ *```toml\n(.*?)```", re.DOTALL | re.MULTILINE)
+    found = ((page.name, fence.findall(page.read_text(encoding="utf-8"))) for page in pages)
     return [(name, example) for name, examples in found for example in examples]
 
 
