@@ -9,6 +9,9 @@ from typing import Any
 from drivebus.profiles.complaint import Path, Problem, problem
 from drivebus.profiles.schema import BitIn, ProfileIn
 
+OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
+"""Commands that must be recognisable in a word: what frame is a stop, and so exempt from permits, is read from it."""
+
 
 def problems(profile: ProfileIn) -> Iterator[Problem]:
     """Everything wrong with the words' bits."""
@@ -28,6 +31,8 @@ def _commands(profile: ProfileIn) -> Iterator[Problem]:
         for name, bit in bits.items():
             if bit.value & ~bit.mask:
                 yield problem("outside_mask", (*path, name), f"{bit.value:04X}H", mask=f"{bit.mask:04X}H")
+            if name in OWN_BIT and not bit.value:
+                yield problem("no_bit", (*path, name), "0000H", name=name)
             if name in ("forward", "reverse") and bit.mask.bit_count() > 1 and bit.value == bit.mask:
                 yield problem("toggle", (*path, name), f"{bit.value:04X}H")
         yield from _overlaps(path, bits)
