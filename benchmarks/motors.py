@@ -1,0 +1,49 @@
+"""How long 1,000 simulated motors take for one step, by what they are doing and by the size of the step."""
+
+from __future__ import annotations
+
+import json
+import time
+from statistics import median
+
+from benchmarks.harness import Figures
+from drivebus.sim.motor import Load, Motor
+
+MOTORS = 1000
+SCENES = {"accelerating": 2.0, "at speed": 20.0, "decelerating": 22.0, "off": 60.0}
+"""Seconds into a story of a start at 0 s and a stop at 20 s, ramps of 10 s."""
+LOADS = (Load(), Load.fan(), Load.winch())
+
+
+def motors(at_s: float) -> list[Motor]:
+    """All of them somewhere in the story, with three kinds of load."""
+    made = [Motor(load=LOADS[n % len(LOADS)]) for n in range(MOTORS)]
+    for motor in made:
+        motor.brake_resistor_w = 5000.0
+        motor.run(50.0)
+        motor.step(min(at_s, 20.0))
+        if at_s > 20.0:
+            motor.stop()
+            motor.step(at_s - 20.0)
+    return made
+
+
+def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
+    """Median milliseconds of one step of all motors."""
+    times = []
+    for _ in range(rounds):
+        made = motors(at_s)
+        start = time.perf_counter()
+        for motor in made:
+            motor.step(dt)
+        times.append(time.perf_counter() - start)
+    return round(median(times) * 1e3, 2)
+
+
+def ours() -> Figures:
+    """Milliseconds by scene and step."""
+    return {scene: {f"dt {dt} s": step_ms(at_s, dt) for dt in (0.01, 0.1)} for scene, at_s in SCENES.items()}
+
+
+if __name__ == "__main__":
+    print(json.dumps(ours(), indent=2))
