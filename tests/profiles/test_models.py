@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -275,3 +276,11 @@ def test_the_address_of_a_worked_frame_is_that_of_the_parameter_it_names(name: s
         assert locator == ("parameter", fields["group"] << 8 | fields["item"])
     else:
         assert notation.locate(fields["parameter"], profile.notation) == ("holding", fields["register"])
+
+
+def test_a_fault_that_nobody_describes_still_has_its_number_in_both_languages() -> None:
+    bare = replace(profiles.load("vc660"), faults={}, fault_text=None, fault_label="")
+    assert (bare.fault(5).text.en, bare.fault(5).text.zh) == (
+        "fault 5, not described in the manual",
+        "故障 5，手册未说明",
+    )

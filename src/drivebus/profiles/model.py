@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from drivebus import i18n
 from drivebus.message import StationTiming
 from drivebus.units import Scale
 
@@ -299,7 +300,7 @@ class DriveProfile:
         known = self.faults.get(code)
         if known is not None:
             return known
-        text = self.fault_text or Text("fault {code}, not described in the manual", "故障 {code}，手册未说明")
+        text = self.fault_text or Text(*(i18n.text("profiles.fault_undescribed", side) for side in ("en", "zh")))
         return FaultEntry(
             code,
             self.fault_label.replace("{code}", str(code)),

@@ -18,7 +18,8 @@ import re
 from collections.abc import Iterable, Mapping
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.model import DriveProfile, Locator, NotationRule, Parameter, Signal, Text
+from drivebus.profiles.complaint import both
+from drivebus.profiles.model import DriveProfile, Locator, NotationRule, Parameter, Signal
 
 SIFANG_GROUPS = {**{str(n): n for n in range(10)}, "C": 10, "E": 11, "F": 12, "H": 13, "L": 14, "P": 15}
 """Function group letter → data class digit (manual §3 (4))."""
@@ -176,7 +177,7 @@ def nearest(name: str, known: Iterable[str]) -> list[str]:
 
 
 def _raw(profile: DriveProfile, name: str, locator: Locator) -> Parameter:
-    text = Text("not described in the profile: raw word", "配置文件未说明：原始数据")
+    text = both("profiles.raw_word")
     bare = _REGISTER.fullmatch(name.strip().upper()) is not None or profile.notation.style == "register"
     shown = show(locator, profile)
     return Parameter(shown, locator, text, writable=not bare and locator[0] in ("parameter", "holding"), listed=False)
