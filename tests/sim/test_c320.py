@@ -558,3 +558,14 @@ def test_a_stop_with_a_frequency_stops() -> None:
             assert desk.station().setpoint_hz == 10.0
 
     story(told())
+
+
+def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
+    async def told(model: str, group: int, item: int) -> tuple[Response, Response]:
+        async with Desk(f"sim://{model}@1", sifang.SifangCodec()) as desk:
+            there = await desk.ask(sifang.ReadParameter(1, group, item))
+            here = await desk.ask(sifang.ReadParameter(1, *((6, 12) if model == "e500" else (9, 4))))
+            return there.response, here.response
+
+    assert story(told("e500", 3, 8)) == (Response.OK, Response.RESERVED)
+    assert story(told("e550", 4, 4)) == (Response.OK, Response.RESERVED)

@@ -14,15 +14,25 @@ from drivebus.message import Codec
 from drivebus.protocols import sifang
 from drivebus.protocols.sifang import Reply, Response, State
 from drivebus.sim.c320_drive import JOGS, STARTS, C320Drive
-from drivebus.sim.c320_tables import FREQUENCY_CHANNEL, FROM_BUS, LAST_MONITOR, MONITOR_SELECTOR, RESPONSES
+from drivebus.sim.c320_tables import (
+    COMM_LOSS_TIME,
+    FREQUENCY_CHANNEL,
+    FROM_BUS,
+    LAST_MONITOR,
+    MONITOR_SELECTOR,
+    RESPONSES,
+)
 from drivebus.sim.ear import EarRule
 from drivebus.sim.motor import Motor
 
 
 class C320Station(C320Drive):
-    """``monitor_index``: how d.15 is asked for, 0FH or 15H [OPEN]. ``step_hz``: 0.01 on C320 and C300, 0.1 on E series.
-    ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. Frames for
-    others do not feed its comm-loss timer [OPEN]."""
+    """Settings for what the manual leaves open, and for what its sisters do otherwise.
+
+    ``monitor_index``: how d.15 is asked for, 0FH or 15H [OPEN]. ``step_hz``: 0.01 on C320 and C300, 0.1 on the E
+    series. ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. ``selector``, ``comm_loss_time``:
+    where a sister keeps what is F6.12 and F9.4 here. Frames for others do not feed the comm-loss timer [OPEN].
+    """
 
     family: ClassVar[str] = "c320"
     rule: EarRule = EarRule(5.0, needs_gap=True, starts=b"\x2a\x5a")
@@ -36,10 +46,12 @@ class C320Station(C320Drive):
         monitor_index: Literal["binary", "bcd"] = "binary",
         step_hz: float = 0.01,
         current_at_1: bool = False,
+        selector: int = MONITOR_SELECTOR,
+        comm_loss_time: int = COMM_LOSS_TIME,
         delay_characters: float = 4.0,
         motor: Motor | None = None,
     ) -> None:
-        super().__init__(address, step_hz, current_at_1, motor)
+        super().__init__(address, step_hz, current_at_1, selector, comm_loss_time, motor)
         self.codecs: tuple[Codec, ...] = (sifang.SifangCodec("ascii"), sifang.SifangCodec("hex"))
         self.monitor_index = monitor_index
         self.delay_characters = delay_characters
@@ -62,7 +74,7 @@ class C320Station(C320Drive):
         before = self.state
         if isinstance(request, sifang.Control):
             response = self.operate(operation, request.data)
-            reply = self._monitor_reply(self.memory[MONITOR_SELECTOR], response, self._selected_item)
+            reply = self._monitor_reply(self.memory[self.selector], response, self._selected_item)
         else:
             reply = self._served(request)
             if not reply.response.short:
@@ -111,7 +123,7 @@ class C320Station(C320Drive):
 
     @property
     def _selected_item(self) -> int:
-        return sifang.monitor_item(self.memory[MONITOR_SELECTOR], self.monitor_index)
+        return sifang.monitor_item(self.memory[self.selector], self.monitor_index)
 
     # Parameters.
 

@@ -10,7 +10,6 @@ from drivebus.sim.c320_tables import (
     ACCEL_TIME,
     COMM_LOSS_ACTION,
     COMM_LOSS_STOP,
-    COMM_LOSS_TIME,
     COMM_LOSS_TRIP,
     COMMAND_CHANNEL,
     DECEL_TIME,
@@ -47,8 +46,18 @@ class C320Drive(Station):
 
     ramp_keys = (ACCEL_TIME, DECEL_TIME)
 
-    def __init__(self, address: int, step_hz: float, current_at_1: bool, motor: Motor | None) -> None:
-        super().__init__(address, cells(step_hz), motor)
+    def __init__(
+        self,
+        address: int,
+        step_hz: float,
+        current_at_1: bool,
+        selector: int,
+        comm_loss_time: int,
+        motor: Motor | None,
+    ) -> None:
+        super().__init__(address, cells(step_hz, selector, comm_loss_time), motor)
+        self.selector = selector
+        self.comm_loss_time = comm_loss_time
         self.step_hz = step_hz
         self.current_at_1 = current_at_1
         self.power_up()
@@ -74,7 +83,7 @@ class C320Drive(Station):
 
     def _until_event(self) -> float:
         left = self.dip_left_s if self.dip_left_s > 0.0 else float("inf")
-        limit = self.memory[COMM_LOSS_TIME] / 10.0
+        limit = self.memory[self.comm_loss_time] / 10.0
         if limit and self.silent_s is not None and self.silent_s < limit:
             left = min(left, limit - self.silent_s)
         return left
@@ -85,7 +94,7 @@ class C320Drive(Station):
             if self.dip_left_s <= 1e-9:
                 self._mains_back()
         if self.silent_s is not None:
-            limit = self.memory[COMM_LOSS_TIME] / 10.0
+            limit = self.memory[self.comm_loss_time] / 10.0
             before, self.silent_s = self.silent_s, self.silent_s + seconds
             if limit and before < limit - 1e-9 <= self.silent_s:
                 self.silent_s = max(self.silent_s, limit)

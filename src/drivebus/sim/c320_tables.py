@@ -45,7 +45,7 @@ _RESERVED = Cell(guard=Guard.HIDDEN)
 _GROUP_SIZE = 32
 
 
-def cells(step_hz: float) -> dict[int, Cell]:
+def cells(step_hz: float, selector: int, comm_loss_time: int) -> dict[int, Cell]:
     """All sixteen groups; a place that nobody described is reserved. Commissioned: everything from RS485."""
     highest = round(400.0 / step_hz)
     table = {group << 8 | item: _RESERVED for group in range(16) for item in range(_GROUP_SIZE)}
@@ -59,8 +59,8 @@ def cells(step_hz: float) -> dict[int, Cell]:
         JOG_HZ: Cell(round(5.0 / step_hz), 0, round(50.0 / step_hz)),
         INPUT_CHARACTERISTIC: Cell(0, 0, 0x1111),
         START_MODE: Cell(0, 0, 2, Guard.RUNNING),
-        MONITOR_SELECTOR: Cell(0, 0, LAST_MONITOR),
+        selector: Cell(0, 0, LAST_MONITOR),
         COMM_LOSS_ACTION: Cell(COMM_LOSS_STOP, 0, 2),
-        COMM_LOSS_TIME: Cell(0, 0, 6000),
+        comm_loss_time: Cell(0, 0, 6000),
     }
     return table

@@ -35,12 +35,14 @@ MODELS: Mapping[str, tuple[type[Station], Mapping[str, Any]]] = {
     "c320": (C320Station, {}),
     "c300": (C320Station, {"current_at_1": True}),
     "e300": (C320Station, {"step_hz": 0.1, "current_at_1": True}),
-    "e500": (C320Station, {"step_hz": 0.1}),
-    "e550": (C320Station, {"step_hz": 0.1}),
+    "e500": (C320Station, {"step_hz": 0.1, "selector": 0x308}),
+    "e550": (C320Station, {"step_hz": 0.1, "comm_loss_time": 0x404}),
     "dzb100": (DZB100Station, {}),
     "vc660": (VC660Station, {}),
     "df800": (DF800Station, {}),
 }
+
+"""E500 selects its monitor with F3.08, E550 keeps its comm-loss time in F4.04 (their own manuals)."""
 
 LOADS: Mapping[str, Callable[[], Load]] = {"constant": Load, "fan": Load.fan, "winch": Load.winch}
 
