@@ -75,6 +75,10 @@ class Dialect(Protocol):
         """The smallest set of reads that shows state, direction and fault."""
         ...
 
+    def plain_read(self) -> Any:
+        """A read whose reply differs from it: shows that a port has no echo."""
+        ...
+
     def fault_reads(self) -> tuple[Any, ...]:
         """Further reads that name a fault; empty where the state itself carries its code."""
         ...
@@ -161,6 +165,10 @@ class Dialect(Protocol):
 
     def lawful(self, frame: bytes) -> bool:
         """The encoded request is on the family's allow-list (I7, T12): else no permit is asked for."""
+        ...
+
+    def settle(self, setting: str, value: Any) -> None:
+        """An open question of the family is answered for this drive."""
         ...
 
     def noted(self, request: Any) -> None:

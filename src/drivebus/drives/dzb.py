@@ -71,6 +71,15 @@ def within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
         return False
 
 
+def decoded(word: int, coding: str) -> float | None:
+    """Hertz of a word under a coding; None where it is no number of it."""
+    known = next((c for c in CODINGS if c == coding), None)
+    try:
+        return None if known is None else decode_frequency(word, known)
+    except (ValueError, ProtocolError):
+        return None
+
+
 def cap_word(codings: tuple[FrequencyCoding, ...]) -> int:
     """The largest raw word that every one of these codings reads as at most 5 Hz."""
     return max(word for word in range(MAXIMUM_WORD + 1) if within_cap(word, codings))
@@ -88,6 +97,7 @@ class DzbDialect:
         self.profile, self.address, self.settings = profile, address, settings
         self.codec: Codec = DzbCodec()
         self._count = 0
+        self._last_read: ReadParameter | None = None
         self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
 
     def effect(self, frame: bytes) -> Effect:
@@ -101,7 +111,8 @@ class DzbDialect:
         return _effect(verdict.message)
 
     def _bus_fence(self, n: int) -> ReadParameter:
-        return ReadParameter(self.address, 2 * n % (PARAMETERS + 1))
+        request = ReadParameter(self.address, 2 * n % (PARAMETERS + 1))
+        return request if request != self._last_read else self._bus_fence(n + 1)
 
     def fence(self, avoid: Any = None) -> ReadParameter:
         """Odd numbers; the bus uses the even ones. 40 tags at two frames each outlast the longest lateness."""
@@ -123,6 +134,10 @@ class DzbDialect:
         wanted = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
         items = sorted(wanted | {1, STATE_QUERY})
         return tuple((Query(self.address, item), self._period(item)) for item in items)
+
+    def query(self, item: int) -> Query:
+        """The query of an item, for proofs."""
+        return Query(self.address, item)
 
     def _period(self, item: int) -> float:
         return period_of(self.profile, tuple(s.name for s in signals_in(self.profile, "query").get(item, [])))
@@ -168,6 +183,9 @@ class DzbDialect:
         if output[1] > 0:
             return Verdict(DriveState.RUNNING, None, fault)
         return Verdict(DriveState.FAULT if fault else DriveState.STOPPED, None, fault)
+
+    def plain_read(self) -> Any:
+        return Query(self.address, 1)
 
     def fault_reads(self) -> tuple[Any, ...]:
         return ()
@@ -276,8 +294,13 @@ class DzbDialect:
         request = getattr(verdict, "message", None)
         return not isinstance(request, WriteParameter) or request.parameter < PARAMETERS
 
+    def settle(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+
     def noted(self, request: Any) -> None:
-        """Nothing is kept: what the drive was told is read back from Q03."""
+        """The last parameter read, so that the bus's next fence is not like it."""
+        if isinstance(request, ReadParameter):
+            self._last_read = request
 
 
 def _effect(request: Any) -> Effect:

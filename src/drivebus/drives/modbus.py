@@ -149,6 +149,11 @@ class ModbusDialect:
             return ()
         return tuple(request for request, _ in self.polls(("set_frequency", "output_frequency")))
 
+    def plain_read(self) -> Any:
+        indexes = [signal.locator[1] for signal in self.profile.signals.values()]
+        indexes += [p.locator[1] for p in self.profile.parameters.values() if p.readable]
+        return ReadRegisters(self.address, self.status.register if self.status else indexes[0], 1)
+
     def fault_reads(self) -> tuple[Any, ...]:
         """Reads that name the fault once the status word says that there is one."""
         registers = self.status.fault_registers if self.status else ()
@@ -288,6 +293,14 @@ class ModbusDialect:
         self._check_direction(direction)
         return self._words(self._command().jog(direction))
 
+    def proof_jog(self) -> tuple[Frame, ...]:
+        """The one jog before the direction field is proved: "forward" as b3b2 reads it, whatever the setting says."""
+        commands = self.profile.commands
+        bits = {} if commands is None else commands.variants.get("direction_field", {}).get("b3b2", {})
+        if "jog_forward" not in bits:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what="direction proof")
+        return self._words((bits["jog_forward"].value,))
+
     def stop(self, how: Stop) -> tuple[Any, ...]:
         words = self._command().stop(how, self.profile.model)
         return tuple(WriteRegister(self.address, self._map.register, word) for word in words)
@@ -317,6 +330,10 @@ class ModbusDialect:
         bit = self.profile.write_rule.eeprom_address_bit if save else None
         request = WriteRegister(self.address, parameter.locator[1] | (bit or 0), raw)
         return Frame(request, WriteClass.EEPROM if save else WriteClass.ABSOLUTE)
+
+    def settle(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+        self.word = CommandWord(self.profile.commands.resolved(self.settings)) if self.profile.commands else None
 
     def noted(self, request: Any) -> None:
         """A command word has left: its levels are what the drive holds now."""

@@ -80,6 +80,7 @@ class SifangDialect:
         self.codec: Codec = SifangCodec(encoding=encoding, digits=digits, nibble=nibble)
         self._tags = _fence_keys(profile)
         self._count = 0
+        self._last_read: ReadParameter | None = None
         self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
 
     def effect(self, frame: bytes) -> Effect:
@@ -93,14 +94,19 @@ class SifangDialect:
         return _effect(verdict.message.request, verdict.message.operation)
 
     def _bus_fence(self, n: int) -> ReadParameter:
-        return self._tagged(self._tags[0::2], n)
+        tags = self._tags[0::2]
+        return self._tagged(self._other_group(tags, self._last_read) or tags, n)
 
     def fence(self, avoid: Any = None) -> ReadParameter:
         tags = self._tags[1::2] or self._tags
-        if isinstance(avoid, ReadParameter):
-            tags = [t for t in tags if t[0] != avoid.group] or [t for t in self._tags if t[0] != avoid.group] or tags
+        tags = self._other_group(tags, avoid) or self._other_group(self._tags, avoid) or tags
         self._count += 1
         return self._tagged(tags, self._count)
+
+    @staticmethod
+    def _other_group(tags: list[tuple[int, int]], request: Any) -> list[tuple[int, int]]:
+        """Tags whose reply can't be that of ``request``: in a fault only the group is echoed."""
+        return [tag for tag in tags if not isinstance(request, ReadParameter) or tag[0] != request.group]
 
     def _tagged(self, tags: list[tuple[int, int]], n: int) -> ReadParameter:
         group, item = tags[n % len(tags)]
@@ -120,8 +126,8 @@ class SifangDialect:
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
-        if not wanted and (first := sorted(signals_in(self.profile, "monitor"))):
-            wanted = {first[0]}
+        if not wanted:  # every reply carries the state, so any monitor will do
+            wanted = {min(signals_in(self.profile, "monitor"), default=0)}
         return tuple((self._monitor(index), self._period(index, names)) for index in sorted(wanted))
 
     def _is_monitor(self, name: str) -> bool:
@@ -172,6 +178,9 @@ class SifangDialect:
             return Verdict(state, direction)
         code = book.agreed("fault")
         return None if code is None else Verdict(state, None, code)
+
+    def plain_read(self) -> Any:
+        return self.state_reads()[0]
 
     def fault_reads(self) -> tuple[Any, ...]:
         return ()
@@ -262,8 +271,13 @@ class SifangDialect:
             return False
         return isinstance(heard.request, Control) or heard.operation is Operation.NONE
 
+    def settle(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+
     def noted(self, request: Any) -> None:
-        """Nothing is kept: every C320 command is whole in itself."""
+        """The last parameter read, so that the bus's next fence is not like it."""
+        if isinstance(request, ReadParameter):
+            self._last_read = request
 
     def identity_reads(self) -> tuple[ReadIdentity, ...]:
         """Class 0, groups 0 to 3."""

@@ -1,0 +1,78 @@
+"""``bus_stop``: every drive of a line, broadcast where the family has one, then one by one until each reports stopped.
+
+Not an emergency stop: only a hard-wired STO or SS1 is (RELIABILITY 3).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivebus.bus import Bus
+from drivebus.drives.drive import Drive
+from drivebus.drives.operation import exchange_of
+from drivebus.drives.state import Exchange, Outcome
+from drivebus.errors import StopUnconfirmed
+from drivebus.message import Ask, Lane, WriteClass
+
+BROADCASTS = 2
+"""Repeated on purpose (F10): nobody answers, and one may be lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopReport:
+    """What a bus stop did: the broadcasts, and how each drive ended."""
+
+    begun_at: float
+    ended_at: float
+    broadcasts: tuple[Exchange, ...]
+    outcomes: tuple[tuple[int, Outcome], ...]
+    """Address and outcome, confirmed, acknowledged or unknown, with its frames and times."""
+
+    @property
+    def unconfirmed(self) -> tuple[int, ...]:
+        """Addresses that did not report stopped: go and look."""
+        return tuple(address for address, outcome in self.outcomes if outcome.word != "confirmed")
+
+    @property
+    def confirmed(self) -> bool:
+        """Every drive reported stopped."""
+        return not self.unconfirmed
+
+
+async def bus_stop(bus: Bus, drives: Sequence[Drive]) -> StopReport:
+    """Stop everything on a bus. All drives stay latched until ``bus.release()``: no start leaves before. Never raises
+    for what the bus or a drive does; see ``unconfirmed``."""
+    begun = bus.now()
+    bus.latch(None)
+    broadcasts = await _broadcast(bus, drives)
+    outcomes = await asyncio.gather(*(_stop(drive) for drive in drives))
+    addresses = tuple(drive.address for drive in drives)
+    return StopReport(begun, bus.now(), broadcasts, tuple(zip(addresses, outcomes, strict=True)))
+
+
+async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[Exchange, ...]:
+    """One broadcast per different frame; the bus refuses one that is no stop to everybody who hears it."""
+    asks: dict[bytes, Ask] = {}
+    for drive in drives:
+        if "broadcast_stop" not in drive.profile.capabilities:
+            continue
+        for request in drive.dialect.stop_everyone():
+            ask = Ask(drive.address, request, Lane.STOP, WriteClass.BROADCAST)
+            asks.setdefault(drive.dialect.codec.encode_request(request), ask)
+    sent: list[Exchange] = []
+    for _ in range(BROADCASTS if asks else 0):
+        for ask in asks.values():
+            answer = await bus.transact(ask)
+            if answer.sent:
+                sent.append(exchange_of(answer))
+    return tuple(sent)
+
+
+async def _stop(drive: Drive) -> Outcome:
+    try:
+        return await drive.stop()
+    except StopUnconfirmed as error:
+        outcome: Outcome = error.outcome
+        return outcome

@@ -1,0 +1,276 @@
+"""``Drive``: one drive of any family on a bus. Every method is a conversation; this is the shell around them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from drivebus import profiles
+from drivebus.bus import Bus
+from drivebus.drives import (
+    commloss,
+    identity,
+    jogging,
+    parameters,
+    proofs,
+    reset,
+    setpoint,
+    start,
+    statusread,
+    stopping,
+)
+from drivebus.drives import preflight as preflights
+from drivebus.drives.commloss import CommLossReport
+from drivebus.drives.dialect import Dialect, Stop
+from drivebus.drives.identity import Identity
+from drivebus.drives.lease import JogLease
+from drivebus.drives.make import make_dialect
+from drivebus.drives.memory import DriveLimits, Memory, Preflight
+from drivebus.drives.monitor import Monitor
+from drivebus.drives.operation import Talk
+from drivebus.drives.proofs import CodingFound
+from drivebus.drives.reach import reach
+from drivebus.drives.settle import settled
+from drivebus.drives.shell import converse
+from drivebus.drives.state import Direction, DriveStatus, Outcome
+from drivebus.drives.store import FileStore, MemoryStore, default_path
+from drivebus.drives.talk import Conversation
+from drivebus.drives.wear import Wear
+from drivebus.errors import CapabilityError
+from drivebus.message import StationTiming
+from drivebus.profiles.model import DriveProfile
+from drivebus.reading import Reading
+from drivebus.seams import Store
+
+T = TypeVar("T")
+INSIST_S = 1.0
+"""An unconfirmed stop is repeated this often until the drive confirms it or somebody commands anew (matrix 6.4)."""
+FORGETFUL = ("sim", "memory", "replay")
+"""Links whose drives have no EEPROM that wears and no bench where a proof was made."""
+
+
+class Drive:
+    """Control and monitor one drive.
+
+    A command returns its Outcome where it is confirmed or acknowledged. Everything else raises, with the outcome on the
+    error: CapabilityError, LimitError, PreflightError, GateError, WearBudget and Expired before anything was sent;
+    Refused, NotReached, OutcomeUnknown, StopUnconfirmed and Superseded after.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        profile: DriveProfile | str | Path,
+        address: int,
+        *,
+        encoding: str | None = None,
+        limits: DriveLimits | None = None,
+        settings: Mapping[str, Any] | None = None,
+        store: Store | None = None,
+        timing: StationTiming | None = None,
+    ) -> None:
+        """Registers the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, setting)."""
+        loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
+        self.bus, self.profile, self.address = bus, loaded, address
+        self._store = store if store is not None else _default_store(bus)
+        self._key = f"{bus.port.identity}/{address}"
+        known = self._proofs() | dict(settings or {})
+        self.dialect: Dialect = make_dialect(loaded, address, encoding=encoding, settings=known, timing=timing)
+        self._memory = Memory(self.dialect, Wear(self._store, self._key), limits or DriveLimits())
+        self._lock = asyncio.Lock()
+        self._insisting: asyncio.Task[None] | None = None
+        bus.add(self.dialect.link)
+
+    def close(self) -> None:
+        """Take the drive off its bus; sends nothing."""
+        self._give_in()
+        self.bus.remove(self.address)
+
+    async def _talk(self, conversation: Conversation[T]) -> T:
+        return await converse(conversation, self.bus, self.address, self._store)
+
+    async def _command(self, conversation: Conversation[Outcome]) -> Outcome:
+        """One command at a time; a stop never waits for this."""
+        async with self._lock:
+            return settled(await self._talk(conversation))
+
+    # --- what it is doing ---------------------------------------------------------------------------------------
+
+    async def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
+        """State, direction, fault and readings, read now. Raises the bus's error where the drive does not answer."""
+        names = None if signals is None else tuple(signals)
+        return await self._talk(statusread.status(Talk(self._memory), names))
+
+    def monitor(
+        self, signals: Iterable[str] | None = None, on_change: Callable[[DriveStatus], None] | None = None
+    ) -> Monitor:
+        """Poll these signals (None: all of the profile) until closed; ``on_change`` gets a status per answer."""
+        return Monitor(self.bus, self.dialect, signals, on_change)
+
+    async def identify(self) -> Identity:
+        """What the drive says of itself (C320 class 0); for the others only that it answers."""
+        return await self._talk(identity.identify(Talk(self._memory)))
+
+    async def preflight(self) -> Preflight:
+        """Does the drive listen to the bus? Read now; what is missing is in the result, not raised."""
+        return await self._talk(preflights.preflight(Talk(self._memory)))
+
+    async def if_host_dies(self) -> CommLossReport:
+        """What the drive does by itself when nobody speaks to it any more."""
+        return await self._talk(commloss.if_host_dies(Talk(self._memory)))
+
+    # --- motion -------------------------------------------------------------------------------------------------
+
+    async def run(
+        self,
+        frequency_hz: float,
+        direction: Direction | str | None = None,
+        wait: bool = False,
+        timeout_s: float | None = None,
+    ) -> Outcome:
+        """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
+
+        ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
+        """
+        way = None if direction is None else Direction(direction)
+        self._give_in()
+        talk = Talk(self._memory)
+        outcome = await self._command(start.run(talk, frequency_hz, way, will_wait=wait))
+        return settled(await self._talk(reach(talk, frequency_hz, outcome, timeout_s))) if wait else outcome
+
+    async def set_frequency(self, frequency_hz: float) -> Outcome:
+        """Change the set frequency; absolute, read back where the model shows it."""
+        return await self._command(setpoint.set_frequency(Talk(self._memory), frequency_hz))
+
+    def jog(
+        self,
+        frequency_hz: float | None = None,
+        direction: Direction | str = Direction.FORWARD,
+        lease_s: float = jogging.LONGEST_LEASE_S,
+    ) -> JogLease:
+        """``async with drive.jog(5.0) as lease``: jogs while the lease is renewed.
+
+        ``frequency_hz`` None is the drive's own jog frequency, the only one where the bus can't set it (Modbus models).
+        Raises LimitError for a lease above 0.5 s.
+        """
+        way = Direction(direction)
+
+        async def begin() -> Outcome:
+            self._give_in()
+            return await self._command(jogging.begin(Talk(self._memory), frequency_hz, way))
+
+        async def end() -> Outcome:
+            return settled(await self._talk(jogging.end(Talk(self._memory))), stop=True)
+
+        return JogLease(begin, end, lease_s)
+
+    async def stop(self, wait: bool = True) -> Outcome:
+        """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated."""
+        return await self._stop(Stop.STOP, wait)
+
+    async def coast(self, wait: bool = True) -> Outcome:
+        """Output off, the motor runs out. Raises CapabilityError where the model has no such command."""
+        return await self._stop(Stop.COAST, wait)
+
+    async def quick_stop(self, wait: bool = True) -> Outcome:
+        """The drive's own fast stop. Not an emergency stop: only a hard-wired STO or SS1 is."""
+        return await self._stop(Stop.QUICK_STOP, wait)
+
+    async def _stop(self, how: Stop, wait: bool) -> Outcome:
+        if how.value not in self.profile.capabilities:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what=how.value)
+        self._give_in()
+        outcome = await self._talk(stopping.stop(Talk(self._memory), how, wait_for_it=wait))
+        if outcome.done:
+            return outcome
+        self._insisting = asyncio.ensure_future(self._insist(how))
+        if outcome.key == "drives.stop_answered":
+            return outcome
+        return settled(outcome, stop=True)
+
+    @property
+    def stop_pending(self) -> bool:
+        """A stop was sent that the drive has not confirmed; it is being repeated."""
+        return self._insisting is not None and not self._insisting.done()
+
+    async def _insist(self, how: Stop) -> None:
+        """Repeat an unconfirmed stop until the drive confirms it."""
+        while True:
+            outcome = await self._talk(stopping.stop(Talk(self._memory), how))
+            if outcome.done:
+                return
+            await asyncio.sleep(INSIST_S)
+
+    def _give_in(self) -> None:
+        """A new wish of the user ends the repetition of the old stop."""
+        if self._insisting is not None:
+            self._insisting.cancel()
+            self._insisting = None
+
+    async def reset_fault(self) -> Outcome:
+        """Reset a fault, once, while the drive reports one."""
+        return await self._command(reset.reset_fault(Talk(self._memory)))
+
+    # --- parameters ---------------------------------------------------------------------------------------------
+
+    async def read(self, names: Iterable[str]) -> dict[str, Reading]:
+        """Parameters in the manual's notation, or signals by name. Raises ProfileError for a name nobody knows."""
+        return await self._talk(parameters.read(Talk(self._memory), tuple(names)))
+
+    async def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
+        """Write parameters to RAM, or with ``save`` to EEPROM; each is read back, and named in the outcome's notes."""
+        return await self._command(parameters.write(Talk(self._memory), values, save))
+
+    # --- bench proofs -------------------------------------------------------------------------------------------
+
+    async def prove_query_coding(self, keypad_hz: float = proofs.KEYPAD_HZ) -> CodingFound:
+        """DZB100: ``keypad_hz`` stands on the keypad; Q00 names the query coding, which is then kept."""
+        found = await self._talk(proofs.query_coding(Talk(self._memory), keypad_hz))
+        if found.settled is not None:
+            await self._prove("query_coding", found.settled)
+        return found
+
+    async def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
+        """DZB100: runs at 5 Hz or less, a person watching, until one setpoint coding is left, which is then kept."""
+        way = None if direction is None else Direction(direction)
+        self._give_in()
+        async with self._lock:
+            found = await self._talk(proofs.setpoint_coding(Talk(self._memory), way))
+        if found.settled is not None:
+            await self._prove("setpoint_coding", found.settled)
+        return found
+
+    async def prove_direction(self, frequency_hz: float, watched: Callable[[], Awaitable[Direction | None]]) -> Outcome:
+        """DF800: one jog of 0.5 s; ``watched`` asks the person which way it turned (None: could not tell)."""
+        self._give_in()
+        outcome = await self._command(proofs.direction_jog(Talk(self._memory), frequency_hz))
+        seen = await watched()
+        if seen is not None:
+            await self._prove("direction_field", proofs.direction_field(seen))
+            await self._prove("direction_proved", True)
+        return outcome
+
+    async def _prove(self, setting: str, value: Any) -> None:
+        self.dialect.settle(setting, value)
+        await asyncio.to_thread(self._store.put, self._proof_name(setting), json.dumps(value))
+
+    def _proof_name(self, setting: str) -> str:
+        return f"proof/{self._key}/{self.profile.model}/{setting}"
+
+    def _proofs(self) -> dict[str, Any]:
+        """What was proved on this drive before; a record that can't be read proves nothing."""
+        found: dict[str, Any] = {}
+        for setting in self.profile.settings:
+            text = self._store.get(self._proof_name(setting))
+            with contextlib.suppress(ValueError):
+                found |= {} if text is None else {setting: json.loads(text)}
+        return found
+
+
+def _default_store(bus: Bus) -> Store:
+    scheme = bus.port.url.partition(":")[0]
+    return MemoryStore() if scheme in FORGETFUL else FileStore(default_path())

@@ -1,0 +1,69 @@
+"""A jog with a lease: letting go of the key, or hanging, stops the motor (T13). The asyncio part of ``jogging``."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import TracebackType
+
+from drivebus.drives.jogging import check_lease
+from drivebus.drives.state import Outcome
+from drivebus.errors import GateError
+
+
+class JogLease:
+    """``async with drive.jog(hz, direction) as lease: ... lease.renew()``. The jog ends with the block or the lease."""
+
+    def __init__(
+        self, begin: Callable[[], Awaitable[Outcome]], end: Callable[[], Awaitable[Outcome]], lease_s: float
+    ) -> None:
+        self.lease_s = check_lease(lease_s)
+        self._begin, self._end = begin, end
+        self._timer: asyncio.TimerHandle | None = None
+        self._ending: asyncio.Task[Outcome] | None = None
+        self.lost = False
+        """The lease ran out and the jog was stopped."""
+        self.begun: Outcome | None = None
+        self.ended: Outcome | None = None
+
+    async def __aenter__(self) -> JogLease:
+        try:
+            self.begun = await self._begin()
+        except asyncio.CancelledError:
+            await asyncio.shield(self._stop())
+            raise
+        self._arm()
+        return self
+
+    def renew(self) -> None:
+        """The hand is still on the key. Raises GateError once the lease was lost: then only a new jog may begin."""
+        if self.lost or self._timer is None:
+            raise GateError("drives.lease_lost", lease_s=self.lease_s)
+        self._arm()
+
+    def _arm(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(self.lease_s, self._run_out)
+
+    def _run_out(self) -> None:
+        """Nobody renewed: stop now, whether or not the block goes on."""
+        self.lost, self._timer = True, None
+        self._stop()
+
+    def _stop(self) -> asyncio.Task[Outcome]:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._ending is None:
+            self._ending = asyncio.ensure_future(_awaited(self._end))
+        return self._ending
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.ended = await asyncio.shield(self._stop())
+
+
+async def _awaited(end: Callable[[], Awaitable[Outcome]]) -> Outcome:
+    return await end()

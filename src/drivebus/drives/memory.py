@@ -1,0 +1,98 @@
+"""What the host keeps of one drive between conversations. Values and one counter; no clock, no port."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from drivebus.drives.dialect import Dialect
+from drivebus.drives.gate import Command, Kind
+from drivebus.drives.state import Direction
+from drivebus.drives.talk import Surroundings
+from drivebus.drives.wear import Wear
+from drivebus.errors import CapabilityError, LimitError
+from drivebus.profiles.model import Text
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLimits:
+    """The user's own limits; they can only be narrower than the profile's. Hz."""
+
+    minimum_hz: float = 0.0
+    maximum_hz: float | None = None
+    forward: bool = True
+    reverse: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A precondition that does not hold."""
+
+    notation: str
+    found: int | None
+    accepted: tuple[int, ...]
+    keypad: Text
+
+
+@dataclass(frozen=True, slots=True)
+class Preflight:
+    """Does this drive listen to the bus? What holds, what does not, and what can't be read (named, never assumed)."""
+
+    holds: tuple[str, ...]
+    missing: tuple[Missing, ...]
+    unreadable: tuple[tuple[str, Text], ...]
+    at: float
+
+    @property
+    def passed(self) -> bool:
+        """Everything that can be read holds."""
+        return not self.missing
+
+
+@dataclass(slots=True)
+class Memory:
+    """One drive's dialect, limits, pre-flight, ramps, wear and command numbers."""
+
+    dialect: Dialect
+    wear: Wear
+    limits: DriveLimits = field(default_factory=DriveLimits)
+    preflight: Preflight | None = None
+    acceleration_s: float | None = None
+    deceleration_s: float | None = None
+    commands: int = 0
+
+    def command(self, kind: Kind, around: Surroundings) -> Command:
+        """A new wish, made now."""
+        self.commands += 1
+        return Command(f"{kind.value}-{self.commands}", kind, around.now, around.generation)
+
+    def need(self, capability: str) -> None:
+        """Raises CapabilityError where the model can't; nothing is sent."""
+        profile = self.dialect.profile
+        if capability not in profile.capabilities:
+            raise CapabilityError("drives.cannot", model=profile.model, what=capability)
+
+    @property
+    def maximum_hz(self) -> float:
+        profile, own = self.dialect.profile.limits.maximum_hz, self.limits.maximum_hz
+        return profile if own is None else min(profile, own)
+
+    @property
+    def minimum_hz(self) -> float:
+        return max(self.dialect.profile.limits.minimum_hz, self.limits.minimum_hz)
+
+    def check_frequency(self, frequency_hz: float) -> int:
+        """The raw word of a frequency within the limits. Raises LimitError."""
+        if not frequency_hz <= self.maximum_hz:
+            raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=self.maximum_hz)
+        if frequency_hz < self.minimum_hz:
+            raise LimitError("drives.below_minimum", frequency_hz=frequency_hz, limit_hz=self.minimum_hz)
+        return self.dialect.setpoint_word(frequency_hz)
+
+    def check_direction(self, direction: Direction | None) -> None:
+        """Raises CapabilityError (the model can't) or LimitError (the user forbids it)."""
+        if direction is Direction.REVERSE:
+            self.need("reverse")
+        allowed = self.limits.reverse if direction is Direction.REVERSE else self.limits.forward
+        unsure = direction is None and not self.dialect.can_tell and not (self.limits.forward and self.limits.reverse)
+        if not allowed or unsure:
+            raise LimitError("drives.direction_forbidden", direction=(direction or Direction.FORWARD).value)

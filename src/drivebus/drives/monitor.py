@@ -1,0 +1,105 @@
+"""Keeps a drive's readings current by polls on its bus, and says when they are not (I4, G17). A thin shell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from types import TracebackType
+
+from drivebus.bus import Bus, Poll, Watch
+from drivebus.drives.book import Book
+from drivebus.drives.dialect import Dialect, fault_of
+from drivebus.drives.state import UNKNOWN, DriveState, DriveStatus, Verdict
+from drivebus.drives.statusread import complete
+from drivebus.message import Answer
+
+FAULT_PERIOD_S = 1.0
+LEAST_FRESH_S = 1.0
+PERIODS = 3.0
+"""Ruling 12: good for max(3 x period, 1 s) + timeout."""
+
+
+class Monitor:
+    """The newest status of one drive. ``close`` (or the end of the block) ends its polls."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        dialect: Dialect,
+        signals: Iterable[str] | None = None,
+        on_change: Callable[[DriveStatus], None] | None = None,
+    ) -> None:
+        self._bus, self._dialect = bus, dialect
+        self._names = tuple(dialect.profile.signals if signals is None else signals)
+        self._book = Book()
+        self._verdict: Verdict = UNKNOWN
+        self._verdict_at: float | None = None
+        self._on_change = on_change
+        self.last_error: Exception | None = None
+        self._fresh_s: dict[str, float] = {}
+        polls = [Poll(request, period) for request, period in self._wanted()]
+        self._state_fresh_s = min((self._limit(poll) for poll in polls), default=LEAST_FRESH_S)
+        self._watch: Watch | None = bus.watch(dialect.address, polls, self._heard)
+
+    def _wanted(self) -> tuple[tuple[object, float], ...]:
+        polls = self._dialect.polls(self._names)
+        known = {request for request, _ in polls}
+        faults = tuple((r, FAULT_PERIOD_S) for r in self._dialect.fault_reads() if r not in known)
+        return (*polls, *faults)
+
+    def _limit(self, poll: Poll) -> float:
+        timing, codec = self._dialect.link.timing, self._dialect.codec
+        timeout = timing.timeout_s(self._bus.line, codec.largest_reply(poll.request))
+        return max(PERIODS * poll.period_s, LEAST_FRESH_S) + timeout
+
+    def _heard(self, answer: Answer) -> None:
+        self.last_error = answer.error
+        if answer.error is None and answer.reply is not None:
+            self._take(answer)
+        if self._on_change is not None:
+            self._on_change(self.status())
+
+    def _take(self, answer: Answer) -> None:
+        request = answer.ask.request
+        facts = self._dialect.facts(request, answer.reply, answer.received_at)
+        self._book.note(facts)
+        period = next((p for r, p in self._wanted() if r == request), LEAST_FRESH_S)
+        limit = self._limit(Poll(request, period))
+        self._fresh_s |= {name: limit for name in facts if name in self._names or name not in self._fresh_s}
+        verdict = self._dialect.judge(self._book)
+        if verdict is not None:
+            self._verdict = verdict
+            self._verdict_at = self._book.time_of("state") or self._book.time_of("output_frequency", "fault")
+
+    def status(self) -> DriveStatus:
+        """The newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
+        now = self._bus.now()
+        verdict = self._current(now)
+        aged = self._book.aged(now, self._fresh_s)
+        readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
+        code = verdict.fault_code
+        fault = None if code is None else fault_of(self._dialect.profile, code)
+        found = DriveStatus(verdict.state, verdict.direction, fault, readings, verdict.reason, self._verdict_at)
+        return complete(self._dialect, found, self._names)
+
+    def _current(self, now: float) -> Verdict:
+        if not self._dialect.can_tell:
+            return Verdict(DriveState.UNKNOWN, reason="drives.no_run_status")
+        if self._verdict_at is None:
+            return UNKNOWN
+        if now - self._verdict_at > self._state_fresh_s:
+            return Verdict(DriveState.UNKNOWN, reason="drives.stale")
+        return self._verdict
+
+    def close(self) -> None:
+        """No more polls. Idempotent."""
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

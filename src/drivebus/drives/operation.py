@@ -1,0 +1,193 @@
+"""One conversation with one drive: what every operation is made of. Pure; time and bus come through the steps.
+
+A ``Talk`` collects the evidence, keeps the newest two readings of everything, and asks the gate before a frame acts.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+from drivebus.drives import gate
+from drivebus.drives.book import Book
+from drivebus.drives.dialect import Frame, fault_of
+from drivebus.drives.gate import Command, Evidence
+from drivebus.drives.memory import Memory
+from drivebus.drives.state import UNKNOWN, DriveState, DriveStatus, Exchange, Outcome, OutcomeWord, Verdict
+from drivebus.drives.talk import Conversation, ask, look
+from drivebus.errors import DrivebusError, NotPermitted, Superseded
+from drivebus.message import Answer, Ask, Effect, Lane, Permit, WriteClass
+from drivebus.reading import Reading
+
+ROUNDS = 2
+"""Two out of two (RELIABILITY 4), each behind a fence of its own (ruling 6)."""
+EXTRA_ROUNDS = 3
+"""A drive that changes its state between two reads gets these to settle."""
+MIRRORED = "bus.mirrored"
+"""A loop-back's reply equals its request: believed only once a reply that can't be an echo came over this port (F03)."""
+KEPT_COMMANDS, KEPT_READS = 64, 24
+"""Evidence is bounded (I12)."""
+
+
+class Talk:
+    """The state of one conversation."""
+
+    def __init__(self, memory: Memory) -> None:
+        self.memory = memory
+        self.dialect = memory.dialect
+        self.book = Book()
+        self.verdict: Verdict = UNKNOWN
+        self.seen_turning = False
+        """Running was seen at least once, be it in a single read (ruling 6)."""
+        self._commands: deque[Exchange] = deque(maxlen=KEPT_COMMANDS)
+        self._reads: deque[Exchange] = deque(maxlen=KEPT_READS)
+
+    def ask(
+        self,
+        request: Any,
+        lane: Lane = Lane.COMMAND,
+        write_class: WriteClass = WriteClass.READ,
+        permit: Permit | None = None,
+    ) -> Conversation[Answer]:
+        """One transaction; what left is kept as evidence and tells the dialect's shadows."""
+        expires_at = permit.expires_at if permit is not None else None
+        answer = yield from ask(Ask(self.dialect.address, request, lane, write_class, permit, expires_at))
+        if answer.sent:
+            self.dialect.noted(request)
+            kept = self._reads if write_class is WriteClass.READ else self._commands
+            kept.append(exchange_of(answer))
+        return answer
+
+    def read(self, request: Any) -> Conversation[Answer]:
+        """One read, taken into the book."""
+        answer = yield from self.ask(request)
+        if answer.error is None and answer.reply is not None:
+            self.book.note(self.dialect.facts(request, answer.reply, answer.received_at))
+        return answer
+
+    def fence(self, avoid: Any = None) -> Conversation[DrivebusError | None]:
+        """Prove that this station's replies are current (ruling 2). Returns what went wrong."""
+        answer = yield from self.ask(self.dialect.fence(avoid))
+        if answer.error is not None and getattr(answer.error, "key", "") == MIRRORED:
+            yield from self.ask(self.dialect.plain_read())
+            answer = yield from self.ask(self.dialect.fence(avoid))
+        if answer.error is not None:
+            return _known(answer.error)
+        return None if self.dialect.proves(answer.reply) else NotPermitted("drives.fence_refused")
+
+    def fenced_reads(self, requests: tuple[Any, ...]) -> Conversation[DrivebusError | None]:
+        """A fence, then these reads. Returns what went wrong first."""
+        error = yield from self.fence()
+        for request in requests:
+            if error is not None:
+                return error
+            answer = yield from self.read(request)
+            error = None if answer.error is None else _known(answer.error)
+        return error
+
+    def judged(self) -> Conversation[DrivebusError | None]:
+        """State of the drive now: two fenced reads that agree, taken after this call. Sets ``verdict``."""
+        self.book.forget()
+        self.verdict = UNKNOWN
+        requests = self.dialect.state_reads()
+        if not requests:
+            return None
+        for done in range(1, ROUNDS + EXTRA_ROUNDS + 1):
+            error = yield from self.fenced_reads(requests)
+            if error is not None:
+                self.verdict = Verdict(DriveState.UNKNOWN, reason="drives.no_answer")
+                return error
+            self._watch_for_motion()
+            verdict = self.dialect.judge(self.book) if done >= ROUNDS else None
+            if verdict is not None:
+                self.verdict = yield from self._with_fault(verdict)
+                return None
+        self.verdict = Verdict(DriveState.UNKNOWN, reason="drives.disagree")
+        return None
+
+    def _watch_for_motion(self) -> None:
+        """One reading that shows motion is enough to know that the drive was not simply standing."""
+        single = Book()
+        single.latest = single.before = dict(self.book.latest)
+        verdict = self.dialect.judge(single)
+        self.seen_turning = self.seen_turning or (verdict is not None and verdict.state.turning)
+
+    def _with_fault(self, verdict: Verdict) -> Conversation[Verdict]:
+        """Where the state only says "fault", further reads name it."""
+        requests = self.dialect.fault_reads() if verdict.fault_code is not None else ()
+        for _ in range(ROUNDS if requests else 0):
+            for request in requests:
+                yield from self.read(request)
+        return (self.dialect.judge(self.book) or verdict) if requests else verdict
+
+    def act(self, command: Command, frame: Frame) -> Conversation[Answer]:
+        """Send one frame that is neither a read nor a stop: with a permit, or not at all."""
+        data = self.dialect.codec.encode_request(frame.request)
+        effect = self.dialect.link.effect(data)
+        if effect is not Effect.STOP and not self.dialect.lawful(data):
+            raise NotPermitted("drives.not_listed", frame=data.hex(" ").upper())
+        around = yield from look()
+        permit = gate.grant(
+            command, self.dialect.address, effect, frame.write_class, around, self.evidence_for_gate(),
+            self.dialect.profile.family,
+        )  # fmt: skip
+        return (yield from self.ask(frame.request, Lane.COMMAND, frame.write_class, permit))
+
+    def evidence_for_gate(self) -> Evidence:
+        """What this conversation has established so far."""
+        preflight = self.memory.preflight
+        at = self.book.time_of("state") or self.book.time_of("output_frequency", "fault")
+        done = preflight is not None and preflight.passed
+        return Evidence(self.verdict, at, self.dialect.can_tell, done, within_limits=True)
+
+    def still_wanted(self, command: Command) -> Conversation[float]:
+        """The time, unless a newer stop took this command away. Raises Superseded."""
+        around = yield from look()
+        if around.generation != command.generation:
+            raise self.superseded(around.now)
+        return around.now
+
+    def superseded(self, now: float) -> Superseded:
+        """A stop came: whatever was sent, the stop is what counts, and nothing is resent (6.5)."""
+        error = Superseded("drives.superseded")
+        error.outcome = self.outcome(OutcomeWord.UNKNOWN, "drives.superseded")
+        return error
+
+    def status(self) -> DriveStatus:
+        """What this conversation has read."""
+        verdict = self.verdict
+        fault = None if verdict.fault_code is None else fault_of(self.dialect.profile, verdict.fault_code)
+        at = self.book.time_of("state") or self.book.time_of("output_frequency", "fault")
+        return DriveStatus(verdict.state, verdict.direction, fault, self.readings(), verdict.reason, at)
+
+    def readings(self) -> dict[str, Reading]:
+        """The readings that the profile names."""
+        return {name: r for name, r in self.book.latest.items() if name in self.dialect.profile.signals}
+
+    def outcome(self, word: OutcomeWord, key: str, /, **params: Any) -> Outcome:
+        """How it ended, with the frames so far and the status behind it."""
+        return Outcome(word, key, params, self.evidence(), self.status())
+
+    def evidence(self) -> tuple[Exchange, ...]:
+        """Frames in the order in which they left."""
+        both = [*self._commands, *self._reads]
+        return tuple(sorted(both, key=lambda e: e.sent_at if e.sent_at is not None else 0.0))
+
+
+def noted(outcome: Outcome, key: str, /, **params: Any) -> Outcome:
+    """The outcome with one more sentence."""
+    return replace(outcome, notes=(*outcome.notes, (key, params)))
+
+
+def exchange_of(answer: Answer) -> Exchange:
+    """An answer as evidence."""
+    error = getattr(answer.error, "key", None) if answer.error is not None else None
+    return Exchange(answer.sent, answer.received, answer.sent_at, answer.received_at, error)
+
+
+def _known(error: Exception) -> DrivebusError:
+    """Errors of an answer are ours by contract; anything else is a bug and is raised as such."""
+    if isinstance(error, DrivebusError):
+        return error
+    raise error

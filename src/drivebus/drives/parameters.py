@@ -1,0 +1,167 @@
+"""``read`` and ``write``: the manual's own notation or signal names; every write is read back (ruling 8, T04). Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drivebus.drives.gate import Kind
+from drivebus.drives.operation import Talk, noted
+from drivebus.drives.preflight import read_raw
+from drivebus.drives.state import Outcome, OutcomeWord
+from drivebus.drives.talk import Conversation, look, wait
+from drivebus.errors import CapabilityError, DrivebusError, LimitError, PreflightError
+from drivebus.profiles.model import Parameter, Signal
+from drivebus.profiles.notation import find
+from drivebus.reading import Reading, missing
+
+BACK_TRIES = 3
+BACK_PAUSE_S = 0.05
+"""An EEPROM takes a moment: the read-back is repeated after this pause."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """One write, checked before anything is sent."""
+
+    parameter: Parameter
+    value: float
+    raw: int
+
+
+def read(talk: Talk, names: tuple[str, ...]) -> Conversation[dict[str, Reading]]:
+    """Parameters and signals by any of their names. Raises ProfileError for a name nobody knows, before sending."""
+    talk.memory.need("read")
+    entries = {name: find(talk.dialect.profile, name) for name in names}
+    found: dict[str, Reading] = {}
+    for name, entry in entries.items():
+        found[name] = yield from (_signal(talk, entry) if isinstance(entry, Signal) else _parameter(talk, entry))
+    return found
+
+
+def _signal(talk: Talk, signal: Signal) -> Conversation[Reading]:
+    yield from talk.fence()
+    for request, _ in talk.dialect.polls((signal.name,)):
+        answer = yield from talk.read(request)
+        if answer.error is not None:
+            return missing("drives.no_answer", signal.unit)
+    return talk.book.latest.get(signal.name) or missing("drives.not_reported", signal.unit)
+
+
+def _parameter(talk: Talk, parameter: Parameter) -> Conversation[Reading]:
+    if not parameter.readable:
+        return missing("drives.write_only", parameter.unit)
+    request = talk.dialect.read_parameter(parameter)
+    error = (yield from talk.fence(avoid=request)) if talk.dialect.clashes(request) else None
+    if error is not None:
+        return missing("drives.no_answer", parameter.unit)
+    answer = yield from talk.ask(request)
+    if answer.error is not None:
+        return missing("drives.no_answer", parameter.unit)
+    raw = talk.dialect.parameter_raw(answer.reply)
+    if raw is None:
+        return missing("drives.refused_read", parameter.unit)
+    return talk.dialect.parameter_reading(parameter, raw, answer.received_at)
+
+
+def write(talk: Talk, values: Mapping[str, float], save: bool) -> Conversation[Outcome]:
+    """Write parameters one after the other; the first that does not end well ends it.
+
+    Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
+    WearBudget. The outcome's notes name every parameter.
+    """
+    talk.memory.need("write")
+    rule = talk.dialect.profile.write_rule
+    if not save and not rule.ram:
+        raise CapabilityError("drives.save_needed", model=talk.dialect.profile.model)
+    if save and not rule.eeprom:
+        raise CapabilityError("drives.cannot", model=talk.dialect.profile.model, what="save")
+    outcome = talk.outcome(OutcomeWord.CONFIRMED, "drives.nothing_to_write")
+    notes = outcome.notes
+    for wanted in [_checked(talk, name, value) for name, value in values.items()]:
+        outcome = yield from _write_one(talk, wanted, save)
+        outcome = replace(outcome, notes=notes)
+        if not outcome.done:
+            return outcome
+        outcome = noted(outcome, outcome.key, **outcome.params)
+        notes = outcome.notes
+    return outcome
+
+
+def _checked(talk: Talk, name: str, value: float) -> _Wanted:
+    """Raises where this parameter can't be written, or not with this value."""
+    model = talk.dialect.profile.model
+    parameter = find(talk.dialect.profile, name)
+    if isinstance(parameter, Signal):
+        raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)
+    if not parameter.writable or not parameter.listed:
+        raise CapabilityError("drives.not_writable", model=model, notation=parameter.notation)
+    low, high = parameter.minimum, parameter.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        raise LimitError("drives.parameter_range", notation=parameter.notation, value=value, minimum=low, maximum=high)
+    try:
+        raw = talk.dialect.parameter_word(parameter, value)
+    except ValueError as error:
+        raise LimitError("drives.parameter_word", notation=parameter.notation, value=value) from error
+    if parameter.choices and raw not in parameter.choices and parameter.maximum is None:
+        known = ", ".join(str(choice) for choice in parameter.choices)
+        raise LimitError("drives.parameter_choice", notation=parameter.notation, value=value, choices=known)
+    return _Wanted(parameter, value, raw)
+
+
+def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]:
+    notation, wear = wanted.parameter.notation, talk.memory.wear
+    said = {"notation": notation, "value": wanted.value, "unit": wanted.parameter.unit}
+    if save:
+        if (yield from _same_already(talk, wanted)):
+            return talk.outcome(OutcomeWord.CONFIRMED, "drives.write_skipped", **said)
+        around = yield from look()
+        yield from wear.charge(notation, around.day)
+    else:
+        yield from wear.ram_only(notation)
+    around = yield from look()
+    command = talk.memory.command(Kind.WRITE, around)
+    answer = yield from talk.act(command, talk.dialect.write_parameter(wanted.parameter, wanted.raw, save))
+    if not answer.sent and answer.error is not None:
+        raise answer.error
+    refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
+    if refused is not None:
+        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code, **said)
+    return (yield from _read_back(talk, wanted, answer.error is None, said))
+
+
+def _same_already(talk: Talk, wanted: _Wanted) -> Conversation[bool]:
+    """The drive holds the value, and no RAM-only write says that its EEPROM may hold another (ruling 8)."""
+    if not wanted.parameter.readable or talk.memory.wear.count(wanted.parameter.notation).ram_written:
+        return False
+    raw = yield from read_raw(talk, wanted.parameter)
+    return raw == wanted.raw
+
+
+def _read_back(talk: Talk, wanted: _Wanted, answered: bool, said: dict[str, object]) -> Conversation[Outcome]:
+    """Through a different request, behind a fence (RELIABILITY 4: removes echo forgery)."""
+    if not wanted.parameter.readable:
+        word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
+        return talk.outcome(word, "drives.write_acknowledged" if answered else "drives.write_unknown", **said)
+    raw: int | None = None
+    error: DrivebusError | None = None
+    for attempt in range(BACK_TRIES):
+        if attempt:
+            yield from wait(BACK_PAUSE_S)
+        try:
+            raw, error = (yield from _fenced_raw(talk, wanted.parameter)), None
+        except PreflightError as silent:
+            error = silent
+        if raw == wanted.raw and error is None:
+            return talk.outcome(OutcomeWord.CONFIRMED, "drives.write_confirmed", **said)
+    if error is not None or raw is None:
+        return talk.outcome(OutcomeWord.UNKNOWN, "drives.write_unknown", **said)
+    found = talk.dialect.parameter_reading(wanted.parameter, raw, None).value
+    return talk.outcome(OutcomeWord.FAILED, "drives.write_differs", found=found, **said)
+
+
+def _fenced_raw(talk: Talk, parameter: Parameter) -> Conversation[int | None]:
+    request = talk.dialect.read_parameter(parameter)
+    if not talk.dialect.clashes(request):
+        yield from talk.fence(avoid=request)
+    return (yield from read_raw(talk, parameter))

@@ -1,0 +1,73 @@
+"""Waiting until the drive reports running at the set frequency; deadline and tolerance come from its ramp. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivebus.drives.operation import Talk
+from drivebus.drives.state import DriveState, Outcome, OutcomeWord
+from drivebus.drives.talk import Conversation, look, wait
+from drivebus.errors import DrivebusError, NotReached
+
+LOOK_S = 0.1
+"""Between two looks."""
+SLACK_S = 2.0
+RAMP_FACTOR = 1.5
+"""RELIABILITY 4, effect check: within t_acc x 1.5 + 2 s."""
+UNKNOWN_RAMP_S = 60.0
+"""Deadline where the model does not tell its ramp; ``timeout_s`` overrides it."""
+TOLERANCE = 0.005
+"""Of the set frequency: a half percent, but never less than two steps of what the drive reports."""
+
+
+def tolerance_hz(talk: Talk, frequency_hz: float) -> float:
+    """How near is "at" the set frequency."""
+    step = talk.dialect.profile.signals["output_frequency"].scale.factor
+    return max(2.0 * step, TOLERANCE * frequency_hz)
+
+
+def deadline_s(acceleration_s: float | None, timeout_s: float | None) -> float:
+    """How long a ramp may take."""
+    if timeout_s is not None:
+        return timeout_s
+    return UNKNOWN_RAMP_S if acceleration_s is None else acceleration_s * RAMP_FACTOR + SLACK_S
+
+
+def reach(talk: Talk, frequency_hz: float, outcome: Outcome, timeout_s: float | None) -> Conversation[Outcome]:
+    """The outcome once the drive runs at ``frequency_hz``. Raises NotReached with what it reports instead."""
+    around = yield from look()
+    generation = around.generation
+    limit_s = deadline_s(talk.memory.acceleration_s, timeout_s)
+    until = around.now + limit_s
+    near_hz = tolerance_hz(talk, frequency_hz)
+    while True:
+        error = yield from talk.judged()
+        around = yield from look()
+        if around.generation != generation:
+            raise talk.superseded(around.now)
+        state, output = talk.verdict.state, _output_hz(talk)
+        if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
+            key = "drives.running_at"
+            done = talk.outcome(OutcomeWord.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
+            return replace(done, notes=outcome.notes)
+        if state.output_off or around.now > until:
+            raise _not_reached(talk, frequency_hz, output, limit_s, error)
+        yield from wait(LOOK_S)
+
+
+def _output_hz(talk: Talk) -> float | None:
+    """Both of the last two reads must be there; the newer one counts."""
+    pair = talk.book.pair("output_frequency")
+    value = None if pair is None else pair[1].value
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _not_reached(
+    talk: Talk, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
+) -> NotReached:
+    state = talk.verdict.state.value
+    key = "drives.not_reached" if error is None else "drives.not_reached_silent"
+    failure = NotReached(key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1))
+    word = OutcomeWord.FAILED if error is None else OutcomeWord.UNKNOWN
+    failure.outcome = talk.outcome(word, key, **failure.params)
+    return failure

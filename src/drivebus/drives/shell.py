@@ -1,0 +1,60 @@
+"""The asyncio shell of conversations: performs their steps on a Bus. No decision lives here."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+from typing import Any, TypeVar
+
+from drivebus.bus import Bus
+from drivebus.drives.talk import Conversation, Keep, Look, Step, Surroundings, Wait
+from drivebus.message import Ask
+from drivebus.seams import Store
+
+T = TypeVar("T")
+
+
+async def converse(conversation: Conversation[T], bus: Bus, address: int, store: Store) -> T:
+    """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent."""
+    try:
+        step = next(conversation)
+        while True:
+            step = conversation.send(await _perform(step, bus, address, store))
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    finally:
+        conversation.close()
+
+
+async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
+    if isinstance(step, Ask):
+        return await bus.transact(step)
+    if isinstance(step, Wait):
+        await asyncio.sleep(step.seconds)
+        return bus.now()
+    if isinstance(step, Look):
+        return surroundings(bus, address)
+    assert isinstance(step, Keep)
+    return await asyncio.to_thread(store.put, step.key, step.value)
+
+
+def surroundings(bus: Bus, address: int) -> Surroundings:
+    """What the bus knows of a station now."""
+    health = bus.health(address)
+    failures = sum(bus.statistics().stations[address].errors.values()) if health.error_rate else 0
+    return Surroundings(
+        bus.now(),
+        _today(),
+        bus.generation(address),
+        bus.latched(address),
+        health.foreign_master,
+        health.duplicate,
+        health.error_rate,
+        failures,
+    )
+
+
+def _today() -> str:
+    """A label for the EEPROM budget: the only wall clock here (F21)."""
+    return datetime.datetime.now(datetime.UTC).date().isoformat()

@@ -1,0 +1,180 @@
+"""``run``: checked, permitted, sent once, confirmed by fenced reads; never resent blindly (rulings 4 and 6). Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivebus.drives.dialect import Frame, Refusal
+from drivebus.drives.gate import EXPIRY_S, Command, Kind
+from drivebus.drives.operation import Talk, noted
+from drivebus.drives.preflight import ensure
+from drivebus.drives.setpoint import set_frequency, shown, write_setpoint
+from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeWord
+from drivebus.drives.talk import Conversation, look, wait
+from drivebus.errors import CapabilityError, Expired, GateError, NotReached
+from drivebus.message import Answer
+
+SETTLE_S = 0.15
+"""Between a start and the first look: the reply to a start may still show "stopped" (C320 2.4.6)."""
+CONFIRM_S = 3.0
+"""A drive that accepted a start and still stands after this did not obey it."""
+RESENDS = 2
+"""6.5, class A and B alike: at most twice, while the command lives."""
+PREPARE_S = 5.0
+"""From the user's act to the gate: pre-flight and status on a 1200-baud line take 4 s. Longer is another wish."""
+
+
+def run(
+    talk: Talk, frequency_hz: float, direction: Direction | None, *, will_wait: bool = False
+) -> Conversation[Outcome]:
+    """Run at a frequency. Raises before sending: CapabilityError, LimitError, PreflightError, GateError, Expired.
+
+    ``will_wait``: ``reach`` is to follow, so a model that can't show the frequency is refused now.
+    """
+    memory, dialect = talk.memory, talk.dialect
+    memory.need("run")
+    memory.check_direction(direction)
+    word = memory.check_frequency(frequency_hz)
+    dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
+    if will_wait and not dialect.can_wait():
+        raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
+    begun = (yield from look()).now
+    yield from ensure(talk)
+    yield from _status_now(talk)
+    if talk.verdict.state.turning:
+        outcome = yield from _already_turning(talk, frequency_hz, direction)
+    else:
+        outcome = yield from _from_standstill(talk, frequency_hz, direction, word, begun)
+    return _with_unread(talk, outcome)
+
+
+def _status_now(talk: Talk) -> Conversation[None]:
+    """Two agreeing reads, or the bus's error: a drive that does not answer is not started."""
+    error = yield from talk.judged()
+    if error is not None:
+        raise error
+
+
+def _already_turning(talk: Talk, frequency_hz: float, direction: Direction | None) -> Conversation[Outcome]:
+    """A run that goes on: only its frequency changes. Turning the other way round begins at standstill."""
+    verdict = talk.verdict
+    wanted = direction or Direction.FORWARD
+    runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
+    if not runs or (verdict.direction is not None and verdict.direction is not wanted):
+        shown_direction = verdict.direction.value if verdict.direction else "?"
+        raise GateError("drives.turning", state=verdict.state.value, direction=shown_direction)
+    if verdict.direction is None and direction is not None:
+        raise GateError("drives.turning_unknown_way", direction=direction.value)
+    return (yield from set_frequency(talk, frequency_hz))
+
+
+def _from_standstill(
+    talk: Talk, frequency_hz: float, direction: Direction | None, word: int, begun: float
+) -> Conversation[Outcome]:
+    around = yield from look()
+    if around.now - begun > PREPARE_S:
+        raise Expired("drives.prepare_too_long", age_s=round(around.now - begun, 2), limit_s=PREPARE_S)
+    command = talk.memory.command(Kind.START, around)
+    if not talk.dialect.carries_frequency:
+        outcome = yield from write_setpoint(talk, command, word, frequency_hz)
+        if not outcome.done:
+            return outcome if outcome.word is OutcomeWord.REFUSED else _not_started(outcome)
+    frames = talk.dialect.start(direction, word)
+    answer = yield from send(talk, command, frames)
+    if not answer.sent and answer.error is not None:
+        raise answer.error
+    refused = _refusal(talk, answer)
+    if refused is not None:
+        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code)
+    outcome = yield from confirm(talk, command, frames, direction, answer.error is None)
+    if outcome.word is OutcomeWord.CONFIRMED and talk.dialect.carries_frequency:
+        return (yield from _with_setpoint(talk, outcome, word, frequency_hz))
+    return outcome
+
+
+def _not_started(outcome: Outcome) -> Outcome:
+    """The frequency is not known to have been taken, so the start never left."""
+    return replace(outcome, word=OutcomeWord.FAILED, key="drives.not_started", params={"why": outcome.text()})
+
+
+def send(talk: Talk, command: Command, frames: tuple[Frame, ...]) -> Conversation[Answer]:
+    """The acting frame, then what must follow it. Returns the answer to the acting one."""
+    first: Answer = yield from talk.act(command, frames[0])
+    if first.sent:
+        for frame in frames[1:]:
+            yield from talk.act(command, frame)
+    return first
+
+
+def _refusal(talk: Talk, answer: Answer) -> Refusal | None:
+    return None if answer.reply is None else talk.dialect.refusal(answer.reply)
+
+
+def confirm(
+    talk: Talk, command: Command, frames: tuple[Frame, ...], direction: Direction | None, answered: bool
+) -> Conversation[Outcome]:
+    """Was it executed? An unanswered start is sent again only after two fenced reads show standstill (ruling 6)."""
+    if not talk.dialect.can_tell:
+        word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
+        return talk.outcome(word, "drives.start_acknowledged" if answered else "drives.start_unknown")
+    sent_again = 0
+    deadline = (yield from talk.still_wanted(command)) + CONFIRM_S
+    talk.seen_turning = False
+    while True:
+        yield from wait(SETTLE_S)
+        error = yield from talk.judged()
+        now = yield from talk.still_wanted(command)
+        state = talk.verdict.state
+        if state.turning:
+            return _turning(talk, direction)
+        if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
+            return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state.value)
+        may_resend = state is DriveState.STOPPED and not answered and not talk.seen_turning
+        if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
+            answer = yield from send(talk, command, frames)
+            answered, sent_again = answer.error is None, sent_again + 1
+        elif talk.seen_turning and state.output_off:
+            return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state.value)
+        elif now > deadline:
+            return _not_seen(talk, state, error is not None)
+
+
+def _turning(talk: Talk, direction: Direction | None) -> Outcome:
+    found = talk.verdict.direction
+    if direction is not None and found is not None and found is not direction:
+        return talk.outcome(OutcomeWord.FAILED, "drives.wrong_way", expected=direction.value, found=found.value)
+    return talk.outcome(OutcomeWord.CONFIRMED, "drives.start_confirmed", state=talk.verdict.state.value)
+
+
+def _not_seen(talk: Talk, state: DriveState, silent: bool) -> Outcome:
+    if silent or state is DriveState.UNKNOWN:
+        return talk.outcome(OutcomeWord.UNKNOWN, "drives.start_unknown")
+    return talk.outcome(OutcomeWord.FAILED, "drives.start_ignored", state=state.value, after_s=CONFIRM_S)
+
+
+def _with_setpoint(talk: Talk, outcome: Outcome, word: int, frequency_hz: float) -> Conversation[Outcome]:
+    """The start is confirmed; is its frequency?"""
+    if not talk.dialect.setpoint_reads():
+        return noted(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
+    found = yield from shown(talk, word, frequency_hz, answered=True)
+    if found.word is OutcomeWord.FAILED:
+        raise _differs(found)
+    merged = replace(outcome, evidence=found.evidence)
+    if found.word is OutcomeWord.CONFIRMED:
+        return merged
+    return noted(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
+
+
+def _differs(found: Outcome) -> NotReached:
+    """It runs, but not at what was asked for: a wrong scale or a wrong drive."""
+    error = NotReached(found.key, **dict(found.params))
+    error.outcome = found
+    return error
+
+
+def _with_unread(talk: Talk, outcome: Outcome) -> Outcome:
+    """Preconditions that the host could not read are named, never assumed to hold."""
+    preflight = talk.memory.preflight
+    for notation, why in preflight.unreadable if preflight else ():
+        outcome = noted(outcome, "drives.precondition_unread", notation=notation, why=why)
+    return outcome

@@ -1,0 +1,100 @@
+"""Small persistent mappings: one JSON file, replaced as a whole so that a power cut leaves the old or the new one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivebus.errors import ConfigurationError
+
+FORMAT = 1
+
+
+class MemoryStore:
+    """A Store that forgets with the program: simulated drives have no EEPROM that wears."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, str] = {}
+
+    def get(self, key: str) -> str | None:
+        return self._values.get(key)
+
+    def put(self, key: str, value: str) -> None:
+        self._values[key] = value
+
+
+class FileStore:
+    """A Store in a file. ``put`` returns when the value would survive a power cut (written, synced, renamed, synced).
+
+    Several programs may use one file: each ``put`` reads it again under a lock. Raises ConfigurationError where the
+    file is not one of ours: counters are never started again from nothing.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+
+    def get(self, key: str) -> str | None:
+        return self._read().get(key)
+
+    def put(self, key: str, value: str) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(self.path.with_suffix(".lock")):
+            values = self._read()
+            values[key] = value
+            _replace(self.path, json.dumps({"format": FORMAT, "values": values}, indent=1, sort_keys=True))
+
+    def _read(self) -> dict[str, str]:
+        try:
+            text = self.path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return {}
+        except OSError as error:
+            raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
+        try:
+            found = json.loads(text)
+        except ValueError as error:
+            raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
+        values = found.get("values") if isinstance(found, dict) and found.get("format") == FORMAT else None
+        if not isinstance(values, dict) or not all(isinstance(v, str) for v in values.values()):
+            raise ConfigurationError(
+                "drives.store_unreadable", file=str(self.path), problem=f"format {FORMAT} expected"
+            )
+        return values
+
+
+def default_path() -> Path:
+    """``$XDG_STATE_HOME/drivebus/drives.json`` (Windows: ``%LOCALAPPDATA%``)."""
+    base = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "drives.json"
+
+
+def _replace(path: Path, text: str) -> None:
+    """Old or new, never half."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+    if os.name == "posix":
+        directory = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """One writer at a time, also among programs, where the platform has advisory locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: two drivebus programs that write in the same instant may lose one count
+        yield
+        return
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,64 @@
+"""EEPROM writes are counted, per parameter and day, where they survive the program (G16, ruling 8). Pure: the caller
+stores. These drives have no serial number to key on: the key is port identity + address.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from drivebus.drives.talk import Conversation, Keep
+from drivebus.errors import WearBudget
+from drivebus.seams import Store
+
+DAILY_BUDGET = 20
+"""Writes of one parameter a day: at 100,000 writes an EEPROM lasts 13 years of that, at 10,000 1.4."""
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """How often a parameter was saved."""
+
+    day: str = ""
+    today: int = 0
+    total: int = 0
+    ram_written: bool = False
+    """A RAM-only write came after the last save: the EEPROM may hold something else (ruling 8)."""
+
+
+class Wear:
+    """Counters of one drive over a Store."""
+
+    def __init__(self, store: Store, key: str, budget: int = DAILY_BUDGET) -> None:
+        self._store, self._key, self.budget = store, key, budget
+
+    def count(self, notation: str) -> Count:
+        """What is stored; a record that can't be read counts as a used-up budget, never as none."""
+        text = self._store.get(self._name(notation))
+        if text is None:
+            return Count()
+        try:
+            return Count(**json.loads(text))
+        except (ValueError, TypeError):
+            return Count("9999-12-31", self.budget, 0, True)
+
+    def _name(self, notation: str) -> str:
+        return f"wear/{self._key}/{notation}"
+
+    def charge(self, notation: str, day: str) -> Conversation[None]:
+        """Count one save *before* it is sent: a write that may have happened counts. Raises WearBudget."""
+        old = self.count(notation)
+        today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
+        if today >= self.budget:
+            raise WearBudget("drives.wear_budget", notation=notation, count=today, budget=self.budget)
+        yield from self._put(notation, Count(max(day, old.day), today + 1, old.total + 1, False))
+
+    def ram_only(self, notation: str) -> Conversation[None]:
+        """Remember that RAM and EEPROM may differ from now on."""
+        old = self.count(notation)
+        if not old.ram_written:
+            yield from self._put(notation, Count(old.day, old.today, old.total, True))
+
+    def _put(self, notation: str, count: Count) -> Conversation[None]:
+        fields = {"day": count.day, "today": count.today, "total": count.total, "ram_written": count.ram_written}
+        yield Keep(self._name(notation), json.dumps(fields))
