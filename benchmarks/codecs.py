@@ -7,10 +7,9 @@ from collections.abc import Callable
 from statistics import median
 from typing import Any
 
+from benchmarks.harness import Figures
 from drivebus.message import Codec
 from drivebus.protocols import dzb, modbus, sifang
-
-from benchmarks.harness import Figures
 
 ROUNDS, FRAMES = 7, 5000
 

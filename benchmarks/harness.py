@@ -18,9 +18,11 @@ def build(source: str, *libraries: str) -> Path:
     """Compile a C file of this folder; needs gcc (and libmodbus-dev for the libmodbus peer)."""
     BUILT.mkdir(exist_ok=True)
     target = BUILT / Path(source).stem
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", *libraries], capture_output=True, text=True, check=True)
-    command = ["gcc", "-O2", "-o", str(target), str(HERE / source), *(flags.stdout.split() if libraries else [])]
-    subprocess.run(command, check=True)
+    flags: list[str] = []
+    if libraries:
+        asked = ["pkg-config", "--cflags", "--libs", *libraries]
+        flags = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    subprocess.run(["gcc", "-O2", "-o", str(target), str(HERE / source), *flags], check=True)
     return target
 
 

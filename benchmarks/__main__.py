@@ -1,0 +1,57 @@
+"""`make bench`: every figure beside its peers, in one run; writes docs/reports/benchmarks.json and .md."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+from pathlib import Path
+
+from benchmarks import codecs, master, motors, virtual
+from benchmarks.harness import Figures
+from benchmarks.report import markdown
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def commit() -> str:
+    """The commit that was measured, with a mark where the tree differs from it."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return said.stdout.strip() or "unknown"
+
+
+def measure(seconds: float, rounds: int) -> Figures:
+    """Everything, one after another, because the machine must be quiet."""
+    return {
+        "commit": commit(),
+        "cpu": master.cpu(seconds, rounds),
+        "line": master.one_line(2 * seconds),
+        "line_115200": master.one_line(2 * seconds, baud=115_200),
+        "one_dead": master.one_line(4 * seconds, dead=31),
+        "late": master.one_line(2 * seconds, late=(20, 150_000)),
+        "many_lines": master.many_lines(2 * seconds),
+        "codecs": codecs.run(),
+        "virtual": virtual.run(),
+        "motors": motors.run(),
+    }
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    options.add_argument("--seconds", type=float, default=5.0, help="of each client's turn")
+    options.add_argument("--rounds", type=int, default=5, help="turns of each client in the CPU figure")
+    options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
+    chosen = options.parse_args()
+    figures = measure(chosen.seconds, chosen.rounds)
+    print(json.dumps(figures, indent=1))
+    if chosen.write:
+        reports = ROOT / "docs" / "reports"
+        reports.mkdir(parents=True, exist_ok=True)
+        (reports / "benchmarks.json").write_text(json.dumps(figures, indent=1) + "\n")
+        (reports / "benchmarks.md").write_text(markdown(figures))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""The figures of one run as a page. Ratios, because the machine is nobody's business."""
+
+from __future__ import annotations
+
+from benchmarks.harness import Figures
+
+HEAD = """# Benchmarks
+
+Written by `make bench ARGS=--write`: every ratio from one run on one machine, peers beside us. Commit {commit}.
+
+| what | goal | measured |
+| --- | --- | --- |
+"""
+
+
+def _row(what: str, goal: str, measured: object) -> str:
+    return f"| {what} | {goal} | {measured} |\n"
+
+
+def _client_table(title: str, figures: Figures) -> str:
+    lines = [
+        f"\n## {title}\n\n",
+        "| client | utilisation | smallest gap | mean gap | short gaps | requests | wrong |\n",
+    ]
+    lines.append("| --- | --- | --- | --- | --- | --- | --- |\n")
+    for name, found in figures.items():
+        cells = (
+            name,
+            *(found[key] for key in ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests", "wrong")),
+        )
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |\n")
+    return "".join(lines)
+
+
+def markdown(found: Figures) -> str:
+    """The whole page."""
+    cpu, many, line, dead = found["cpu"], found["many_lines"], found["line"], found["one_dead"]
+    ours, ours_dead = line["drivebus_lines"], dead["drivebus_lines"]
+    wrong = sum(
+        row["wrong"]
+        for table in ("line", "line_115200", "one_dead", "late")
+        for row in [found[table]["drivebus_lines"]]
+    )
+    page = HEAD.format(commit=found["commit"])
+    page += _row("CPU a transaction / pymodbus async", "≤ 0.6", cpu["ratio_to_pymodbus"])
+    page += _row("CPU a transaction / bare asyncio loop", "reported", cpu["ratio_to_bare_asyncio"])
+    page += _row("CPU a transaction / libmodbus", "reported", cpu["ratio_to_libmodbus"])
+    page += _row(
+        "use of a 19,200-baud line, 31 stations",
+        "≥ 0.98, no gap < 3.5",
+        f"{ours['utilisation']}, smallest gap {ours['smallest_gap']}",
+    )
+    fast = found["line_115200"]["drivebus_lines"]
+    page += _row("the same at 115,200 baud", "reported", f"{fast['utilisation']}, smallest gap {fast['smallest_gap']}")
+    page += _row("the same with 1 of 31 dead", "≥ 0.90", ours_dead["utilisation"])
+    page += _row(
+        "64 lines × 31 drives, use of the wire",
+        "≥ 0.97, no short gap",
+        f"{many['utilisation']}, short gaps {many['short_gaps']}",
+    )
+    page += _row("64 lines × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
+    page += _row("RTU request + reply / pymodbus' framer", "≤ 0.5", found["codecs"]["ratio_to_pymodbus"])
+    page += _row("late replies believed by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
+    page += _row("pure core, transactions a second", "≥ 10,000", found["virtual"]["bare_transactions_per_s"])
+    page += _row("31 simulated drives on one line, times real time", "reported", found["virtual"]["real_time_factor"])
+    page += (
+        "\nGaps are in characters, measured at the stations. “wrong”: values believed that belong to another request.\n"
+    )
+    page += _client_table("One line, 19,200 baud, every station alive", line)
+    page += _client_table("One line, 115,200 baud", found["line_115200"])
+    page += _client_table("One of 31 stations dead", dead)
+    page += _client_table("Two replies in a hundred 150 ms late", found["late"])
+    page += "\n## Codecs, frames a second\n\n| encoding | encode request | decode reply | decode request | encode reply |\n| --- | --- | --- | --- | --- |\n"
+    for name, ways in found["codecs"]["frames_per_s"].items():
+        cells = (ways[way] for way in ("encode_request", "decode_reply", "decode_request", "encode_reply"))
+        page += f"| {name} | " + " | ".join(f"{cell:,}" for cell in cells) + " |\n"
+    return page
