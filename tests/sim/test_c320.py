@@ -569,3 +569,40 @@ def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
 
     assert story(told("e500", 3, 8)) == (Response.OK, Response.RESERVED)
     assert story(told("e550", 4, 4)) == (Response.OK, Response.RESERVED)
+
+
+def test_dc_braking_is_a_state_of_its_own() -> None:
+    async def told() -> None:
+        async with Desk("sim://c320@1?ramp=1") as desk:
+            desk.station().motor.dc_brake_s = 2.0
+            await running(desk)
+            await desk.ask(control(Operation.STOP))
+            await asyncio.sleep(1.5)
+            assert desk.station().state is State.DC_BRAKING
+
+    story(told())
+
+
+def test_a_new_frequency_changes_a_running_drive_and_starts_no_stopped_one() -> None:
+    async def told() -> None:
+        async with Desk("sim://c320@1?ramp=1") as desk:
+            await desk.ask(control(Operation.SET_FREQUENCY, 2000))
+            assert desk.station().motor.starts == 0
+            await desk.ask(control(Operation.RUN_FORWARD))
+            await asyncio.sleep(1.0)
+            await desk.ask(control(Operation.SET_FREQUENCY, 4000))
+            await asyncio.sleep(2.0)
+            assert desk.station().motor.output_hz == pytest.approx(40.0)
+
+    story(told())
+
+
+def test_a_jog_does_not_disturb_a_run() -> None:
+    async def told() -> None:
+        async with Desk("sim://c320@1?ramp=1") as desk:
+            await running(desk)
+            await desk.ask(control(Operation.JOG_REVERSE))
+            await asyncio.sleep(3.0)
+            assert desk.station().motor.output_hz == pytest.approx(30.0)
+
+    story(told())

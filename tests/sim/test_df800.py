@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.protocols import modbus
+from drivebus.sim.motor import Trip
 from simdesk import Desk, story
 
 ASCII = modbus.AsciiCodec("short")
@@ -217,3 +218,30 @@ def test_small_letters_and_a_bad_lrc_get_no_answer() -> None:
             return [await desk.raw(good.lower()), await desk.raw(good[:-4] + b"00\r\n")]
 
     assert story(told()) == [b"", b""]
+
+
+def test_bit_4_resets_a_fault_and_a_fault_stops_the_motor() -> None:
+    async def told() -> None:
+        async with Desk("sim://df800@1?ramp=1") as desk:
+            await running(desk)
+            desk.station().trip(Trip.OVERLOAD)
+            await running(desk)
+            assert not desk.station().running
+            await desk.ask(write(0x2000, 0x10))
+            await running(desk)
+            assert desk.station().running
+
+    story(told())
+
+
+def test_a_power_cycle_forgets_the_frequency_of_the_bus() -> None:
+    async def told() -> None:
+        async with Desk("sim://df800@1") as desk:
+            await running(desk)
+            desk.station().power_cycle()
+            await asyncio.sleep(3.0)
+            await desk.ask(write(0x2000, 0b10))
+            await asyncio.sleep(5.0)
+            assert desk.station().motor.output_hz == 0.0
+
+    story(told())

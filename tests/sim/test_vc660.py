@@ -395,3 +395,25 @@ def test_parameters_end_at_01c2h() -> None:
 
     assert isinstance(story(told()), modbus.Registers)
     assert index(9, 40) == 0x01C2
+
+
+def test_a_new_frequency_changes_a_running_drive_and_starts_no_stopped_one() -> None:
+    async def told() -> None:
+        async with Desk("sim://vc660@1?ramp=1") as desk:
+            await desk.ask(write(0x2001, 1000))
+            assert desk.station().motor.starts == 0
+            await running(desk)
+            await desk.ask(write(0x2001, 4000))
+            await asyncio.sleep(2.0)
+            assert await output_hz(desk) == pytest.approx(40.0)
+
+    story(told())
+
+
+def test_analog_outputs_take_up_to_3fffh() -> None:
+    async def told() -> None:
+        async with Desk("sim://vc660@1") as desk:
+            assert isinstance(await desk.ask(write(0x2009, 0x3FFF)), modbus.Written)
+            assert desk.station().analog == [0, 0x3FFF]
+
+    story(told())
