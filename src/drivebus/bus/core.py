@@ -214,7 +214,8 @@ class BusCore:
             return
         if heard:
             unasked.sort_out(self, now)
-        if job is None:
+            self._send_next(now)  # what was heard may have made a station suspect: choose again
+        elif job is None:
             self._wanted_at = None
             self._sleep(None if self.scheduler.wake_at == FOREVER else self.scheduler.wake_at)
         elif self._wanted_at is not None and now < at and job.lane is not Lane.STOP:
@@ -330,9 +331,11 @@ class BusCore:
         self.scheduler.took(job, now)
         self._wanted_at = None
         self.counters.kind("no_silence")
+        self.finish(job, error)
         if job.fence:
             job.station.doubt(now)
-        self.finish(job, error)
+            for waiting in self.scheduler.withdraw(lambda other: other.station is job.station):
+                self.finish(waiting, error)
         self._sleep(now + job.gap_s)
 
     def _patience_is_over(self, job: Job, now: float) -> bool:

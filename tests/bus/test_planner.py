@@ -1,0 +1,173 @@
+"""Polls: periods, phases, lateness; and what a plan costs before it is started (5.1)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from buskit import LINE, C, Station, ask_read, ask_write, book, link, read
+from drivebus.bus import Poll, arithmetic
+from drivebus.bus.planner import Plan
+from drivebus.line import LineSettings
+from drivebus.message import Effect, Lane, StationLink, StationTiming
+from drivebus.protocols import sifang
+
+
+def test_a_poll_keeps_its_period_exactly() -> None:
+    play = book(Station())
+    play.watch(1, [Poll(read(), 0.25, phase_s=0.1)])
+    play.until(5)
+    times = [at for at, _ in play.sent]
+    assert times == pytest.approx([0.1 + 0.25 * number for number in range(20)])
+
+
+def test_phases_are_spread() -> None:
+    stations = [Station(address) for address in range(1, 11)]
+    play = book(*stations)
+    for station in stations:
+        play.watch(station.address, [Poll(read(station.address), 1.0)], station.address)
+    play.until(0.99)
+    times = [at for at, _ in play.sent]
+    assert len(times) == 10
+    assert min(later - earlier for earlier, later in pairwise(times)) > 0.03
+
+
+def test_late_polls_do_not_pile_up() -> None:
+    """A poll that could not be sent for ten periods is sent once, then in phase again."""
+    play = book(Station(1), Station(2))
+    play.watch(1, [Poll(read(), 0.1, phase_s=0.0)])
+    play.until(1.0)
+    for place in range(400):
+        play.hear(b"\x55", at=1.0 + place * 0.0025)
+    play.until(2.505)
+    assert len([at for at, _ in play.sent if 1.0 < at < 2.09]) <= 4
+    assert [at for at, _ in play.sent if at > 2.09] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5])
+
+
+def test_the_most_overdue_goes_first() -> None:
+    play = book(Station(1), Station(2))
+    play.watch(1, [Poll(read(1), 1.0, phase_s=0.010)], 1)
+    play.watch(2, [Poll(read(2), 1.0, phase_s=0.005)], 2)
+    play.ask(ask_read(1), "busy")
+    play.until(0.2)
+    assert [frame[0] for frame in play.frames] == [1, 2, 1]
+
+
+def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
+    """I4: during a backup the values stay fresh."""
+    play = book(Station(1), Station(2))
+    play.watch(1, [Poll(read(1), 0.1)])
+    for number in range(500):
+        play.ask(ask_read(2), number)
+    play.until(10)
+    good = [answer.received_at or 0 for answer in play.answers["watch"]]
+    assert max(later - earlier for earlier, later in pairwise(good)) < 0.3
+
+
+def test_lanes_are_served_in_their_order() -> None:
+    play = book(Station(1))
+    play.ask(ask_read(), "busy")
+    play.ask(ask_read(register=4, lane=Lane.PROBE), "probe")
+    play.ask(ask_read(register=3, lane=Lane.POLL), "poll")
+    play.ask(ask_read(register=2, lane=Lane.PARAMETER), "parameter")
+    play.ask(ask_write(play.core, register=1), "command")
+    play.play()
+    assert list(play.answers) == ["command", "busy", "parameter", "poll", "probe"]
+
+
+def test_a_scan_gets_its_turns_on_a_full_bus() -> None:
+    play = book(Station(1), Station(2))
+    play.watch(1, [Poll(read(1), 0.0)])
+    for number in range(20):
+        play.ask(ask_read(2, lane=Lane.PROBE), number)
+    play.until(20)
+    assert all(number in play.answers for number in range(20))
+
+
+def test_a_cancelled_watch_is_silent_even_with_its_frame_out() -> None:
+    play = book(Station())
+    play.watch(1, [Poll(read(), 0.1, phase_s=0.0)])
+    play.until(0.01)
+    assert len(play.sent) == 1
+    play._perform(play.core.unwatch("watch", play.now))
+    play.until(5)
+    assert "watch" not in play.answers and len(play.sent) == 1
+    assert len(play.core.scheduler.plan) == 0
+
+
+def test_a_removed_stations_polls_and_asks_end() -> None:
+    play = book(Station(1), Station(2))
+    play.watch(1, [Poll(read(), 0.1)])
+    play.ask(ask_read(2), "busy")
+    play.ask(ask_read(1), "waiting")
+    play._perform(play.core.remove(1, play.now))
+    assert play.answers["waiting"][0].error is not None
+    play.until(5)
+    assert [frame[0] for frame in play.frames] == [2]
+
+
+def test_a_period_must_be_a_time() -> None:
+    for period in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="period"):
+            Poll(read(), period)
+
+
+def test_an_empty_plan_has_nothing_due() -> None:
+    assert Plan().next_due() is None and Plan().first(1.0) is None
+
+
+def test_the_stop_bound_is_that_of_the_reliability_table() -> None:
+    """5.1, C320 ASCII 8E1 with a silent drive: 607, 313, 167, 93, 57 ms, of which 20 ms are the host's."""
+    timing = StationTiming(gap_characters=5, reply_delay_s=0, reply_delay_characters=8, adapter_s=0.0)
+    codec = sifang.SifangCodec()
+    stop = sifang.Control(1, sifang.Operation.STOP)
+    longest = sifang.WriteParameter(1, 0, 1, 1)
+    one = StationLink(
+        1, codec, timing, lambda f: Effect.NONE, lambda n: sifang.ReadIdentity(1, 0), extra={"stop": stop}
+    )
+    assert len(codec.encode_request(longest)) == 18
+    for baud, bound_ms in ((1200, 607), (2400, 313), (4800, 167), (9600, 93), (19200, 57)):
+        found = arithmetic([(one, [Poll(longest, 1.0)])], LineSettings(baud, parity="E")).drives[1].stop_bound_s
+        stop_ms = LineSettings(baud, parity="E").seconds(len(codec.encode_request(stop))) * 1000
+        printed_stop = {1200: 138, 2400: 69, 4800: 34, 9600: 17, 19200: 9}[baud]
+        assert found * 1000 - stop_ms + printed_stop + 20 == pytest.approx(bound_ms, abs=2)
+
+
+def test_the_arithmetic_foretells_what_the_bus_then_does() -> None:
+    """Stations that use all their time: the cycle is the computed one, and the load what the wire is kept."""
+    limit = 0.02 - 1e-4
+    stations = [Station(address, delay_s=limit) for address in range(1, 5)]
+    play = book(*stations)
+    polls = [Poll(read(address), 0.0) for address in range(1, 5)]
+    plan = [(link(address), [poll]) for address, poll in zip(range(1, 5), polls, strict=True)]
+    for one, many in plan:
+        play.watch(one.address, many, one.address)
+    play.until(20)
+    cycle = 20 / stations[0].answers
+    told = arithmetic(plan, LINE)
+    adapter = 4 * 0.02
+    assert cycle == pytest.approx(told.cycle_s - adapter, rel=0.02)
+    statistics = play.core.statistics(play.now)
+    assert statistics.load_percent == pytest.approx(100 * 4 * 21 * C / cycle, rel=0.01)
+
+
+def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
+    stations = [Station(1, delay_s=0.004), Station(2, delay_s=0.008)]
+    play = book(*stations)
+    for station in stations:
+        play.watch(station.address, [Poll(read(station.address), 0.1)], station.address)
+    play.until(30)
+    stations[1].alive = False
+    play.until(31)
+    found = play.core.statistics(play.now)
+    assert found.transactions_per_s == pytest.approx(20, rel=0.05)
+    assert found.stations[1].reply_p50_s == pytest.approx(0.004 + 13 * C)
+    assert found.stations[2].reply_p99_s == pytest.approx(0.008 + 13 * C)
+    assert found.reply_p99_s == pytest.approx(0.008 + 13 * C)
+    assert found.errors["NoReply"] == found.stations[2].errors["NoReply"] >= 2
+    assert found.stations[1].errors == {}
+    assert found.bytes_sent == 8 * found.transactions
+    assert found.bytes_received == 13 * found.replies
+    assert found.elapsed_s == 31
+    assert 0 < found.load_percent < found.occupied_percent <= 100

@@ -1,0 +1,197 @@
+"""After a timeout: quarantine, fence, and no late reply ever credited to another request (F01, G04, ruling 2 and 3)."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable
+
+import pytest
+
+from buskit import CODEC, LINE, LINES, TIMING, C, Station, ask_read, book, byte_by_byte, core, read, whole, wire
+from drivebus.bus import Poll, Presence
+from drivebus.errors import NoReply
+from drivebus.protocols import modbus
+from drivebus.testing.playbook import Playbook
+
+TIMEOUT = TIMING.timeout_s(LINE, 13)
+
+
+def test_after_a_timeout_the_station_rests_and_answers_a_fence_before_it_is_asked_again() -> None:
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(), "second")
+    sent_at = play.now
+    play.until(sent_at + 0.1)
+    station.alive = True
+    answer = play.answer("second")
+    assert answer.error is None and answer.attempts == 2
+    (lost_at, lost), (fence_at, fence), (_, again) = play.sent[1:]
+    assert fence[1] == 8 and again == lost
+    assert fence_at - lost_at == pytest.approx(8 * C + TIMEOUT + TIMING.lateness_s)
+
+
+def test_the_others_are_served_while_one_is_in_quarantine() -> None:
+    stations = [Station(1), Station(2)]
+    play = book(*stations)
+    for address in (1, 2):
+        play.ask(ask_read(address), address)
+    play.answer(2)
+    stations[0].alive = False
+    play.ask(ask_read(1), "lost")
+    play.until(play.now + 0.1)
+    play.ask(ask_read(2), "other")
+    asked = play.now
+    assert play.answer("other").error is None
+    assert play.now - asked < 0.05
+
+
+def test_a_late_reply_is_not_credited_to_the_next_request() -> None:
+    """F01 as pymodbus' own test has it: the answer to the first read comes while the second one is out."""
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(register=0x1000), "a")
+    play.ask(ask_read(register=0x2002), "b")
+    late_at = play.now + TIMEOUT + 0.02
+    play.hear(CODEC.encode_reply(modbus.Registers(1, 3, (666,) * 4)), at=late_at)
+    play.until(late_at + 0.01)
+    station.alive = True
+    for token in ("a", "b"):
+        assert 666 not in play.answer(token).reply.values
+    assert play.core.counters.kinds["late"] == 1
+
+
+def test_a_late_reply_heard_during_another_stations_turn_is_counted_late() -> None:
+    stations = [Station(1), Station(2, delay_s=0.019)]
+    play = book(*stations)
+    for address in (1, 2):
+        play.ask(ask_read(address), address)
+    play.answer(2)
+    stations[0].alive = False
+    play.ask(ask_read(1), "lost")
+    play.until(play.now + 0.075)
+    play.ask(ask_read(2), "other")
+    play.hear(CODEC.encode_reply(modbus.Registers(1, 3, (666,) * 4)), at=play.now + 8 * C + 0.0145)
+    assert play.answer("other").reply.values[0] != 666
+    assert play.core.counters.kinds.get("late") == 1
+    assert play.core.stations[1].counters.kinds == {"late": 1}
+
+
+def test_an_unanswered_fence_makes_the_station_silent_and_tells_who_waits() -> None:
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(), "second")
+    answer = play.answer("second")
+    assert isinstance(answer.error, NoReply) and answer.error.key == "bus.silent"
+    assert play.core.presence(1) is Presence.SILENT
+
+
+def test_two_fences_in_a_row_are_never_the_same() -> None:
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    station.alive = False
+    play.until(play.now + 1)
+    play.ask(ask_read(), "second")
+    play.until(play.now + 20)
+    fences = [frame for frame in play.frames if frame[1] == 8]
+    assert len(fences) >= 4 and len(set(fences)) == len(fences)
+
+
+def test_the_answer_to_the_wrong_question_makes_suspect_not_wise() -> None:
+    """The count differs: an older answer; the true one is still on its way, so no retry before the fence."""
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(count=2), "second")
+    play.hear(CODEC.encode_reply(modbus.Registers(1, 3, (6, 6, 6, 6))), at=play.now + 8 * C + 20 * C)
+    play.until(play.now + 0.06)
+    assert play.core.stations[1].suspect and len(play.sent) == 2
+
+
+class LateStation(Station):
+    """Answers in order; some answers come too late, up to ``longest_s``."""
+
+    def __init__(self, address: int, chance: random.Random, share: float, longest_s: float) -> None:
+        super().__init__(address)
+        self.chance, self.share, self.longest_s, self.free_at = chance, share, longest_s, 0.0
+
+    def speak(self, frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        reply = self.answer(frame, ended_at)
+        if reply is None:
+            return []
+        begins = ended_at + (self.chance.random() * self.longest_s if self.chance.random() < self.share else 0.004)
+        begins = max(begins, self.free_at)
+        pieces = list((whole if self.chance.random() < 0.5 else byte_by_byte)(reply, begins))
+        self.free_at = pieces[-1][0] + 4 * C
+        return pieces
+
+
+@pytest.mark.parametrize(("share", "longest_s"), [(0.01, 0.3), (0.05, 0.3), (0.2, 0.3), (0.2, 5.0)])
+@pytest.mark.parametrize("paced", [True, False])
+def test_no_late_answer_is_ever_misattributed(share: float, longest_s: float, paced: bool) -> None:
+    """G04 in small: same-shaped reads back to back, each value names its request; lateness up to 5 s, in order."""
+    chance = random.Random(int(share * 100) + int(longest_s * 10))
+    stations = [LateStation(address, chance, share, longest_s) for address in (1, 2, 3)]
+    for station in stations:
+        station.registers = {register: register for register in range(0x3000, 0x3040)}
+
+    def line(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        return [piece for station in stations for piece in station.speak(frame, ended_at)]
+
+    bus = core(1, 2, 3, paced=paced)
+    play = Playbook(bus, line)
+    asked: dict[int, int] = {}
+    for number in range(2500):
+        register = 0x3000 + 4 * chance.randrange(16)
+        asked[number] = register
+        play.ask(ask_read(1 + number % 3, register), number)
+        if number % 5 == 4:
+            play.answer(number)
+    play.until(play.now + 60)
+    answered = 0
+    for number, register in asked.items():
+        reply = play.answers[number][0].reply
+        if reply is not None:
+            answered += 1
+            assert reply.values == tuple(range(register, register + 4)), number
+    assert answered > (1500 if longest_s < 1 else 50)
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_polls_keep_coming_on_every_line(line: str) -> None:
+    stations = [Station(1), Station(2)]
+    play = book(*stations, deliver=LINES[line]())
+    for station in stations:
+        play.watch(station.address, [Poll(read(station.address), 0.1)], station.address)
+    play.until(60)
+    for station in stations:
+        good = [answer for answer in play.answers[station.address] if answer.error is None]
+        assert len(good) > (550 if line in ("clean", "byte by byte") else 100)
+
+
+def test_two_answers_in_one_window_hint_at_a_duplicate_address() -> None:
+    """F15."""
+
+    def twice(reply: bytes, begins_at: float) -> Iterable[tuple[float, bytes]]:
+        yield from byte_by_byte(reply, begins_at)
+        yield from byte_by_byte(reply, begins_at + (len(reply) + 2) * C)
+
+    play = Playbook(core(1), wire(Station(), deliver=twice))
+    for number in range(3):
+        play.ask(ask_read(), number)
+        play.answer(number)
+    assert play.core.health(1, play.now).duplicate
+    assert play.core.counters.kinds["duplicate"] >= 2
+    assert all(play.answers[number][0].reply is None for number in range(3))

@@ -1,0 +1,108 @@
+"""Bytes that nobody asked for: late, second, foreign, noise. Counted by kind, never applied (F14, F15, I12)."""
+
+from __future__ import annotations
+
+import random
+
+from buskit import CODEC, C, Station, ask_read, book, core, read
+from drivebus.bus import Kind
+from drivebus.protocols import modbus
+from drivebus.testing.playbook import Playbook
+
+
+def test_two_foreign_requests_mean_a_foreign_master_and_a_minute_of_peace_ends_it() -> None:
+    """G18: flagged after two frames."""
+    play = Playbook(core(1))
+    play.until(1.0)
+    frame = CODEC.encode_request(modbus.ReadRegisters(17, 0x100, 2))
+    play.hear(frame, at=1.1)
+    play.until(1.2)
+    assert not play.core.health(1, play.now).foreign_master
+    play.hear(frame, at=1.3)
+    play.until(1.4)
+    assert play.core.health(1, play.now).foreign_master
+    assert play.core.counters.kinds["master"] == 2
+    play.until(70)
+    assert not play.core.health(1, play.now).foreign_master
+
+
+def test_a_second_drivebus_that_sends_our_own_frames_is_a_foreign_master() -> None:
+    play = book(Station())
+    play.ask(ask_read())
+    play.answer()
+    for number in range(2):
+        play.hear(CODEC.encode_request(read()), at=play.now + 0.1 + 0.1 * number)
+    play.until(play.now + 0.5)
+    assert play.core.health(1, play.now).foreign_master
+
+
+def test_the_answer_to_a_foreign_request_is_not_called_a_duplicate() -> None:
+    play = book(Station())
+    play.ask(ask_read())
+    play.answer()
+    for number in range(4):
+        at = play.now + 0.1
+        play.hear(CODEC.encode_request(read()), at=at)
+        play.hear(CODEC.encode_reply(modbus.Registers(1, 3, (number,) * 4)), at=at + C)
+        play.until(at + 0.1)
+    health = play.core.health(1, play.now)
+    assert health.foreign_master and not health.duplicate
+
+
+def test_a_station_that_answers_unasked_shows_another_master_while_we_wait() -> None:
+    play = Playbook(core(1))
+    for number in range(2):
+        play.until(play.now + 1)
+        play.ask(ask_read(), number)
+        play.hear(CODEC.encode_reply(modbus.Registers(99, 3, (1, 1, 1, 1))), at=play.now + 0.03)
+        play.answer(number)
+    assert play.core.health(1, play.now).foreign_master
+
+
+def test_a_second_answer_while_idle_is_counted_and_makes_suspect() -> None:
+    play = book(Station())
+    play.core.tracing = True
+    play.ask(ask_read())
+    answer = play.answer()
+    play.hear(answer.received, at=play.now + 0.05)
+    play.until(play.now + 0.1)
+    assert play.core.counters.kinds["duplicate"] == 1
+    assert play.core.stations[1].suspect
+    assert [event.kind for event in play.traced] == [Kind.SENT, Kind.REPLY, Kind.DUPLICATE]
+    play.until(play.now + 2)
+    assert not play.core.stations[1].suspect, "its fence was answered"
+
+
+def test_noise_is_counted_and_forgotten() -> None:
+    play = book(Station())
+    for number in range(50):
+        play.hear(b"\xff\x00", at=number * 0.1)
+    play.until(10)
+    assert play.core.counters.kinds == {"unsolicited": 50}
+    assert len(play.core.listener.buffer) == 0
+    play.ask(ask_read())
+    assert play.answer().error is None
+
+
+def test_unasked_bytes_never_grow_beyond_their_bound() -> None:
+    """I12."""
+    play = Playbook(core(1))
+    chance = random.Random(1)
+    at = 0.0
+    for _ in range(3000):
+        at += C
+        play.hear(chance.randbytes(8), at=at)
+    play.until(at)
+    assert len(play.core.listener.buffer) <= 512
+
+
+def test_the_gap_counts_from_the_last_byte_heard_whoever_sent_it() -> None:
+    """F08: foreign traffic ends, then 3.5 characters, then we."""
+    play = book(Station())
+    play.until(1.0)
+    play.hear(b"\x55")
+    play.until(1.0 + C)
+    play.hear(b"\x55")
+    play.ask(ask_read())
+    play.answer()
+    assert play.sent[0][0] == play.now or play.sent[0][0] - (1.0 + C) >= 3.5 * C * 0.999999
