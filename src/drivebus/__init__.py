@@ -1,1 +1,101 @@
-"""drivebus: control and monitor variable-frequency drives of many makes on RS485, truthfully and safely."""
+"""drivebus: control and monitor variable-frequency drives of many makes on RS485, truthfully and safely.
+
+    import asyncio, drivebus
+
+    async def main():
+        async with drivebus.open_bus("sim://c320@1", baud=9600, format="8E1") as bus:
+            drive = drivebus.Drive(bus, "c320", 1)
+            print(await drive.run(25.0, wait=True))
+            print((await drive.status()).readings["output_frequency"].value)
+            await drive.stop()
+
+    asyncio.run(main())
+
+The public names, loaded when they are first used. ``drivebus.blocking`` is the same without async.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus, Poll
+    from drivebus.drives import (
+        Direction,
+        Drive,
+        DriveLimits,
+        DriveState,
+        DriveStatus,
+        Fault,
+        FileStore,
+        Outcome,
+        OutcomeWord,
+        StopReport,
+        bus_stop,
+    )
+    from drivebus.errors import DrivebusError
+    from drivebus.line import LineSettings
+    from drivebus.reading import Quality, Reading
+
+_HOMES = {
+    "Bus": "bus",
+    "Poll": "bus",
+    "Direction": "drives",
+    "Drive": "drives",
+    "DriveLimits": "drives",
+    "DriveState": "drives",
+    "DriveStatus": "drives",
+    "Fault": "drives",
+    "FileStore": "drives",
+    "Outcome": "drives",
+    "OutcomeWord": "drives",
+    "StopReport": "drives",
+    "bus_stop": "drives",
+    "DrivebusError": "errors",
+    "LineSettings": "line",
+    "Quality": "reading",
+    "Reading": "reading",
+}
+
+__all__ = [
+    "Bus",
+    "Direction",
+    "Drive",
+    "DriveLimits",
+    "DriveState",
+    "DriveStatus",
+    "DrivebusError",
+    "Fault",
+    "FileStore",
+    "LineSettings",
+    "Outcome",
+    "OutcomeWord",
+    "Poll",
+    "Quality",
+    "Reading",
+    "StopReport",
+    "bus_stop",
+    "open_bus",
+]
+
+
+def open_bus(link: str, *, baud: int | None = None, format: str | None = None) -> Bus:
+    """A bus on a LINK (``/dev/ttyUSB0``, ``tcp://host:port``, ``sim://c320@1``), opened by ``async with`` or ``open``.
+
+    Raises LinkError for a LINK that can't be understood; opening raises PortUnavailable with why and what to do.
+    """
+    from drivebus.bus import Bus
+    from drivebus.ports import open_port
+
+    return Bus(open_port(link, baud=baud, format=format))
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

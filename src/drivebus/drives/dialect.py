@@ -119,6 +119,10 @@ class Dialect(Protocol):
         """The raw word of a frequency. Raises LimitError where the coding forbids it."""
         ...
 
+    def frequency_of(self, word: int) -> float:
+        """What a setpoint word means, in Hz (DZB100: under the coding in force)."""
+        ...
+
     def start(self, direction: Direction | None, word: int) -> tuple[Frame, ...]:
         """The start, then what must follow it. Raises CapabilityError or GateError for a direction."""
         ...

@@ -214,8 +214,7 @@ class DzbDialect:
         return Refusal("drives.dzb_refused", 7) if reply.accepted is False else None
 
     def setpoint_word(self, frequency_hz: float) -> int:
-        codings = candidates(self.settings)
-        coding = codings[0] if len(codings) == 1 else DEFAULT_CODING
+        codings, coding = candidates(self.settings), self._setpoint_coding()
         try:
             word = encode_frequency(frequency_hz, coding)
         except (ValueError, ProtocolError) as error:
@@ -226,6 +225,14 @@ class DzbDialect:
                 "drives.coding_cap", frequency_hz=frequency_hz, word=f"{word:04X}H", cap=f"{cap:04X}H", limit_hz=CAP_HZ
             )
         return word
+
+    def frequency_of(self, word: int) -> float:
+        return decode_frequency(word, self._setpoint_coding())
+
+    def _setpoint_coding(self) -> FrequencyCoding:
+        """The settled coding; hex-0.1 until then."""
+        codings = candidates(self.settings)
+        return codings[0] if len(codings) == 1 else DEFAULT_CODING
 
     def start(self, direction: Direction | None, word: int) -> tuple[Frame, ...]:
         return self._control(Command.REVERSE if direction is Direction.REVERSE else Command.FORWARD, word)

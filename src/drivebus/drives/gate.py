@@ -6,15 +6,14 @@ Every check has its sentence. The bus re-checks station, effect, expiry and gene
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
-from drivebus.drives.state import DriveState, Verdict
+from drivebus.drives.state import DriveState, Named, Verdict
 from drivebus.drives.talk import Surroundings
 from drivebus.errors import Expired, GateError, NotPermitted, Superseded
 from drivebus.message import Effect, Permit, WriteClass
 
 
-class Kind(StrEnum):
+class Kind(Named):
     """What the user meant."""
 
     START = "start"
@@ -74,7 +73,7 @@ def grant(
     if effect not in (Effect.SETTING, Effect.MOTION):
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
     if effect is Effect.MOTION and command.kind not in (Kind.START, Kind.JOG, Kind.SETPOINT):
-        raise NotPermitted("drives.frame_would_move", kind=command.kind.value)
+        raise NotPermitted("drives.frame_would_move", kind=command.kind)
     _station_is_ours(station, around)
     if command.kind in (Kind.START, Kind.JOG) or effect is Effect.MOTION:
         _link_is_good(around, family)
@@ -118,7 +117,7 @@ def _drive_is_ready(command: Command, around: Surroundings, evidence: Evidence) 
         age = None if evidence.at is None else round(around.now - evidence.at, 2)
         raise GateError("drives.status_stale", age_s=age, limit_s=FRESH_S)
     if evidence.verdict.state not in _ready_states(command.kind):
-        raise GateError("drives.state_forbids", state=evidence.verdict.state.value, kind=command.kind.value)
+        raise GateError("drives.state_forbids", state=evidence.verdict.state, kind=command.kind)
 
 
 def _ready_states(kind: Kind) -> frozenset[DriveState]:

@@ -31,7 +31,7 @@ def begin(talk: Talk, frequency_hz: float | None, direction: Direction) -> Conve
     memory, dialect = talk.memory, talk.dialect
     memory.need("jog")
     memory.check_direction(direction)
-    word = None if frequency_hz is None else memory.check_frequency(frequency_hz)
+    word = None if frequency_hz is None else memory.check_frequency(frequency_hz)[0]
     frames = dialect.jog(direction, word)
     yield from ensure(talk)
     if dialect.can_tell:

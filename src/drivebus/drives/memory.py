@@ -80,13 +80,19 @@ class Memory:
     def minimum_hz(self) -> float:
         return max(self.dialect.profile.limits.minimum_hz, self.limits.minimum_hz)
 
-    def check_frequency(self, frequency_hz: float) -> int:
-        """The raw word of a frequency within the limits. Raises LimitError."""
+    def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
+        """The raw word of a frequency and what the drive makes of it, both within the limits. Raises LimitError."""
+        self._check_limits(frequency_hz)
+        word = self.dialect.setpoint_word(frequency_hz)
+        actual_hz = self.dialect.frequency_of(word)
+        self._check_limits(actual_hz)
+        return word, actual_hz
+
+    def _check_limits(self, frequency_hz: float) -> None:
         if not frequency_hz <= self.maximum_hz:
             raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=self.maximum_hz)
         if frequency_hz < self.minimum_hz:
             raise LimitError("drives.below_minimum", frequency_hz=frequency_hz, limit_hz=self.minimum_hz)
-        return self.dialect.setpoint_word(frequency_hz)
 
     def check_direction(self, direction: Direction | None) -> None:
         """Raises CapabilityError (the model can't) or LimitError (the user forbids it)."""
@@ -95,4 +101,4 @@ class Memory:
         allowed = self.limits.reverse if direction is Direction.REVERSE else self.limits.forward
         unsure = direction is None and not self.dialect.can_tell and not (self.limits.forward and self.limits.reverse)
         if not allowed or unsure:
-            raise LimitError("drives.direction_forbidden", direction=(direction or Direction.FORWARD).value)
+            raise LimitError("drives.direction_forbidden", direction=direction or Direction.FORWARD)

@@ -264,6 +264,9 @@ class ModbusDialect:
     def setpoint_word(self, frequency_hz: float) -> int:
         return frequency_word(self.profile, frequency_hz)
 
+    def frequency_of(self, word: int) -> float:
+        return self.profile.setpoint_scale.value(word)
+
     def start(self, direction: Direction | None, word: int) -> tuple[Frame, ...]:
         self._check_direction(direction)
         return self._words(self._command().start(direction))
@@ -271,7 +274,7 @@ class ModbusDialect:
     def _check_direction(self, direction: Direction | None) -> None:
         """DF800: which way round the direction field is, is open until a watched jog has settled it."""
         if direction is not None and self.settings.get("direction_proved") is False:
-            raise GateError("drives.direction_unproved", direction=direction.value, model=self.profile.model)
+            raise GateError("drives.direction_unproved", direction=direction, model=self.profile.model)
 
     def _command(self) -> CommandWord:
         if self.word is None:

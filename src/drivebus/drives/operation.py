@@ -25,7 +25,7 @@ ROUNDS = 2
 EXTRA_ROUNDS = 3
 """A drive that changes its state between two reads gets these to settle."""
 MIRRORED = "bus.mirrored"
-"""A loop-back's reply equals its request: believed only once a reply that can't be an echo came over this port (F03)."""
+"""A loop-back's reply equals its request: believed only once this port has shown that it has no echo (F03)."""
 KEPT_COMMANDS, KEPT_READS = 64, 24
 """Evidence is bounded (I12)."""
 

@@ -159,11 +159,11 @@ def direction_jog(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
         raise CapabilityError("drives.cannot", model=dialect.profile.model, what="direction proof")
     if not 0.0 < frequency_hz <= JOG_CAP_HZ:
         raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=JOG_CAP_HZ)
-    word = talk.memory.check_frequency(frequency_hz)
+    word, actual_hz = talk.memory.check_frequency(frequency_hz)
     yield from ensure(talk)
     around = yield from look()
     command = talk.memory.command(Kind.JOG, around)
-    outcome = yield from write_setpoint(talk, command, word, frequency_hz)
+    outcome = yield from write_setpoint(talk, command, word, actual_hz)
     if not outcome.done:
         return outcome
     outcome = yield from send_jog(talk, dialect.proof_jog())

@@ -65,7 +65,7 @@ def _output_hz(talk: Talk) -> float | None:
 def _not_reached(
     talk: Talk, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
 ) -> NotReached:
-    state = talk.verdict.state.value
+    state = talk.verdict.state
     key = "drives.not_reached" if error is None else "drives.not_reached_silent"
     failure = NotReached(key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1))
     word = OutcomeWord.FAILED if error is None else OutcomeWord.UNKNOWN

@@ -22,9 +22,9 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
         if error is not None:
             raise error
         if talk.verdict.state.turning:
-            raise GateError("drives.reset_while_turning", state=talk.verdict.state.value)
+            raise GateError("drives.reset_while_turning", state=talk.verdict.state)
         if talk.verdict.state not in FAULTY and talk.verdict.fault_code is None:
-            return talk.outcome(OutcomeWord.CONFIRMED, "drives.no_fault", state=talk.verdict.state.value)
+            return talk.outcome(OutcomeWord.CONFIRMED, "drives.no_fault", state=talk.verdict.state)
     around = yield from look()
     command = talk.memory.command(Kind.RESET, around)
     frames = talk.dialect.reset()
@@ -44,12 +44,12 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
         error = yield from talk.judged()
         now = yield from talk.still_wanted(command)
         if error is None and talk.verdict.state is not DriveState.UNKNOWN and talk.verdict.state not in FAULTY:
-            return talk.outcome(OutcomeWord.CONFIRMED, "drives.reset_confirmed", state=talk.verdict.state.value)
+            return talk.outcome(OutcomeWord.CONFIRMED, "drives.reset_confirmed", state=talk.verdict.state)
         still = error is None and talk.verdict.state in FAULTY
         if still and not answered and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.RESET]:
             answer = yield from send(talk, command, frames)
             answered, sent_again = answer.error is None, sent_again + 1
         elif now > command.created_at + CLEARED_S:
             if still:
-                return talk.outcome(OutcomeWord.FAILED, "drives.fault_remains", state=talk.verdict.state.value)
+                return talk.outcome(OutcomeWord.FAILED, "drives.fault_remains", state=talk.verdict.state)
             return talk.outcome(OutcomeWord.UNKNOWN, "drives.reset_unknown")

@@ -19,14 +19,14 @@ SHOW_PAUSE_S = 0.05
 def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or GateError before sending."""
     talk.memory.need("set_frequency")
-    word = talk.memory.check_frequency(frequency_hz)
+    word, actual_hz = talk.memory.check_frequency(frequency_hz)
     yield from ensure(talk)
     yield from talk.judged()
     if talk.dialect.carries_frequency:
         yield from talk.fenced_reads(talk.dialect.state_reads())
     around = yield from look()
     command = talk.memory.command(Kind.SETPOINT, around)
-    return (yield from write_setpoint(talk, command, word, frequency_hz))
+    return (yield from write_setpoint(talk, command, word, actual_hz))
 
 
 def write_setpoint(talk: Talk, command: Command, word: int, frequency_hz: float) -> Conversation[Outcome]:

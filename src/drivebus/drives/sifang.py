@@ -208,6 +208,9 @@ class SifangDialect:
     def setpoint_word(self, frequency_hz: float) -> int:
         return frequency_word(self.profile, frequency_hz)
 
+    def frequency_of(self, word: int) -> float:
+        return self.profile.setpoint_scale.value(word)
+
     def start(self, direction: Direction | None, word: int) -> tuple[Frame, ...]:
         reverse = direction is Direction.REVERSE
         return self._edge(Operation.RUN_REVERSE_AT if reverse else Operation.RUN_FORWARD_AT, word)

@@ -34,7 +34,7 @@ def run(
     memory, dialect = talk.memory, talk.dialect
     memory.need("run")
     memory.check_direction(direction)
-    word = memory.check_frequency(frequency_hz)
+    word, actual_hz = memory.check_frequency(frequency_hz)
     dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
     if will_wait and not dialect.can_wait():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
@@ -44,7 +44,7 @@ def run(
     if talk.verdict.state.turning:
         outcome = yield from _already_turning(talk, frequency_hz, direction)
     else:
-        outcome = yield from _from_standstill(talk, frequency_hz, direction, word, begun)
+        outcome = yield from _from_standstill(talk, actual_hz, direction, word, begun)
     return _with_unread(talk, outcome)
 
 
@@ -61,10 +61,10 @@ def _already_turning(talk: Talk, frequency_hz: float, direction: Direction | Non
     wanted = direction or Direction.FORWARD
     runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
     if not runs or (verdict.direction is not None and verdict.direction is not wanted):
-        shown_direction = verdict.direction.value if verdict.direction else "?"
-        raise GateError("drives.turning", state=verdict.state.value, direction=shown_direction)
+        shown_direction = verdict.direction if verdict.direction else "?"
+        raise GateError("drives.turning", state=verdict.state, direction=shown_direction)
     if verdict.direction is None and direction is not None:
-        raise GateError("drives.turning_unknown_way", direction=direction.value)
+        raise GateError("drives.turning_unknown_way", direction=direction)
     return (yield from set_frequency(talk, frequency_hz))
 
 
@@ -128,13 +128,13 @@ def confirm(
         if state.turning:
             return _turning(talk, direction)
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
-            return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state.value)
+            return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state)
         may_resend = state is DriveState.STOPPED and not answered and not talk.seen_turning
         if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
             answer = yield from send(talk, command, frames)
             answered, sent_again = answer.error is None, sent_again + 1
         elif talk.seen_turning and state.output_off:
-            return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state.value)
+            return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state)
         elif now > deadline:
             return _not_seen(talk, state, error is not None)
 
@@ -142,14 +142,14 @@ def confirm(
 def _turning(talk: Talk, direction: Direction | None) -> Outcome:
     found = talk.verdict.direction
     if direction is not None and found is not None and found is not direction:
-        return talk.outcome(OutcomeWord.FAILED, "drives.wrong_way", expected=direction.value, found=found.value)
-    return talk.outcome(OutcomeWord.CONFIRMED, "drives.start_confirmed", state=talk.verdict.state.value)
+        return talk.outcome(OutcomeWord.FAILED, "drives.wrong_way", expected=direction, found=found)
+    return talk.outcome(OutcomeWord.CONFIRMED, "drives.start_confirmed", state=talk.verdict.state)
 
 
 def _not_seen(talk: Talk, state: DriveState, silent: bool) -> Outcome:
     if silent or state is DriveState.UNKNOWN:
         return talk.outcome(OutcomeWord.UNKNOWN, "drives.start_unknown")
-    return talk.outcome(OutcomeWord.FAILED, "drives.start_ignored", state=state.value, after_s=CONFIRM_S)
+    return talk.outcome(OutcomeWord.FAILED, "drives.start_ignored", state=state, after_s=CONFIRM_S)
 
 
 def _with_setpoint(talk: Talk, outcome: Outcome, word: int, frequency_hz: float) -> Conversation[Outcome]:

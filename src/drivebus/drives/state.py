@@ -12,7 +12,26 @@ from drivebus.profiles.model import Text
 from drivebus.reading import Reading
 
 
-class DriveState(StrEnum):
+class Named(StrEnum):
+    """A word that shows itself in the reader's language (``i18n`` asks for ``en`` and ``zh``)."""
+
+    @property
+    def en(self) -> str:
+        return i18n.text(self._key, "en")
+
+    @property
+    def zh(self) -> str:
+        return i18n.text(self._key, "zh")
+
+    @property
+    def _key(self) -> str:
+        return f"drives.{_GROUPS[type(self).__name__]}_{self.value}"
+
+
+_GROUPS = {"DriveState": "state", "Direction": "way", "Kind": "kind"}
+
+
+class DriveState(Named):
     """What the drive itself reports. UNKNOWN is a state; it is never replaced by a guess (ruling 4)."""
 
     STOPPED = "stopped"
@@ -51,7 +70,7 @@ _OUTPUT_OFF = frozenset(
 )
 
 
-class Direction(StrEnum):
+class Direction(Named):
     """Which way round, as the drive counts it."""
 
     FORWARD = "forward"

@@ -77,7 +77,7 @@ def _blind(talk: Talk, how: Stop, answered: bool) -> Conversation[Outcome]:
         answered = (yield from send_stop(talk, how)) or answered
     if answered:
         return talk.outcome(OutcomeWord.ACKNOWLEDGED, "drives.stop_acknowledged")
-    return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state="unknown")
+    return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=DriveState.UNKNOWN)
 
 
 def _until_seen(talk: Talk, how: Stop, begun: float) -> Conversation[Outcome]:
@@ -93,7 +93,7 @@ def _until_seen(talk: Talk, how: Stop, begun: float) -> Conversation[Outcome]:
         progress.note(talk, now)
         patience = PATIENCE_S if ramp is None else max(PATIENCE_S, ramp * RAMP_FACTOR)
         if now - progress.since > patience or now - begun > max(LONGEST_S, patience):
-            return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=talk.verdict.state.value)
+            return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=talk.verdict.state)
         if progress.since < now or now - last_sent >= RESEND_S:
             yield from send_stop(talk, how)
             last_sent = now
@@ -110,4 +110,4 @@ def _stopped(talk: Talk) -> Outcome:
     state = talk.verdict.state
     plain = state in (DriveState.STOPPED, DriveState.EMERGENCY_STOPPED)
     key = "drives.stop_confirmed" if plain else "drives.output_off"
-    return talk.outcome(OutcomeWord.CONFIRMED, key, state=state.value)
+    return talk.outcome(OutcomeWord.CONFIRMED, key, state=state)

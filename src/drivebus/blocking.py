@@ -1,0 +1,195 @@
+"""The synchronous twin, for scripts and notebooks: the same drives, one call after the other.
+
+    from drivebus import blocking
+
+    with blocking.open_bus("sim://c320@1", baud=9600, format="8E1") as bus:
+        drive = blocking.Drive(bus, "c320", 1)
+        drive.run(25.0, wait=True)
+        drive.stop()
+
+The bus lives on an event loop in a thread of its own; every call waits for its end there. Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+from drivebus import drives
+from drivebus.bus import Bus as AsyncBus
+from drivebus.bus import BusStatistics
+from drivebus.drives.commloss import CommLossReport
+from drivebus.drives.identity import Identity
+from drivebus.drives.lease import JogLease
+from drivebus.drives.memory import Preflight
+from drivebus.drives.state import Direction, DriveStatus, Outcome
+from drivebus.profiles.model import DriveProfile
+from drivebus.reading import Reading
+
+T = TypeVar("T")
+
+
+class Bus:
+    """One bus on a thread of its own. Made by ``open_bus``; a context manager."""
+
+    def __init__(self, make: Callable[[], AsyncBus]) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="drivebus", daemon=True)
+        self._thread.start()
+        try:
+            self.bus = self.call(_opened, make)
+        except BaseException:
+            self._end()
+            raise
+
+    def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine on the bus's loop to its end. An interrupt cancels it: nothing more of it is sent."""
+        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function on the bus's loop (a coroutine function is awaited)."""
+
+        async def there() -> Any:
+            found = function(*arguments)
+            return await found if asyncio.iscoroutine(found) else found
+
+        return self.wait(there())
+
+    def statistics(self) -> BusStatistics:
+        """Load, rates, reply times and errors."""
+        found: BusStatistics = self.call(self.bus.statistics)
+        return found
+
+    def close(self) -> None:
+        """Close the port and end the thread. Idempotent."""
+        if self._thread.is_alive():
+            self.call(self.bus.close)
+            self._end()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._cancel_all)
+        self._thread.join()
+        self._loop.close()
+
+    def _cancel_all(self) -> None:
+        """What still runs (a repeated stop) ends with the bus."""
+        for task in asyncio.all_tasks(self._loop):
+            task.cancel()
+        self._loop.call_soon(self._loop.stop)
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+async def _opened(make: Callable[[], AsyncBus]) -> AsyncBus:
+    bus = make()
+    await bus.open()
+    return bus
+
+
+def open_bus(link: str, *, baud: int | None = None, format: str | None = None) -> Bus:
+    """An open bus on a LINK such as ``/dev/ttyUSB0``, ``tcp://host:port`` or ``sim://c320@1``.
+
+    Raises LinkError, PortUnavailable.
+    """
+    import drivebus
+
+    return Bus(lambda: drivebus.open_bus(link, baud=baud, format=format))
+
+
+class Lease:
+    """``with drive.jog(5.0) as lease: ... lease.renew()``."""
+
+    def __init__(self, bus: Bus, lease: JogLease) -> None:
+        self._bus, self._lease = bus, lease
+
+    def renew(self) -> None:
+        """The hand is still on the key. Raises GateError once the lease was lost."""
+        self._bus.call(self._lease.renew)
+
+    @property
+    def lost(self) -> bool:
+        return self._lease.lost
+
+    def __enter__(self) -> Lease:
+        self._bus.wait(self._lease.__aenter__())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bus.wait(self._lease.__aexit__(kind, error, trace))
+
+
+class Drive:
+    """One drive; the methods of ``drivebus.Drive``, each returning when it is done. Same results, same errors."""
+
+    def __init__(self, bus: Bus, profile: DriveProfile | str | Path, address: int, **options: Any) -> None:
+        self._bus = bus
+        self.drive: drives.Drive = bus.call(lambda: drives.Drive(bus.bus, profile, address, **options))
+
+    def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
+        return self._bus.wait(self.drive.status(signals))
+
+    def run(
+        self,
+        frequency_hz: float,
+        direction: Direction | str | None = None,
+        wait: bool = False,
+        timeout_s: float | None = None,
+    ) -> Outcome:
+        return self._bus.wait(self.drive.run(frequency_hz, direction, wait, timeout_s))
+
+    def set_frequency(self, frequency_hz: float) -> Outcome:
+        return self._bus.wait(self.drive.set_frequency(frequency_hz))
+
+    def jog(
+        self, frequency_hz: float | None = None, direction: Direction | str = "forward", lease_s: float = 0.5
+    ) -> Lease:
+        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s))
+
+    def stop(self, wait: bool = True) -> Outcome:
+        return self._bus.wait(self.drive.stop(wait))
+
+    def coast(self, wait: bool = True) -> Outcome:
+        return self._bus.wait(self.drive.coast(wait))
+
+    def quick_stop(self, wait: bool = True) -> Outcome:
+        return self._bus.wait(self.drive.quick_stop(wait))
+
+    def reset_fault(self) -> Outcome:
+        return self._bus.wait(self.drive.reset_fault())
+
+    def read(self, names: Iterable[str]) -> dict[str, Reading]:
+        return self._bus.wait(self.drive.read(names))
+
+    def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
+        return self._bus.wait(self.drive.write(values, save))
+
+    def identify(self) -> Identity:
+        return self._bus.wait(self.drive.identify())
+
+    def preflight(self) -> Preflight:
+        return self._bus.wait(self.drive.preflight())
+
+    def if_host_dies(self) -> CommLossReport:
+        return self._bus.wait(self.drive.if_host_dies())
+
+
+def bus_stop(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
+    """Stop every drive of a bus; see ``drivebus.bus_stop``."""
+    return bus.wait(drives.bus_stop(bus.bus, [one.drive for one in stopped]))
