@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 from drivebus.errors import LinkError
@@ -127,3 +130,26 @@ def test_the_sentence_of_a_wrong_link() -> None:
         "COM3?baud=96OO: baud 96OO; expected a whole number 50 … 4000000, as set on the drive's keypad"
     )
     assert "波特率 96OO" in caught.value.text("zh")
+
+
+@pytest.mark.parametrize("page", ["ports.md", "ports.zh.md"])
+def test_every_link_of_the_page_is_one(page: str) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / page).read_text(encoding="utf-8")
+    links = re.findall(r"^\| `([^`]*(?:/|COM)[^`]*)` \|", text, re.MULTILINE)
+    assert len(links) == 8
+    assert {parse_link(link).scheme for link in links} == {
+        "serial", "tcp", "rfc2217", "sim", "replay", "memory",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        "/dev/ttyUSB0?baud=9600&format=8E1&echo=on&rs485=on",
+        "tcp://h:1?echo=off&timeout=9",
+        "rfc2217://h:1?echo=off&timeout=9",
+        "memory://page?paced=on&echo=on",
+    ],
+)
+def test_every_option_of_the_page_is_taken_where_the_page_says(link: str) -> None:
+    assert open_port(link).url.startswith(link.partition("?")[0])
