@@ -93,4 +93,8 @@ async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
     profile = target.profile()
     port = open_port(target.link, profile, target.baud, target.format)
     async with Bus(port) as bus:
-        yield bus, Drive(bus, profile, target.address, encoding=target.encoding, settings=target.settings())
+        found = Drive(bus, profile, target.address, encoding=target.encoding, settings=target.settings())
+        try:
+            yield bus, found
+        finally:
+            found.close()

@@ -75,7 +75,7 @@ class DryRun:
     """Collects what a verb would send to one drive."""
 
     def __init__(self, target: Target) -> None:
-        from drivebus.drives import make_dialect
+        from drivebus.drives.make import make_dialect
 
         self.target = target
         profile = target.profile()

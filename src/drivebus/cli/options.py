@@ -35,6 +35,11 @@ def link(name: str = "link") -> click.Argument:
     return Argument([name], metavar="LINK", key="help.argument.link", shell_complete=_links)
 
 
+def source() -> click.Argument:
+    """LINK or a capture file."""
+    return Argument(["source"], metavar="LINK|FILE", shell_complete=_links)
+
+
 def line() -> list[click.Parameter]:
     """--baud and --format; without them the LINK's own, else the profile's."""
     bauds = click.IntRange(50, 4_000_000)

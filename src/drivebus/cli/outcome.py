@@ -88,5 +88,5 @@ def status_line(status: DriveStatus) -> str:
     for name in ("set_frequency", "output_frequency", "output_current", "dc_bus_voltage"):
         reading = status.readings.get(name)
         if reading is not None and reading.value is not None:
-            shown.append(f"{voice.say(f'status.short.{name}')} {reading.value:g} {reading.unit}")  # type: ignore[str-format]
+            shown.append(f"{voice.say(f'status.short.{name}')} {reading.value:g} {reading.unit}")
     return " · ".join([state_words(status), *shown])

@@ -12,9 +12,9 @@ def _verbs(*names: str) -> dict[str, str]:
 
 
 SECTIONS = {
-    "cli.section.first": _verbs("simulate"),
-    "cli.section.look": _verbs("status", "read"),
-    "cli.section.move": _verbs("run", "set-frequency", "stop", "coast", "reset"),
+    "cli.section.first": _verbs("demo", "simulate"),
+    "cli.section.look": _verbs("status", "monitor", "read", "scan"),
+    "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
     "cli.section.change": _verbs("write"),
     "cli.section.tools": _verbs("decode", "models", "ports", "profile", "completion"),
 }
@@ -35,6 +35,8 @@ cli = LazyGroup(
     no_args_is_help=True,
     params=[Option(["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_version)],
     examples=(
+        "drivebus demo",
+        "drivebus scan /dev/ttyUSB0 --models c320,vc660",
         "drivebus status sim://c320@1 --model c320 --address 1",
         "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 25 --dry-run",
     ),

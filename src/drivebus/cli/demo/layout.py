@@ -43,7 +43,7 @@ def _drives(role: str, *addresses: int) -> tuple[PlantDrive, ...]:
     return tuple(PlantDrive(role, number, address) for number, address in enumerate(addresses, 1))
 
 
-DZB_CODING = {name: "hex-0.1" for name in ("setpoint_coding", "query_coding", "parameter_coding")}
+DZB_CODING = dict.fromkeys(("setpoint_coding", "query_coding", "parameter_coding"), "hex-0.1")
 
 LINES = (
     PlantLine("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),

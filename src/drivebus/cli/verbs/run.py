@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from drivebus.cli.dry import DryRun
     from drivebus.cli.ending import Ending
     from drivebus.drives import Drive
+    from drivebus.drives.dialect import Dialect
     from drivebus.drives.state import Direction, DriveStatus
+    from drivebus.errors import DrivebusError
 
 PERIOD_S = 0.5
 """Between two looks at the drive; each look is a few frames."""
@@ -32,7 +34,7 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
     with listening() as ending:
         async with connect.drive(target) as (bus, drive):
             if detach:
-                await _say_comm_loss(target, drive)
+                await _say_comm_loss(drive)
             started = await _start(bus, drive, ending, frequency, _direction(reverse), wait)
             if detach and started is Exit.DONE and not ending.come:
                 voice.tell("run.detached")
@@ -68,20 +70,21 @@ async def _start(
     return code
 
 
-def nothing_moved(error: Exception) -> bool:
-    """Nothing left the host, or the drive itself said no: there is nothing to stop."""
+def nothing_moved(error: DrivebusError) -> bool:
+    """Nothing left the host that may move a motor, or the drive itself said no: there is nothing to stop."""
     from drivebus import errors
 
-    return isinstance(
-        error,
-        errors.ConfigurationError
-        | errors.CapabilityError
-        | errors.LimitError
-        | errors.PreflightError
-        | errors.GateError
-        | errors.Refused
-        | errors.PortUnavailable,
+    never_sent = (
+        errors.ConfigurationError,
+        errors.CapabilityError,
+        errors.LimitError,
+        errors.PreflightError,
+        errors.GateError,
+        errors.Expired,
+        errors.PortUnavailable,
+        errors.Refused,
     )
+    return isinstance(error, never_sent) or (isinstance(error, errors.BusError) and error.outcome is None)
 
 
 async def _watch(bus: Bus, drive: Drive, ending: Ending) -> Exit:
@@ -141,13 +144,12 @@ async def _stop(bus: Bus, drive: Drive, code: Exit) -> Exit:
     return code if stopped is Exit.DONE else stopped
 
 
-async def _say_comm_loss(target: Target, drive: Drive) -> None:
-    """Before a detached start: what the drive itself will do when nobody speaks to it any more."""
-    from drivebus.cli.comm_loss import read_comm_loss
-
-    found = await read_comm_loss(target.profile(), drive)
-    voice.document({"event": "comm_loss"} | found.as_document(), stream=True)
-    voice.show(found.text())
+async def _say_comm_loss(drive: Drive) -> None:
+    """Before a detached start: what the drive itself will do when nobody speaks to it any more (F18)."""
+    report = await drive.if_host_dies()
+    text = report.text(voice.language())
+    voice.document({"event": "comm_loss", "trips": report.trips, "text": text}, stream=True)
+    voice.show(text)
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> Exit:
@@ -155,17 +157,18 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
     wanted = [dialect.profile.parameters.get(one.notation) for one in dialect.profile.preconditions]
     dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
     dry.add("state", dialect.state_reads())
-    dry.add("start", [frame.request for frame in start_frames(dialect, frequency, _direction(reverse))])
+    for purpose, frames in start_frames(dialect, frequency, _direction(reverse)):
+        dry.add(purpose, [frame.request for frame in frames])
     return dry.show("dry.note.fewer", "dry.note.confirm")
 
 
-def start_frames(dialect: Any, frequency_hz: float, direction: Direction | None) -> list[Any]:
+def start_frames(dialect: Dialect, frequency_hz: float, direction: Direction | None) -> list[tuple[str, Any]]:
     """What a start is made of: the frequency first, where the start itself does not carry it."""
     from drivebus.drives.book import Book
 
     word = dialect.setpoint_word(frequency_hz)
     before = () if dialect.carries_frequency else dialect.set_frequency(word, Book())
-    return [*before, *dialect.start(direction, word)]
+    return [("set_frequency", before), ("start", dialect.start(direction, word))]
 
 
 command = drive_verb(

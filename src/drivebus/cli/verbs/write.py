@@ -37,7 +37,7 @@ def _plan(dry: DryRun, settings: Assignments, save: bool) -> Exit:
         if not isinstance(entry, Parameter):
             raise ConfigurationError("cli.not_a_parameter", name=name)
         dry.add("compare", [dry.dialect.read_parameter(entry)])
-        dry.add("write", [dry.dialect.write_parameter(entry, entry.scale.raw(value), save).request])
+        dry.add("write", [dry.dialect.write_parameter(entry, dry.dialect.parameter_word(entry, value), save).request])
         dry.add("verify", [dry.dialect.read_parameter(entry)])
     return dry.show()
 

@@ -1,0 +1,95 @@
+"""Keys as they are pressed, with the moment of the last one. The one door to terminal modes; opened by ``jog`` only."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Keys:
+    """A queue of keys; ``None`` in it means that the terminal is gone."""
+
+    def __init__(self) -> None:
+        self._queue: asyncio.Queue[str | None] = asyncio.Queue()
+        self.last: str | None = None
+        self.last_at = float("-inf")
+
+    def press(self, text: str | None) -> None:
+        """Called from the event loop for each chunk of keys."""
+        self.last_at = asyncio.get_running_loop().time()
+        for key in text or ():
+            self.last = key
+            self._queue.put_nowait(key)
+        if text is None:
+            self.last = None
+            self._queue.put_nowait(None)
+
+    async def get(self, timeout_s: float | None = None) -> str | None:
+        """The next key. Raises TimeoutError after ``timeout_s``."""
+        return await asyncio.wait_for(self._queue.get(), timeout_s)
+
+    def forget(self) -> None:
+        """Drop what was pressed meanwhile."""
+        while not self._queue.empty():
+            self._queue.get_nowait()
+
+
+@contextmanager
+def reading() -> Iterator[Keys]:
+    """Keys of the terminal, unbuffered and unseen; its former mode comes back whatever happens."""
+    keys = Keys()
+    with _windows(keys) if sys.platform == "win32" else _posix(keys):
+        yield keys
+
+
+@contextmanager
+def _posix(keys: Keys) -> Iterator[None]:
+    import termios
+    import tty
+
+    loop, fd = asyncio.get_running_loop(), sys.stdin.fileno()
+    former = termios.tcgetattr(fd)
+
+    def ready() -> None:
+        try:
+            data = os.read(fd, 64)
+        except OSError:
+            data = b""
+        if not data:
+            loop.remove_reader(fd)
+        keys.press(data.decode(errors="replace") if data else None)
+
+    tty.setcbreak(fd)
+    loop.add_reader(fd, ready)
+    try:
+        yield
+    finally:
+        loop.remove_reader(fd)
+        try:
+            termios.tcsetattr(fd, termios.TCSADRAIN, former)
+        except termios.error:
+            return  # the terminal is gone, and its mode with it
+
+
+@contextmanager
+def _windows(keys: Keys) -> Iterator[None]:
+    import msvcrt  # the only keyboard that Windows consoles have
+    import threading
+
+    loop, over = asyncio.get_running_loop(), threading.Event()
+
+    def watch() -> None:
+        while not over.wait(0.01):
+            while msvcrt.kbhit():  # type: ignore[attr-defined,unused-ignore]
+                loop.call_soon_threadsafe(keys.press, msvcrt.getwch())  # type: ignore[attr-defined,unused-ignore]
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

@@ -1,0 +1,137 @@
+"""``bus-stop``: every drive on a line; broadcast first, then one by one until each reports stopped."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, voice
+from drivebus.cli.command import Option, Verb
+from drivebus.cli.connect import Target
+from drivebus.cli.exits import Exit
+
+if TYPE_CHECKING:
+    from drivebus.drives import StopReport
+
+
+def _bus_stop(
+    link: str,
+    model: str,
+    addresses: tuple[int, ...] | None,
+    baud: int | None,
+    format: str | None,
+    encoding: str | None,
+    set: tuple[tuple[str, str], ...],
+    dry_run: bool,
+) -> Exit:
+    target = Target(link, model, 0, baud, format, encoding, set)
+    wanted = addresses or everybody(target)
+    if dry_run:
+        return _dry(target, wanted)
+    return asyncio.run(_stop(target, wanted, named=addresses is not None))
+
+
+def everybody(target: Target) -> tuple[int, ...]:
+    """Every address that the model can have, but the broadcast."""
+    profile = target.profile()
+    low, high = profile.addresses
+    return tuple(address for address in range(low, high + 1) if address != profile.broadcast)
+
+
+async def _stop(target: Target, addresses: tuple[int, ...], named: bool) -> Exit:
+    from drivebus.bus import Bus, Presence
+    from drivebus.cli.connect import open_port
+    from drivebus.drives import Drive, bus_stop
+
+    profile = target.profile()
+    async with Bus(open_port(target.link, profile, target.baud, target.format)) as bus:
+        drives = [
+            Drive(bus, profile, address, encoding=target.encoding, settings=target.settings()) for address in addresses
+        ]
+        report = await bus_stop(bus, drives)
+        absent = () if named else tuple(a for a in addresses if bus.presence(a) is Presence.NEVER_SEEN)
+        for drive in drives:
+            drive.close()
+        return _tell(report, absent, bus.now())
+
+
+def _tell(report: StopReport, absent: tuple[int, ...], now: float) -> Exit:
+    from drivebus.cli.outcome import exchange_document, outcome_document
+
+    words = by_word(report)
+    unconfirmed = [address for address in words["unknown"] if address not in absent]
+    voice.document(
+        {
+            "confirmed": words["confirmed"],
+            "acknowledged": words["acknowledged"],
+            "unconfirmed": unconfirmed,
+            "absent": list(absent),
+            "text": report_text(report, absent),
+            "seconds": round(report.ended_at - report.begun_at, 3),
+            "broadcasts": [exchange_document(one) for one in report.broadcasts],
+            "drives": {str(address): outcome_document(one, now) for address, one in report.outcomes},
+        }
+    )
+    voice.show(report_text(report, absent))
+    nobody = len(absent) == len(report.outcomes)
+    return Exit.UNKNOWN if unconfirmed or nobody else Exit.DONE
+
+
+def by_word(report: StopReport) -> dict[str, list[int]]:
+    """Addresses by how their stop ended; everything that is neither confirmed nor acknowledged is unknown."""
+    words: dict[str, list[int]] = {"confirmed": [], "acknowledged": [], "unknown": []}
+    for address, outcome in report.outcomes:
+        words[str(outcome.word) if outcome.done else "unknown"].append(address)
+    return words
+
+
+def report_text(report: StopReport, absent: tuple[int, ...] = ()) -> str:
+    """Who stopped, who said yes but can't show it, and where somebody must go and look."""
+    said = []
+    for word, found in by_word(report).items():
+        shown = [str(address) for address in found if address not in absent]
+        said += [voice.say(f"bus_stop.{word}", addresses=", ".join(shown))] if shown else []
+    if absent:
+        said.append(voice.say("bus_stop.absent", count=len(absent)))
+    return " ".join(said)
+
+
+def _dry(target: Target, addresses: tuple[int, ...]) -> Exit:
+    from dataclasses import replace
+
+    from drivebus.cli.dry import DryRun, show
+    from drivebus.drives.dialect import Stop
+
+    planned: list[Any] = []
+    for number, address in enumerate(addresses):
+        dry = DryRun(replace(target, address=address))
+        if number == 0:
+            dry.add("broadcast_stop", dry.dialect.stop_everyone())
+        dry.add("stop", dry.dialect.stop(Stop.STOP))
+        planned += dry.planned
+    return show(planned, target.line(), ["dry.note.confirm"])
+
+
+command = Verb(
+    "bus-stop",
+    callback=_bus_stop,
+    params=[
+        options.link(),
+        options.model(),
+        Option(
+            ["--address", "addresses"],
+            type=options.ADDRESSES,
+            metavar="N,...",
+            key="help.option.stop_addresses",
+            example="--address 1-8",
+        ),
+        *options.line(),
+        options.encoding(),
+        options.setting(),
+        options.dry_run(),
+    ],
+    examples=(
+        "drivebus bus-stop /dev/ttyUSB0 --model c320 --address 1-8",
+        "drivebus bus-stop /dev/ttyUSB0 --model dzb100 --dry-run",
+    ),
+)

@@ -1,0 +1,134 @@
+"""``jog``: the motor turns while a key is held. The terminal's key repeat renews a lease; silence stops it (T13).
+
+One press alone starts nothing: only the key's repeat shows that a hand holds it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import connect, options, voice
+from drivebus.cli.command import Option
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_verb import drive_verb
+from drivebus.cli.exits import Exit
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus
+    from drivebus.cli.dry import DryRun
+    from drivebus.cli.ending import Ending
+    from drivebus.cli.keyboard import Keys
+    from drivebus.drives import Drive
+    from drivebus.drives.state import Direction, Outcome
+
+LEASE_S = 0.5
+"""No motion outlives the hand on the key by more (T13)."""
+FIRST_REPEAT_S = 1.0
+"""Terminals repeat a held key after 0.25 to 0.66 s for the first time."""
+FORWARD, REVERSE, QUIT = frozenset(" f"), frozenset("r"), frozenset("q\x1b\x03\x04")
+
+
+async def _jog(target: Target, frequency: float | None) -> Exit:
+    from drivebus.cli.ending import listening
+    from drivebus.cli.keyboard import reading
+    from drivebus.errors import ConfigurationError
+
+    if not sys.stdin.isatty():
+        raise ConfigurationError("jog.no_terminal")
+    with listening() as ending:
+        async with connect.drive(target) as (bus, drive):
+            with reading() as keys:
+                voice.tell("jog.how")
+                await _until_quit(bus, drive, keys, ending, frequency)
+    return Exit.INTERRUPTED if ending.come else Exit.DONE
+
+
+async def _until_quit(bus: Bus, drive: Drive, keys: Keys, ending: Ending, frequency_hz: float | None) -> None:
+    while not ending.come:
+        key = await ending.race(keys.get())
+        if key is None or key in QUIT:
+            return
+        direction = _direction(key)
+        if direction is not None and await _held(keys, key):
+            await _while_held(bus, drive, keys, ending, key, frequency_hz, direction)
+            keys.forget()
+
+
+def _direction(key: str) -> Direction | None:
+    from drivebus.drives.state import Direction
+
+    return Direction.FORWARD if key in FORWARD else Direction.REVERSE if key in REVERSE else None
+
+
+async def _held(keys: Keys, key: str) -> bool:
+    """The same key comes again soon: it is held."""
+    try:
+        return await keys.get(FIRST_REPEAT_S) == key
+    except TimeoutError:
+        return False
+
+
+async def _while_held(
+    bus: Bus, drive: Drive, keys: Keys, ending: Ending, key: str, frequency_hz: float | None, direction: Direction
+) -> None:
+    """Jog as long as the key repeats. Leaving the block stops the drive and confirms it."""
+    async with drive.jog(frequency_hz, direction, lease_s=LEASE_S) as lease:
+        _tell(lease.begun, bus, "begun")
+        loop = asyncio.get_running_loop()
+        while not ending.come and keys.last == key:
+            left_s = keys.last_at + LEASE_S - loop.time()
+            if left_s <= 0:
+                break
+            lease.renew()
+            pressed = await ending.race(_key(keys, left_s))
+            if pressed != key:
+                break
+    _tell(lease.ended, bus, "ended")
+
+
+async def _key(keys: Keys, timeout_s: float) -> str | None:
+    try:
+        return await keys.get(timeout_s)
+    except TimeoutError:
+        return None
+
+
+def _tell(outcome: Outcome | None, bus: Bus, event: str) -> None:
+    from drivebus.cli.drive_verb import tell
+
+    if outcome is not None:
+        tell(outcome, bus.now(), stream=True, event=event)
+
+
+def _plan(dry: DryRun, frequency: float | None) -> Exit:
+    from drivebus.drives.dialect import Stop
+    from drivebus.drives.state import Direction
+
+    dialect: Any = dry.dialect
+    word = None if frequency is None else dialect.setpoint_word(frequency)
+    dry.add("jog", [frame.request for frame in dialect.jog(Direction.FORWARD, word)])
+    dry.add("jog_stop", dialect.stop(Stop.JOG_STOP))
+    dry.add("stop", dialect.stop(Stop.STOP))
+    return dry.show("dry.note.confirm")
+
+
+command = drive_verb(
+    "jog",
+    _jog,
+    _plan,
+    extra=(
+        Option(
+            ["--frequency"],
+            type=options.FREQUENCY,
+            metavar="HZ",
+            key="help.option.jog_frequency",
+            example="--frequency 5",
+        ),
+    ),
+    examples=(
+        "drivebus jog /dev/ttyUSB0 --model c320 --address 1",
+        "drivebus jog /dev/ttyUSB0 --model vc660 --address 3 --frequency 5",
+    ),
+)

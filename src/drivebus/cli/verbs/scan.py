@@ -1,0 +1,296 @@
+"""``scan``: find drives. Reads only; listens first; keeps what it found when it is interrupted."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, voice
+from drivebus.cli.command import Option, Verb
+from drivebus.cli.exits import Exit
+
+if TYPE_CHECKING:
+    from drivebus.cli.ending import Ending
+    from drivebus.commissioning.scan import Found, Overheard, Pass, Progress
+    from drivebus.line import LineSettings
+    from drivebus.ports.port import Port
+
+DEFAULT_MODELS = ("c320", "dzb100", "vc660", "df800")
+
+
+def words(text: str) -> tuple[str, ...]:
+    """``a,b`` → (a, b). Raises ValueError where nothing is left."""
+    found = tuple(part.strip() for part in text.split(",") if part.strip())
+    if not found:
+        raise ValueError(text)
+    return found
+
+
+def bauds(text: str) -> tuple[int, ...]:
+    """``9600,19200``. Raises ValueError."""
+    found = tuple(int(part) for part in words(text))
+    if any(not 50 <= baud <= 4_000_000 for baud in found):
+        raise ValueError(text)
+    return found
+
+
+def formats(text: str) -> tuple[str, ...]:
+    """``8N1,8E1``. Raises ValueError."""
+    from drivebus.line import LineSettings
+
+    return tuple(LineSettings.parse(9600, part).format for part in words(text))
+
+
+def _scan(
+    link: str,
+    models: tuple[str, ...],
+    addresses: tuple[int, ...] | None,
+    bauds: tuple[int, ...] | None,
+    formats: tuple[str, ...] | None,
+    encoding: str | None,
+    listen: float,
+    anyway: bool,
+    everything: bool,
+    dry_run: bool,
+) -> Exit:
+    passes = make_plan(link, models, addresses, bauds, formats, encoding)
+    if dry_run:
+        return _dry(passes)
+    return asyncio.run(_run(link, passes, listen, anyway, everything))
+
+
+def make_plan(
+    link: str,
+    models: tuple[str, ...],
+    addresses: tuple[int, ...] | None,
+    bauds: tuple[int, ...] | None,
+    formats: tuple[str, ...] | None,
+    encoding: str | None,
+) -> list[Pass]:
+    """What will be asked. A LINK with ``?baud=`` or ``&format=`` has chosen, and so has a raw TCP server."""
+    from drivebus import ports, profiles
+    from drivebus.commissioning.scan import FIXED_LINE, plan
+    from drivebus.ports.link import parse_link
+
+    parsed = parse_link(link)
+    fixed = ports.open_port(link).settings if parsed.scheme in FIXED_LINE else None
+    return plan(
+        [profiles.load(model) for model in models],
+        addresses=addresses,
+        bauds=bauds or ((parsed.settings.baud,) if "baud" in parsed.given else None),
+        formats=formats or ((parsed.settings.format,) if "format" in parsed.given else None),
+        encodings=(encoding,) if encoding else None,
+        fixed=fixed,
+    )
+
+
+async def _run(link: str, passes: list[Pass], listen_s: float, anyway: bool, everything: bool) -> Exit:
+    from drivebus import ports
+    from drivebus.cli.ending import listening
+    from drivebus.commissioning import scan
+    from drivebus.errors import DrivebusError
+
+    def open_port(settings: LineSettings) -> Port:
+        return ports.open_port(link, baud=settings.baud, format=settings.format)
+
+    progress = scan.Progress(sum(one.seconds for one in passes))
+    with listening() as ending:
+        overheard = await _listen(ending, open_port, passes, listen_s) if listen_s > 0 and passes else None
+        if overheard is not None and overheard.count:
+            voice.note("scan.foreign", count=overheard.count, seconds=f"{overheard.seconds:g}")
+            if not anyway:
+                voice.note("scan.foreign_end")
+                return _show(link, progress, overheard, Exit.REFUSED)
+        voice.note("scan.feeds", minutes=_clock(progress.total_s))
+        try:
+            with Meter() as meter:
+                walk = scan.scan(passes, open_port, progress, meter.tell, keep_going=everything)
+                await ending.race(walk)
+        except DrivebusError:
+            _show(link, progress, overheard, Exit.REFUSED)
+            raise
+    if ending.come:
+        voice.note("scan.aborted")
+    code = Exit.INTERRUPTED if ending.come else Exit.DONE if progress.found else Exit.REFUSED
+    return _show(link, progress, overheard, code)
+
+
+async def _listen(ending: Ending, open_port: Any, passes: list[Pass], seconds: float) -> Overheard | None:
+    """Say nothing first. Raises PortUnavailable."""
+    from drivebus.commissioning.scan import listen
+
+    voice.note("scan.listening", seconds=f"{seconds:g}")
+    return await ending.race(listen(open_port(passes[0].settings), seconds))
+
+
+class Meter:
+    """A progress bar on a terminal, with the time that is left; silence elsewhere. Finds are told at once."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._task: Any = None
+        self._told = 0
+
+    def __enter__(self) -> Meter:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[left]}"))
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._task = self._bar.add_task("", total=1.0, left="")
+            self._bar.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def tell(self, progress: Progress) -> None:
+        """The scan moved on."""
+        for found in progress.found[self._told :]:
+            self._line(voice.say("scan.found", **_words(found)))
+        self._told = len(progress.found)
+        if self._bar is not None and progress.address is not None:
+            where = f"{progress.settings} {progress.kind[0]}/{progress.kind[1]} {progress.address:3d}"
+            left = voice.say("scan.left", time=_clock(progress.left_s))
+            self._bar.update(
+                self._task, description=where, total=progress.total_s, completed=progress.done_s, left=left
+            )
+
+    def _line(self, text: str) -> None:
+        if self._bar is not None:
+            self._bar.console.print(text, markup=False, highlight=False)
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds + 0.5) // 60}:{int(seconds + 0.5) % 60:02d}"
+
+
+def _words(found: Found) -> dict[str, Any]:
+    return {
+        "models": "/".join(found.models),
+        "address": found.address,
+        "settings": str(found.settings),
+        "encoding": found.encoding,
+    }
+
+
+def _show(link: str, progress: Progress, overheard: Overheard | None, code: Exit) -> Exit:
+    voice.document(
+        {
+            "link": link,
+            "overheard": None
+            if overheard is None
+            else {
+                "bytes": overheard.count,
+                "marks": overheard.marks,
+                "first": overheard.first,
+                "seconds": overheard.seconds,
+            },
+            "found": [as_document(found) for found in progress.found],
+            "complete": code in (Exit.DONE, Exit.REFUSED) and progress.left_s < 1e-6,
+            "asked_s": round(progress.done_s, 3),
+        }
+    )
+    voice.show(_table(progress.found))
+    return code
+
+
+def as_document(found: Found) -> dict[str, Any]:
+    """One find as JSON."""
+    return {
+        "models": list(found.models),
+        "family": found.family,
+        "encoding": found.encoding,
+        "address": found.address,
+        "baud": found.settings.baud,
+        "format": found.settings.format,
+        "doubtful": found.doubtful,
+        "sent": found.exchange[0],
+        "received": found.exchange[1],
+    }
+
+
+def _table(found: list[Found]) -> str:
+    from drivebus.cli.layout import table
+
+    if not found:
+        return voice.say("scan.nobody")
+    head = [voice.say(f"scan.{name}") for name in ("address", "model", "encoding", "line", "note")]
+    rows = [
+        [
+            str(one.address),
+            " / ".join(one.models),
+            one.encoding,
+            str(one.settings),
+            voice.say("scan.doubtful") if one.doubtful else "",
+        ]
+        for one in found
+    ]
+    return table(head, rows)
+
+
+def _dry(passes: list[Pass]) -> Exit:
+    """The first question of each pass, byte for byte, and how often it would be asked."""
+    from drivebus.cli.dry import plan as plan_frames
+    from drivebus.commissioning.scan import probe
+    from drivebus.drives.make import make_dialect
+
+    documents = []
+    for one in passes:
+        candidate = one.candidates[0]
+        if not one.addresses:
+            continue
+        dialect = make_dialect(candidate.profile, one.addresses[0], encoding=candidate.encoding)
+        frame = plan_frames("scan", [probe(dialect)], dialect.link.codec, dialect.link.timing, one.settings)[0]
+        where = {"line": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
+        documents.append(where | {"questions": one.questions, "seconds": round(one.seconds, 3)} | frame.as_document())
+        voice.tell("scan.pass", hex=voice.plain(frame.data), time=_clock(one.seconds), count=one.questions, **where)
+    total = sum(one.seconds for one in passes)
+    voice.document({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
+    voice.tell("scan.total", time=_clock(total))
+    return Exit.DONE
+
+
+command = Verb(
+    "scan",
+    callback=_scan,
+    params=[
+        options.link(),
+        Option(
+            ["--models"],
+            default=",".join(DEFAULT_MODELS),
+            type=options.Parsed("models", words, "cli.expect.models"),
+            metavar="M,...",
+            example="--models c320,vc660",
+        ),
+        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
+        Option(
+            ["--bauds"],
+            type=options.Parsed("bauds", bauds, "cli.expect.bauds"),
+            metavar="B,...",
+            example="--bauds 9600,19200",
+        ),
+        Option(
+            ["--formats"],
+            type=options.Parsed("formats", formats, "cli.expect.formats"),
+            metavar="F,...",
+            example="--formats 8N1,8E1",
+        ),
+        options.encoding(),
+        Option(
+            ["--listen"], type=float, default=2.0, metavar="S", key="help.option.listen_first", example="--listen 5"
+        ),
+        Option(["--anyway"], is_flag=True),
+        Option(["--all", "everything"], is_flag=True, key="help.option.all"),
+        options.dry_run(),
+    ],
+    examples=(
+        "drivebus scan /dev/ttyUSB0",
+        "drivebus scan /dev/ttyUSB0 --models c320 --addresses 1-8 --bauds 9600 --formats 8E1,8N1",
+        "drivebus scan sim://vc660@3 --models vc660 --addresses 1-5 --json",
+        "drivebus scan tcp://192.168.1.50:4001 --dry-run",
+    ),
+)

@@ -1,0 +1,294 @@
+"""Find drives on a line: family, address, line settings. Reads only; listens before it speaks.
+
+The plan is pure (``plan`` and its seconds); ``scan`` walks it over real buses, one opening of the port a line setting.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivebus.bus import Bus
+from drivebus.drives.dialect import Dialect
+from drivebus.drives.make import make_dialect
+from drivebus.errors import DrivebusError, PortError, PortLost
+from drivebus.line import LineSettings
+from drivebus.message import Answer, Ask, Effect, Lane
+from drivebus.ports import Port
+from drivebus.profiles.model import DriveProfile
+
+FIXED_LINE = frozenset({"tcp", "memory", "replay"})
+"""Schemes whose line settings are not ours to change: one pass with what they have."""
+ERRORS_IN_A_ROW = 3
+"""So many lost ports in a row end a scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A model in one encoding: what may be there."""
+
+    profile: DriveProfile
+    encoding: str
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Candidates of one kind speak the same frames and are asked together."""
+        return self.profile.family, self.encoding
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """One opening of the port: these candidates at these addresses under one line setting."""
+
+    settings: LineSettings
+    candidates: tuple[Candidate, ...]
+    addresses: tuple[int, ...]
+    factory: bool
+    """Some candidate leaves the factory with these settings."""
+    seconds: float
+    """If nobody answers."""
+
+    @property
+    def questions(self) -> int:
+        return len(self.addresses)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Somebody answered."""
+
+    models: tuple[str, ...]
+    """Those that fit, the likeliest first: sisters that speak alike can't be told apart by asking."""
+    family: str
+    encoding: str
+    address: int
+    settings: LineSettings
+    exchange: tuple[bytes, bytes]
+    """The question and the answer that prove it."""
+    doubtful: bool = False
+    """Bytes came, but no whole valid reply: wrong parity, two drives at one address, or noise."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """Where a scan is."""
+
+    total_s: float
+    done_s: float = 0.0
+    settings: LineSettings | None = None
+    address: int | None = None
+    kind: tuple[str, str] = ("", "")
+    found: list[Found] = field(default_factory=list)
+
+    @property
+    def left_s(self) -> float:
+        return max(0.0, self.total_s - self.done_s)
+
+
+def plan(
+    profiles: Sequence[DriveProfile],
+    *,
+    addresses: Sequence[int] | None = None,
+    bauds: Sequence[int] | None = None,
+    formats: Sequence[str] | None = None,
+    encodings: Sequence[str] | None = None,
+    fixed: LineSettings | None = None,
+) -> list[Pass]:
+    """What will be asked, factory settings first. ``fixed``: the port has its own settings and no choice."""
+    kinds: dict[tuple[str, str], list[Candidate]] = {}
+    for profile in profiles:
+        for encoding in profile.encodings:
+            if encodings is None or encoding in encodings:
+                kinds.setdefault((profile.family, encoding), []).append(Candidate(profile, encoding))
+    passes: list[Pass] = []
+    for candidates in kinds.values():
+        for settings in _settings(candidates, bauds, formats, fixed):
+            passes.append(_pass(candidates, settings, addresses))
+    return sorted(passes, key=lambda one: not one.factory)
+
+
+def _settings(
+    candidates: Sequence[Candidate],
+    bauds: Sequence[int] | None,
+    formats: Sequence[str] | None,
+    fixed: LineSettings | None,
+) -> list[LineSettings]:
+    """Line settings that some of these candidates can have, each once."""
+    if fixed is not None:
+        return [fixed]
+    found: dict[LineSettings, None] = {}
+    for candidate in candidates:
+        line = candidate.profile.line
+        for baud in bauds or (line.baud, *line.bauds):
+            for format in formats or (line.format, *line.formats):
+                found[LineSettings.parse(baud, format)] = None
+    return list(found)
+
+
+def _pass(candidates: Sequence[Candidate], settings: LineSettings, addresses: Sequence[int] | None) -> Pass:
+    low = min(candidate.profile.addresses[0] for candidate in candidates)
+    high = max(candidate.profile.addresses[1] for candidate in candidates)
+    broadcasts = {candidate.profile.broadcast for candidate in candidates}
+    wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
+    factory = any(str(settings) == f"{c.profile.line.baud} {c.profile.line.format}" for c in candidates)
+    return Pass(settings, tuple(candidates), tuple(wanted), factory, len(wanted) * question_s(candidates[0], settings))
+
+
+def question_s(candidate: Candidate, settings: LineSettings) -> float:
+    """Seconds that a question to nobody takes: gap, frame, reply timeout."""
+    dialect = make_dialect(candidate.profile, max(1, candidate.profile.addresses[0]), encoding=candidate.encoding)
+    request = probe(dialect)
+    codec, timing = dialect.link.codec, dialect.link.timing
+    sent = settings.seconds(len(codec.encode_request(request)))
+    return timing.gap_s(settings) + sent + timing.timeout_s(settings, codec.largest_reply(request))
+
+
+def probe(dialect: Dialect) -> Any:
+    """The question "who are you": the read that shows the state. Raises ValueError if it could do anything else."""
+    request = dialect.state_reads()[0]
+    if dialect.link.effect(dialect.link.codec.encode_request(request)) is not Effect.NONE:
+        raise ValueError(f"{request} is no pure read")
+    return request
+
+
+@dataclass(frozen=True, slots=True)
+class Overheard:
+    """What was on the line while we said nothing."""
+
+    count: int
+    marks: int
+    first: bytes
+    seconds: float
+
+
+class _Ear:
+    """A receiver that only counts."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.count = 0
+        self.marks = 0
+
+    def data_received(self, data: bytes, marks: int = 0) -> None:
+        self.count += len(data)
+        self.marks += marks
+        if len(self.data) < 64:
+            self.data += data
+
+    def port_lost(self, error: PortLost) -> None:
+        pass
+
+
+async def listen(port: Port, seconds: float) -> Overheard:
+    """Say nothing for so long and tell what was heard: any byte means that somebody else is master here.
+
+    Raises PortUnavailable.
+    """
+    ear = _Ear()
+    await port.open(ear)
+    try:
+        await asyncio.sleep(seconds)
+    finally:
+        await port.close()
+    return Overheard(ear.count, ear.marks, bytes(ear.data[:64]), seconds)
+
+
+async def scan(
+    passes: Iterable[Pass],
+    open_port: Callable[[LineSettings], Port],
+    progress: Progress,
+    tell: Callable[[Progress], None] = lambda progress: None,
+    *,
+    keep_going: bool = False,
+) -> list[Found]:
+    """Walk the plan. What is found stands in ``progress.found`` at every moment, so an abort loses nothing.
+
+    A line has one setting: where somebody answered, only passes of the same setting follow, unless ``keep_going``.
+    Raises PortUnavailable, PortLost.
+    """
+    for one in passes:
+        settled = {found.settings for found in progress.found if not found.doubtful}
+        if settled and not keep_going and one.settings not in settled:
+            progress.total_s -= one.seconds
+            continue
+        await _walk(one, open_port(one.settings), progress, tell)
+    return progress.found
+
+
+async def _walk(one: Pass, port: Port, progress: Progress, tell: Callable[[Progress], None]) -> None:
+    async with Bus(port) as bus:
+        for address in one.addresses:
+            progress.settings, progress.address, progress.kind = one.settings, address, one.candidates[0].kind
+            tell(progress)
+            found = await _ask_all(bus, one, address)
+            if found is not None:
+                progress.found.append(found)
+            progress.done_s += one.seconds / max(1, one.questions)
+    tell(progress)
+
+
+async def _ask_all(bus: Bus, one: Pass, address: int) -> Found | None:
+    """Ask the first candidate; only where something answers are its sisters asked in their own words."""
+    fits: list[Candidate] = []
+    heard: Answer | None = None
+    good: Answer | None = None
+    for candidate in one.candidates:
+        if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
+            continue
+        answer, refused = await _ask(bus, candidate, address)
+        if answer.received:
+            heard = heard or answer
+        if answer.reply is not None and not refused:
+            fits.append(candidate)
+            good = good or answer
+        if heard is None:
+            return None
+    if heard is None:
+        return None
+    proof = good or heard
+    candidates = _likeliest(fits) if fits else list(one.candidates)
+    return Found(
+        tuple(candidate.profile.model for candidate in candidates),
+        *one.candidates[0].kind,
+        address,
+        one.settings,
+        (proof.sent, proof.received),
+        doubtful=not fits,
+    )
+
+
+def _likeliest(fits: Sequence[Candidate]) -> list[Candidate]:
+    """A status register that answered is a better witness than a parameter that many drives have."""
+    sure = [candidate for candidate in fits if candidate.profile.status is not None]
+    return sure or list(fits)
+
+
+async def _ask(bus: Bus, candidate: Candidate, address: int) -> tuple[Answer, bool]:
+    """One question. The second value: the drive is there but said no."""
+    dialect = make_dialect(candidate.profile, address, encoding=candidate.encoding)
+    bus.add(dialect.link)
+    try:
+        answer = await bus.transact(Ask(address, probe(dialect), Lane.PROBE))
+    finally:
+        bus.remove(address)
+    if isinstance(answer.error, PortError):
+        raise answer.error
+    refused = answer.reply is not None and dialect.refusal(answer.reply) is not None
+    return answer, refused
+
+
+__all__ = [
+    "Candidate",
+    "DrivebusError",
+    "Found",
+    "Overheard",
+    "Pass",
+    "Progress",
+    "listen",
+    "plan",
+    "probe",
+    "question_s",
+    "scan",
+]

@@ -1,0 +1,72 @@
+"""``simulate`` over real ptys and sockets: its first line names a LINK, and a signal ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+
+
+@contextmanager
+def simulated(*words: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    """A running ``simulate`` and its first document."""
+    child = subprocess.Popen([*COMMAND, "simulate", "--json", *words], stdout=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout is not None
+        yield child, json.loads(child.stdout.readline())
+    finally:
+        child.kill()
+        child.wait()
+
+
+def test_the_first_line_names_a_pty_that_is_there(tmp_path: Path) -> None:
+    link = tmp_path / "drives"
+    with simulated("--model", "c320", "--address", "0-3,7", "--link", str(link)) as (child, first):
+        assert first["url"] == f"serial://{link}?baud=9600&format=8E1"
+        assert first["stations"] == 5
+        assert link.resolve().is_char_device()
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(5) == 0
+    assert not link.exists()
+
+
+def test_a_tcp_port_answers_a_real_frame() -> None:
+    with simulated("--model", "vc660", "--address", "1", "--listen", "tcp://127.0.0.1:0") as (_, first):
+        port = int(first["url"].split(":")[2].partition("?")[0])
+        with socket.create_connection(("127.0.0.1", port), 5) as connection:
+            connection.settimeout(5)
+            connection.sendall(bytes.fromhex("010330020001") + bytes.fromhex("2ACA"))
+            received = b""
+            while len(received) < 7:
+                received += connection.recv(16)
+    assert received[:3] == bytes.fromhex("010302")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_0(number: signal.Signals) -> None:
+    with simulated("--model", "df800", "--address", "1") as (child, _):
+        child.send_signal(number)
+        assert child.wait(5) == 0
+
+
+def test_a_path_that_is_no_link_is_not_replaced(tmp_path: Path) -> None:
+    mine = tmp_path / "mine"
+    mine.write_text("precious")
+    done = subprocess.run(
+        [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--link", str(mine)],
+        capture_output=True, text=True, timeout=20, env=os.environ | {"DRIVEBUS_LANG": "en"},
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert str(mine) in done.stderr
+    assert mine.read_text() == "precious"
