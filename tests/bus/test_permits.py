@@ -126,13 +126,12 @@ def test_only_absolute_writes_are_resent_and_each_try_is_fenced(write_class: Wri
     """6.5. The station hears everything and never answers writes; its loop-back it answers."""
     station = Station()
     inner = wire(station)
-    play = Playbook(
-        core(1), lambda frame, ended: () if not list(inner(frame, ended)) or frame[1] == 6 else _again(frame)
-    )
 
-    def _again(frame: bytes) -> list[tuple[float, bytes]]:
-        return [(play.now + 0.03, station.answer(frame, 0.0) or b"")]
+    def mute_for_writes(frame: bytes, ended_at: float) -> list[tuple[float, bytes]]:
+        replies = list(inner(frame, ended_at))
+        return [] if frame[1] == 6 else replies
 
+    play = Playbook(core(1), mute_for_writes)
     play.ask(ask_read(), "read")
     play.answer("read")
     play.ask(ask_write(play.core, write_class=write_class), "write")
