@@ -94,7 +94,8 @@ def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(
 def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_path: Path) -> None:
     link = recorded(tmp_path / "a.dbcap")
     assert open_port(link).settings == LineSettings(19200, 8, "E", 1)
-    assert open_port(link, baud=9600).settings == LineSettings(9600)
+    assert open_port(link, baud=9600).settings == LineSettings(9600, 8, "E", 1)
+    assert open_port(link, format="8N2").settings == LineSettings(19200, 8, "N", 2)
     with pytest.raises(CaptureError):
         open_port(f"replay://{tmp_path}/none.dbcap")
 

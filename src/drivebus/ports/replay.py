@@ -155,7 +155,9 @@ def open_port(link: Link) -> ReplayPort:
     """``replay://FILE.dbcap?timing=clock|request``. Raises LinkError, or CaptureError with file and line."""
     link.only("echo", "timing")
     capture = read_capture(link.path)
-    settings = link.settings if link.given else capture.header.settings
+    recorded = capture.header.settings
+    baud = link.settings.baud if "baud" in link.given else recorded.baud
+    settings = LineSettings.parse(baud, (link.settings if "format" in link.given else recorded).format)
     echo: Echo = link.echo() if "echo" in link.options else "off"
     waits = link.choice("timing", ("clock", "request"), "clock") == "request"
     return ReplayPort(capture.records, settings, link.text, waits=waits, echo=echo)
