@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -9,11 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from peers import need_program
+from peers import missing, need_program
+
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lock files and EEPROM counts of a test stay in its own directory."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
 @pytest.fixture
-def started() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def started() -> Iterator[Start]:
     """Start a program and end it with the test."""
     running: list[subprocess.Popen[str]] = []
 
@@ -41,9 +50,24 @@ def wait_for(there: Callable[[], bool], what: str, seconds: float = 10.0) -> Non
 
 
 @pytest.fixture
-def wire(started: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> tuple[str, str]:
-    """A socat pair of ptys: our end, their end."""
+def wire(started: Start, tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """A socat pair of ptys: our end, their end. Theirs is held open, so that it outlives a server that is killed."""
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"
     started(need_program("socat", "socat"), f"pty,raw,echo=0,link={ours}", f"pty,raw,echo=0,link={theirs}")
     wait_for(lambda: ours.exists() and theirs.exists(), "the socat pair")
-    return str(ours), str(theirs)
+    held = os.open(theirs, os.O_RDWR | os.O_NOCTTY)
+    yield str(ours), str(theirs)
+    os.close(held)
+
+
+@pytest.fixture(scope="session")
+def libmodbus_server(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``libmodbus_server.c``, compiled."""
+    asked = [need_program("pkg-config", "pkg-config"), "--cflags", "--libs", "libmodbus"]
+    found = subprocess.run(asked, capture_output=True, text=True, check=False)
+    if found.returncode:
+        missing("libmodbus", "apt-get install libmodbus-dev")
+    target = tmp_path_factory.mktemp("peers") / "libmodbus_server"
+    source = Path(__file__).with_name("libmodbus_server.c")
+    subprocess.run([need_program("gcc", "gcc"), "-O1", "-o", target, source, *found.stdout.split()], check=True)
+    return target
