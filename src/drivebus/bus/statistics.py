@@ -119,11 +119,12 @@ class Activity:
 
     def figures(self, now: float, since: float) -> tuple[float, float, float]:
         """Load %, occupied %, transactions per second over the last minute at most."""
-        recent = [entry for entry in self._recent if entry[0] > now - 60.0]
+        earliest = max(since, now - 60.0)
+        recent = [entry for entry in self._recent if entry[0] > earliest]
         if not recent:
             return 0.0, 0.0, 0.0
         full = len(recent) == RECENT
-        begun = recent[0][0] if full else max(since, now - 60.0)
+        begun = recent[0][0] if full else earliest
         counted = recent[1:] if full else recent
         span = max(now - begun, 1e-9)
         wire = sum(entry[1] for entry in counted)
