@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from drivebus.bus import Bus
@@ -37,6 +37,8 @@ class Actor:
     drive: Drive
     watched: WatchedDrive
     frequency_hz: float = FIRST_HZ
+    commanded_hz: float | None = None
+    """What a command that was done told the drive."""
 
 
 class Stage:
@@ -96,7 +98,7 @@ class Stage:
         return self._buses[0].now() if self._buses else 0.0
 
     def drives(self) -> list[DriveRow]:
-        return [actor.watched.row() for actor in self._actors.values()]
+        return [replace(actor.watched.row(), commanded_hz=actor.commanded_hz) for actor in self._actors.values()]
 
     def lines(self) -> list[LineRow]:
         return [line.row() for line in self._lines]
@@ -183,20 +185,22 @@ class Stage:
             "reset": lambda: self._reset(actor),
         }
         self.tell(f"demo.{action}", name=actor.watched.name, hz=f"{frequency_hz:g}")
-        self._spawn(self._report(actor.watched.name, work[action]()))
+        self._spawn(self._report(actor, work[action](), frequency_hz))
 
     async def _reset(self, actor: Actor) -> Outcome:
         """A reset also gives back what a bus stop latched (nothing starts by itself)."""
         self._buses[actor.line].release([actor.part.address])
         return await actor.drive.reset_fault()
 
-    async def _report(self, name: str, work: Awaitable[Outcome]) -> None:
+    async def _report(self, actor: Actor, work: Awaitable[Outcome], frequency_hz: float) -> None:
         """Say how a command ended."""
+        name = actor.watched.name
         try:
             outcome = await work
         except DrivebusError as error:
             self.tell("demo.failed", name=name, text=error.text(voice.language()))
         else:
+            actor.commanded_hz = frequency_hz or actor.commanded_hz
             self.tell("demo.outcome", name=name, text=outcome.text(voice.language()))
 
     def _stop_all(self) -> None:

@@ -35,12 +35,15 @@ class DriveRow:
     readings: Mapping[str, Reading] = field(default_factory=dict)
     presence: str = "never_seen"
     at: float | None = None
+    commanded_hz: float | None = None
+    """What we told it last, shown with a star where the drive reports no set frequency."""
 
     def cell(self, signal: str) -> str:
         """The number as the drive's own display would show it; a dash where the drive does not report it."""
         reading = self.readings.get(signal)
         if reading is None or reading.value is None:
-            return "–"
+            ours = self.commanded_hz if signal == "set_frequency" else None
+            return "–" if ours is None else f"{ours:.2f}*"
         value = reading.value
         text = f"{value:.{_PLACES.get(signal, 0)}f}" if isinstance(value, int | float) else str(value)
         return text if reading.quality is Quality.GOOD else f"{text}?"
@@ -74,6 +77,7 @@ class DriveRow:
             "direction": self.direction,
             "fault": {"label": self.fault_label, "text": self.fault_text} if self.fault_label else None,
             "readings": {name: reading_document(reading, now) for name, reading in self.readings.items()},
+            "commanded_hz": self.commanded_hz,
             "age_s": round_or_none(self.age_s(now)),
         }
 

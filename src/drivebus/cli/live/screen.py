@@ -9,6 +9,7 @@ from textual.widgets import Footer, Static
 from drivebus.cli import voice
 from drivebus.cli.live.feed import Control, Feed
 from drivebus.cli.live.tables import Table, drive_cells, drive_columns, line_cells, line_columns
+from drivebus.errors import DrivebusError
 
 REFRESH_S = 0.25
 STEP_HZ = 5.0
@@ -27,10 +28,13 @@ class Screen(App[int]):
     #news { height: 1fr; min-height: 2; margin-top: 1; padding: 0 1; color: $text-muted; }
     """
 
-    def __init__(self, feed: Feed, control: Control | None = None) -> None:
+    def __init__(self, feed: Feed, control: Control | None = None, duration_s: float | None = None) -> None:
         super().__init__()
         self._feed = feed
         self._control = control
+        self._duration_s = duration_s
+        self.failure: DrivebusError | None = None
+        """Why the feed could not start."""
         self._drives = Table("drive", id="drives", cursor_type="row" if control else "none")
         self._lines = Table("line", id="lines", cursor_type="none")
         self._news = Static(id="news", markup=False)
@@ -55,8 +59,15 @@ class Screen(App[int]):
         self._lay_out(self.size.width)
         self._lines.can_focus = False
         self._drives.focus()
-        await self._feed.start()
+        try:
+            await self._feed.start()
+        except DrivebusError as error:
+            self.failure = error
+            self.exit()
+            return
         self.set_interval(REFRESH_S, self.refresh_rows)
+        if self._duration_s is not None:
+            self.set_timer(self._duration_s, self.action_quit)
 
     async def on_unmount(self) -> None:
         await self._feed.close()

@@ -15,8 +15,13 @@ def show(feed: Feed, control: Control | None, plain: bool, period_s: float, dura
     if plain or voice.as_json() or not (sys.stdout.isatty() and sys.stdin.isatty()):
         return asyncio.run(_plain(feed, period_s, duration_s))
     from drivebus.cli.live.screen import Screen
+    from drivebus.cli.live.thread import Threaded
 
-    Screen(feed, control).run()
+    threaded = Threaded(feed, control)
+    screen = Screen(threaded, threaded if control is not None else None, duration_s)
+    screen.run()
+    if screen.failure is not None:
+        raise screen.failure
     return Exit.DONE
 
 

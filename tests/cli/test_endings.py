@@ -1,0 +1,166 @@
+"""Whatever ends an attached run stops the drive: Ctrl-C, a terminal that goes, a request to terminate (F18)."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cli.children import COMMAND, ENVIRONMENT, PATIENCE_S, Terminal, child, lines_until
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
+
+
+class Plant:
+    """``simulate`` in a process of its own: it goes on when the host dies, so it knows whether the motor stopped."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+
+    def state(self, model: str = "c320") -> str:
+        """What a second look at the drive says."""
+        done = subprocess.run(
+            [*COMMAND, "status", self.url, "--model", model, "--address", "1", "--json"],
+            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return str(json.loads(done.stdout)["state"])
+
+    def wait_for_state(self, *wanted: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while (state := self.state()) not in wanted:
+            assert time.monotonic() < deadline, state
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    link = tmp_path_factory.mktemp("plant") / "drive"
+    words = ("simulate", "--json", "--model", "c320", "--address", "1", "--ramp", "1", "--link", str(link))
+    with child(*words) as process:
+        assert process.stdout is not None
+        yield Plant(json.loads(process.stdout.readline())["url"])
+
+
+def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
+    return ("run", plant.url, "--model", "c320", "--address", "1", "--frequency", "20", *more)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_stops_the_drive_confirms_it_and_exits_with_130(plant: Plant, number: signal.Signals) -> None:
+    with child(*run_words(plant, "--json")) as process:
+        lines_until(process, lambda line: '"event": "status"' in line)
+        process.send_signal(number)
+        code = process.wait(PATIENCE_S)
+        documents = [json.loads(line) for line in (process.stdout or ())]
+    assert code == 130
+    if number != signal.SIGHUP:  # a hung-up terminal gets no more words
+        assert documents[-1]["event"] == "stopped"
+        assert documents[-1]["outcome"] == "confirmed"
+    assert plant.state() == "stopped"
+
+
+def test_a_terminal_that_hangs_up_stops_the_drive(plant: Plant) -> None:
+    with Terminal(*run_words(plant)) as terminal:
+        terminal.wait_for("out 20")
+        terminal.hang_up()
+        assert terminal.exit_code() == 130
+    assert plant.state() == "stopped"
+
+
+def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_stop_short(plant: Plant) -> None:
+    with Terminal(*run_words(plant)) as terminal:
+        terminal.wait_for("running")
+        terminal.press("\x03")
+        terminal.wait_for("Stopping")
+        terminal.press("\x03")
+        assert terminal.exit_code() == 130
+        assert "Confirmed." in terminal.seen.partition("Stopping")[2]
+    assert plant.state() == "stopped"
+
+
+def test_a_detached_run_says_what_the_comm_loss_timer_will_do_and_leaves_the_drive_running(plant: Plant) -> None:
+    with child(*run_words(plant, "--detach", "--json")) as process:
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    events = [json.loads(line) for line in output.splitlines()]
+    assert process.returncode == 0
+    assert [event["event"] for event in events] == ["comm_loss", "started"]
+    plant.wait_for_state("running")
+    stop = subprocess.run(
+        [*COMMAND, "stop", plant.url, "--model", "c320", "--address", "1"],
+        capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert stop.returncode == 0
+    assert stop.stdout.startswith("Confirmed.")
+    assert plant.state() == "stopped"
+
+
+def test_run_ends_by_itself_with_1_when_somebody_else_stops_the_drive(plant: Plant) -> None:
+    with child(*run_words(plant)) as process:
+        lines_until(process, lambda line: line.startswith("running"))
+        os.kill(process.pid, signal.SIGSTOP)
+        subprocess.run(
+            [*COMMAND, "stop", plant.url, "--model", "c320", "--address", "1"],
+            capture_output=True, env=ENVIRONMENT, timeout=PATIENCE_S,
+        )  # fmt: skip
+        os.kill(process.pid, signal.SIGCONT)
+        process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert plant.state() == "stopped"
+
+
+def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: Plant) -> None:
+    """T13: one press starts nothing; the repeat of a held key does; silence stops within the lease."""
+    with Terminal("jog", plant.url, "--model", "c320", "--address", "1") as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.press(" ")
+        time.sleep(1.2)
+        assert plant.state() == "stopped"
+        held = threading.Event()
+        terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press(" "))
+        held.set()
+        terminal.wait_for("Confirmed")
+        terminal.press("q")
+        assert terminal.exit_code() == 0
+    assert plant.state() == "stopped"
+
+
+def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
+    with Terminal("jog", plant.url, "--model", "c320", "--address", "1") as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press("f"))
+        terminal.hang_up()
+        terminal.exit_code()
+    assert plant.state() == "stopped"
+
+
+def test_a_stop_that_nobody_confirms_exits_with_4(tmp_path: Path) -> None:
+    """A server that accepts everything and never answers: a drive that lost its power."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        done = subprocess.run(
+            [*COMMAND, "stop", link, "--model", "c320", "--address", "1", "--json"],
+            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
+        )  # fmt: skip
+    assert done.returncode == 4
+    document = json.loads(done.stdout)
+    assert document["error"]["type"] == "StopUnconfirmed"
+    assert document["exit"] == 4
+
+
+def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        done = subprocess.run(
+            [*COMMAND, "run", link, "--model", "c320", "--address", "1", "--frequency", "20", "--json"],
+            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["error"]["type"] in ("NoReply", "PreflightError")
