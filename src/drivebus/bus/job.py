@@ -25,27 +25,19 @@ class Job:
     )  # fmt: skip
 
     def __init__(self, ask: Ask, token: Any, station: Station, line: LineSettings, *, fence: bool = False) -> None:
-        codec, request, timing = station.codec, ask.request, station.link.timing
         self.ask = ask
         self.token = token
         self.station = station
-        self.codec: Codec = codec
-        self.request = request
-        self.data = codec.encode_request(request)
-        self.reply_bytes = codec.reply_size(request)
+        self.codec: Codec = station.codec
+        self.request = ask.request
+        self.data, self.effect, self.reply_bytes, self.send_s, self.wait_s = prepared(ask.request, station, line)
         self.broadcast = self.reply_bytes == 0
-        self.effect = station.link.effect(self.data)
         self.permit: Permit | None = ask.permit
         self.lane = lane_of(ask, self.effect)
         self.expires_at = None if self.effect is Effect.STOP else ask.expires_at
         self.fence = fence
         self.gap_s = station.gap_s
-        self.adapter_s = timing.adapter_s
-        self.send_s = line.seconds(len(self.data))
-        if self.broadcast:
-            self.wait_s = timing.turnaround_s
-        else:
-            self.wait_s = timing.timeout_s(line, codec.largest_reply(request))
+        self.adapter_s = station.link.timing.adapter_s
         self.attempts = 0
         self.attempts_allowed = self._attempts_allowed()
 
@@ -80,6 +72,35 @@ class Job:
         if effect is Effect.MOTION and station.latched:
             return NotPermitted("bus.latched", station=address)
         return None
+
+
+Prepared = tuple[bytes, Effect, int, float, float]
+"""Bytes, effect, bytes of the normal reply, seconds to send, seconds to wait after our last bit."""
+REMEMBERED = 512
+"""So many different reads of a station are kept prepared: a bus asks the same things again and again."""
+
+
+def prepared(request: Any, station: Station, line: LineSettings) -> Prepared:
+    """What the wire needs to know of a request. Only pure reads are remembered. Raises ValueError: out of range."""
+    try:
+        found = station.prepared.get(request)
+    except TypeError:  # a request that can't be hashed
+        return _prepare(request, station, line)
+    if found is None:
+        found = _prepare(request, station, line)
+        if found[1] is Effect.NONE and found[2]:
+            if len(station.prepared) >= REMEMBERED:
+                station.prepared.clear()
+            station.prepared[request] = found
+    return found
+
+
+def _prepare(request: Any, station: Station, line: LineSettings) -> Prepared:
+    codec, timing = station.codec, station.link.timing
+    data = codec.encode_request(request)
+    reply_bytes = codec.reply_size(request)
+    wait_s = timing.timeout_s(line, codec.largest_reply(request)) if reply_bytes else timing.turnaround_s
+    return data, station.link.effect(data), reply_bytes, line.seconds(len(data)), wait_s
 
 
 def lane_of(ask: Ask, effect: Effect) -> Lane:

@@ -27,6 +27,8 @@ from drivebus.seams import Clock
 
 REOPEN_S = 0.4
 """Pause between attempts to open a lost port: polling is back within 2 s of the device (G09)."""
+STAY_S = 40e-6
+"""A wait shorter than this is waited out on the spot: setting a timer and sleeping takes longer (fast lines only)."""
 WORTH_WAITING_S = 0.001
 """A reader is put to sleep only where it saves more than this: falling quiet costs a system call."""
 
@@ -63,6 +65,7 @@ class Bus:
         self._quiet = port if isinstance(port, Quietable) else None
         self._listen_at = inf
         self._wake_at: float | None = None
+        self._precise = False
 
     # --- life --------------------------------------------------------------------------------------------------
 
@@ -80,6 +83,7 @@ class Bus:
         self._loop = loop
         self._clock = self._clock or timer.now
         self._alarm = timer.alarm(self._woke)
+        self._precise = timer.precise and self._quiet is not None
         self._opened()
 
     async def close(self) -> None:
@@ -196,7 +200,6 @@ class Bus:
         """From the port: bytes came."""
         assert self._clock is not None
         self._perform(self.core.received(data, self._clock(), marks))
-        self._hush()
 
     def port_lost(self, error: PortLost) -> None:
         """From the port: it is gone. Everything pending fails; opening it again begins at once."""
@@ -234,28 +237,43 @@ class Bus:
                 self._loop.call_soon(self._woke_after_readers)  # type: ignore[union-attr]
                 return
             self._perform(self.core.woke(now))
-        self._set_alarm()
+        else:
+            self._set_alarm()
+
+    def _soon(self) -> None:
+        """A gap of a few characters on a fast line is over before a timer could be set: stay for it."""
+        assert self._clock is not None and self._quiet is not None
+        when = self._wake_at
+        if when is None or when > self._clock() + STAY_S:
+            return
+        timers.spin(self._clock, when)
+        self._precise = False
+        self._quiet.quiet_until(0.0)
+        if self._wake_at == when:
+            self._perform(self.core.woke(self._clock()))
+        self._precise = True
 
     def _woke_after_readers(self) -> None:
         """Readers that were ready when the alarm rang have run by now."""
         assert self._clock is not None
         if self._wake_at is not None and self._clock() >= self._wake_at:
             self._perform(self.core.woke(self._clock()))
-        self._set_alarm()
+        else:
+            self._set_alarm()
 
     def _hush(self) -> None:
         """No byte that comes before ``useful_at`` can complete the reply: let them wait in the kernel."""
         flight = self.core.flight
-        if self._quiet is None or flight is None:
+        if flight is None:
             return
         useful_at = flight.useful_at()
-        if useful_at is not None and useful_at > self.now() + WORTH_WAITING_S:
+        if useful_at is not None and self._quiet is not None and useful_at > self.now() + WORTH_WAITING_S:
             self._listen_at = useful_at
             self._quiet.quiet_until(inf)
-            self._set_alarm()
 
     def _set_alarm(self) -> None:
-        assert self._alarm is not None
+        if self._alarm is None:
+            return
         when = self._listen_at if self._wake_at is None else min(self._wake_at, self._listen_at)
         if when != self._alarm.when:
             self._alarm.set(None if when == inf else when)
@@ -264,17 +282,22 @@ class Bus:
 
     def _perform(self, acts: list[Act]) -> None:
         """Do what the core says, in order, also where doing it makes the core say more."""
-        if not acts:
-            return
-        self._acts.extend(acts)
         if self._performing:
+            self._acts.extend(acts)
             return
         self._performing = True
         try:
+            for act in acts:
+                self._do(act)
             while self._acts:
                 self._do(self._acts.popleft())
         finally:
             self._performing = False
+        if self._precise:
+            self._soon()
+        if self._quiet is not None:
+            self._hush()
+        self._set_alarm()
 
     def _do(self, act: Act) -> None:
         kind = type(act)
@@ -283,8 +306,6 @@ class Bus:
                 self.port.write(act.data)  # type: ignore[union-attr]
             except PortLost as error:
                 self.port_lost(error)
-            else:
-                self._hush()
         elif kind is Done:
             self._answer(act.token, act.answer)  # type: ignore[union-attr]
         elif kind is Traced:
@@ -292,8 +313,6 @@ class Bus:
                 self._tell(tracer, act.event)  # type: ignore[union-attr]
         else:
             self._wake_at = act.when  # type: ignore[union-attr]
-            if self._alarm is not None:
-                self._set_alarm()
 
     def _answer(self, token: Any, answer: Answer) -> None:
         if type(token) is Watch:

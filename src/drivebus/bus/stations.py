@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from drivebus.bus.job import Job
+from drivebus.bus.job import Job, Prepared
 from drivebus.bus.statistics import Counters
 from drivebus.message import Ask, Lane, StationLink
 
@@ -56,7 +56,8 @@ class Station:
 
     __slots__ = (
         "address", "asked", "backoff_s", "codec", "counters", "dead", "duplicates", "fence_waiting", "fences", "gap_s",
-        "generation", "last_heard_at", "latched", "link", "parked", "probe_at", "quarantined_until", "seen", "suspect",
+        "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at", "quarantined_until", "seen",
+        "suspect",
     )  # fmt: skip
 
     def __init__(self, link: StationLink, line: LineSettings) -> None:
@@ -81,6 +82,7 @@ class Station:
         self.last_heard_at: float | None = None
         self.duplicates = 0
         self.counters = Counters()
+        self.prepared: dict[Any, Prepared] = {}
 
     @property
     def presence(self) -> Presence:

@@ -34,18 +34,20 @@ class Waker(Protocol):
 class Alarm:
     """One bus's next moment. ``set`` replaces the moment before."""
 
-    __slots__ = ("_timer", "callback", "when")
+    __slots__ = ("_timer", "callback", "queued", "when")
 
     def __init__(self, timer: PreciseTimer, callback: Callable[[], None]) -> None:
         self._timer = timer
         self.callback = callback
         self.when = NEVER
+        self.queued: list[float] = []
+        """The moments at which the timer looks at this alarm, the next one last."""
 
     def set(self, when: float | None) -> None:
-        """Call back at ``when`` on the timer's clock (None: not at all)."""
+        """Call back at ``when`` on the timer's clock (None: not at all). Moving it later costs nothing."""
         self.when = NEVER if when is None else when
-        if when is not None:
-            self._timer.schedule(self, when)
+        if when is not None and (not self.queued or when < self.queued[-1]):
+            self._timer.look_at(self, when)
 
 
 class PreciseTimer:
@@ -72,7 +74,9 @@ class PreciseTimer:
     def alarm(self, callback: Callable[[], None]) -> Alarm:
         return Alarm(self, callback)
 
-    def schedule(self, alarm: Alarm, when: float) -> None:
+    def look_at(self, alarm: Alarm, when: float) -> None:
+        """Look at this alarm at that moment: it is earlier than any moment at which that would be done anyway."""
+        alarm.queued.append(when)
         self._count += 1
         heappush(self._heap, (when, self._count, alarm))
         if when < self._armed and not self._firing:
@@ -84,30 +88,32 @@ class PreciseTimer:
         self._heap.clear()
 
     def _fire(self) -> None:
-        """Call whoever is due, then arm for the next one. An alarm that was moved since is skipped."""
+        """Call whoever is due, then arm for the next one. An alarm that was moved since is looked at again then."""
         heap = self._heap
         self._firing = True
         try:
             now = self.now()
             while heap:
-                when, _, alarm = heap[0]
-                if alarm.when != when:
-                    heappop(heap)
-                elif when <= now or (self.precise and when <= (now := self.now()) + SLACK_S):
-                    heappop(heap)
+                at, _, alarm = heap[0]
+                if at > now and not (self.precise and at <= (now := self.now()) + SLACK_S):
+                    break
+                heappop(heap)
+                alarm.queued.pop()
+                when = alarm.when
+                if when <= at:
                     alarm.when = NEVER
                     if when > now:
-                        _spin(self.now, when)
+                        spin(self.now, when)
                     alarm.callback()
-                else:
-                    break
+                elif when != NEVER and (not alarm.queued or when < alarm.queued[-1]):
+                    self.look_at(alarm, when)
         finally:
             self._firing = False
             self._armed = heap[0][0] if heap else NEVER
             self._waker.arm(self._armed)
 
 
-def _spin(now: Callable[[], float], when: float) -> None:
+def spin(now: Callable[[], float], when: float) -> None:
     """The last microseconds: never early, so that no gap is ever short."""
     while now() < when:
         pass
