@@ -65,6 +65,17 @@ MOVING = frozenset(
     }
 )  # fmt: skip
 
+RESPONSES = {
+    1: "drives.sifang_response_1",
+    2: "drives.sifang_response_2",
+    3: "drives.sifang_response_3",
+    4: "drives.sifang_response_4",
+    6: "drives.sifang_response_6",
+    7: "drives.sifang_response_7",
+    8: "drives.sifang_response_8",
+}
+"""Manual 2.4.5; the codec lets no other code through."""
+
 
 class SifangDialect:
     """C320 and its sisters (see ``dialect.Dialect``)."""
@@ -203,7 +214,8 @@ class SifangDialect:
 
     def refusal(self, reply: Reply) -> Refusal | None:
         """Response codes 1 to 8 (manual 2.4.3)."""
-        return Refusal(f"drives.sifang_response_{int(reply.response)}", int(reply.response)) if reply.response else None
+        key = RESPONSES.get(int(reply.response))
+        return None if key is None else Refusal(key, int(reply.response))
 
     def setpoint_word(self, frequency_hz: float) -> int:
         return frequency_word(self.profile, frequency_hz)

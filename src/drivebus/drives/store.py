@@ -66,9 +66,9 @@ class FileStore:
 
 
 def default_path() -> Path:
-    """``$XDG_STATE_HOME/drivebus/drives.json`` (Windows: ``%LOCALAPPDATA%``)."""
+    """``$XDG_STATE_HOME/drivebus/store.json`` (Windows: ``%LOCALAPPDATA%``)."""
     base = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "drives.json"
+    return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "store.json"
 
 
 def _replace(path: Path, text: str) -> None:

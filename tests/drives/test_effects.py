@@ -1,0 +1,258 @@
+"""What bytes do, and what may never leave: hazards of the manuals (T01, T07, T11, T12, T16; I7)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.drives.command_word import MOVING, CommandWord
+from drivebus.drives.dialect import Stop
+from drivebus.drives.modbus import ModbusDialect
+from drivebus.drives.state import Direction
+from drivebus.errors import CapabilityError, ProtocolError
+from drivebus.message import Effect
+from drivebus.protocols import dzb, modbus, sifang
+from drivekit import dialect_of
+
+VECTORS = Path(__file__).resolve().parents[2] / "vectors"
+
+
+def frame(model: str, request: Any, **settings: Any) -> tuple[Any, bytes]:
+    dialect = dialect_of(model, **settings)
+    return dialect, dialect.codec.encode_request(request)
+
+
+def effect(model: str, request: Any, **settings: Any) -> Effect:
+    dialect, data = frame(model, request, **settings)
+    return dialect.link.effect(data)
+
+
+def lawful(model: str, request: Any) -> bool:
+    dialect, data = frame(model, request)
+    found: bool = dialect.lawful(data)
+    return found
+
+
+def vectors(model: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (VECTORS / f"{model}.jsonl").read_text().splitlines() if line.strip()]
+
+
+@pytest.mark.parametrize("entry", [v for v in vectors("c320") if v["direction"] == "request"], ids=lambda v: v["id"])
+def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
+    data = bytes.fromhex(entry["hex"])
+    from drivebus import profiles
+    from drivebus.drives import make_dialect
+
+    dialect = make_dialect(profiles.load("c320"), 1, encoding=entry["encoding"])
+    if entry["fields"].get("operation") in (1, 2, 4, 5, 0x11, 0x12, 0x14, 0x15, "01", "02"):
+        assert dialect.link.effect(data) is Effect.MOTION
+        assert entry["fields"].get("class") == 4 or not dialect.lawful(data)
+
+
+@pytest.mark.parametrize("group", range(16))
+def test_t07_reads_and_writes_of_c320_never_carry_an_operation(group: int) -> None:
+    for item in range(0, 256, 17):
+        assert effect("c320", sifang.ReadParameter(1, group, item)) is Effect.NONE
+        assert effect("c320", sifang.WriteParameter(1, group, item, 0x1234)) is Effect.SETTING
+        assert effect("c320", sifang.ReadMonitor(1, item)) is Effect.NONE
+
+
+@pytest.mark.parametrize("operation", list(sifang.Operation))
+def test_c320_operations_have_the_effect_that_the_manual_gives_them(operation: sifang.Operation) -> None:
+    name = operation.name
+    moves = name.startswith(("RUN_", "JOG_FORWARD", "JOG_REVERSE"))
+    stops = name in ("STOP", "JOG_STOP", "EMERGENCY_STOP")
+    expected = Effect.MOTION if moves else Effect.STOP if stops else Effect.SETTING
+    assert effect("c320", sifang.Control(1, operation)) is expected
+
+
+def test_t11_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
+    assert effect("dzb100", dzb.Control(1, dzb.Command.STOP, 0)) is Effect.STOP
+    dialect = dialect_of("dzb100")
+    for request in dialect.stop(Stop.STOP):
+        assert request.data == 0
+    data = bytearray(dialect.codec.encode_request(dzb.Control(1, dzb.Command.STOP, 0)))
+    data[7:11] = b"03E8"
+    assert dialect.link.effect(bytes(data)) is Effect.MOTION
+
+
+def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() -> None:
+    dialect = dialect_of("dzb100")
+    plain = dialect.codec.encode_request(dialect.stop(Stop.STOP)[0])
+    for place in range(len(plain)):
+        for bit in range(8):
+            spoiled = bytearray(plain)
+            spoiled[place] ^= 1 << bit
+            try:
+                found = dialect.codec.decode_request(bytes(spoiled))
+            except ProtocolError:
+                continue
+            request = getattr(found, "message", None)
+            if isinstance(request, dzb.Control) and not request.command.stops:
+                assert request.data == 0
+
+
+def test_t09_an_unlisted_dzb100_parameter_is_never_written() -> None:
+    assert effect("dzb100", dzb.WriteParameter(1, 80, 1)) is Effect.SETTING
+    dialect = dialect_of("dzb100")
+    data = dialect.codec.encode_request(dzb.WriteParameter(1, 80, 1)).replace(b"80", b"81", 1)
+    assert dialect.link.effect(data) is Effect.MOTION
+    assert not dialect.lawful(data)
+
+
+def test_t12_register_200b_of_vc660_is_never_written() -> None:
+    assert effect("vc660", modbus.WriteRegister(1, 0x200B, 1)) is Effect.MOTION
+    assert not lawful("vc660", modbus.WriteRegister(1, 0x200B, 1))
+
+
+def test_virtual_inputs_of_vc660_may_be_wired_to_run_and_count_as_motion() -> None:
+    for register in (0x2002, 0x2003, 0x2004, 0x2005):
+        assert effect("vc660", modbus.WriteRegister(1, register, 1)) is Effect.MOTION
+        assert not lawful("vc660", modbus.WriteRegister(1, register, 1))
+    assert effect("vc660", modbus.WriteRegister(1, 0x2006, 1)) is Effect.SETTING
+
+
+@pytest.mark.parametrize("model", ["vc660", "df800"])
+@pytest.mark.parametrize("register", [0x1000, 0x2010, 0x3000, 0x7FFF, 0xFFFF])
+def test_i7_an_unknown_register_is_never_written(model: str, register: int) -> None:
+    assert effect(model, modbus.WriteRegister(1, register, 0)) is Effect.MOTION
+    assert not lawful(model, modbus.WriteRegister(1, register, 0))
+
+
+@pytest.mark.parametrize("model", ["vc660", "df800"])
+def test_every_command_word_that_can_move_a_motor_is_motion(model: str) -> None:
+    """All 65,536 words: what starts or jogs, or what no table names, is MOTION; a STOP has none of those bits."""
+    dialect = dialect_of(model)
+    assert isinstance(dialect, ModbusDialect) and dialect.word is not None
+    moving = {"vc660": 0x0019, "df800": 0x0002}[model]
+    unnamed = {"vc660": 0xFC00, "df800": 0xFFE0}[model]
+    for word in range(0x10000):
+        found = dialect.word.effect(word)
+        if word & moving or word & unnamed:
+            assert found is Effect.MOTION, hex(word)
+        if found is Effect.STOP:
+            assert not word & moving
+        if word & unnamed:
+            assert not dialect.word.known(word)
+
+
+def test_t16_the_toggle_of_df800_is_known_to_nobody() -> None:
+    for field in ("b3b2", "b2b3"):
+        dialect = dialect_of("df800", direction_field=field)
+        assert isinstance(dialect, ModbusDialect) and dialect.word is not None
+        for run in (0, 1, 2):
+            assert not dialect.word.known(0x000C | run)
+            assert dialect.word.effect(0x000C | run) is Effect.MOTION
+
+
+def test_delta_start_12h_is_motion_on_df800() -> None:
+    assert effect("df800", modbus.WriteRegister(1, 0x2000, 0x12)) is Effect.MOTION
+
+
+def test_df800_starts_without_a_direction_and_stops_with_nothing_else() -> None:
+    dialect = dialect_of("df800")
+    assert [f.request.value for f in dialect.start(None, 0)] == [0x0002]
+    assert [r.value for r in dialect.stop(Stop.STOP)] == [0x0001]
+    assert [f.request.value for f in dialect.reset()] == [0x0010]
+
+
+@pytest.mark.parametrize(("field", "forward", "reverse"), [("b3b2", 0x0A, 0x06), ("b2b3", 0x06, 0x0A)])
+def test_a_proved_df800_starts_in_the_direction_that_its_field_says(field: str, forward: int, reverse: int) -> None:
+    dialect = dialect_of("df800", direction_field=field, direction_proved=True)
+    assert dialect.start(Direction.FORWARD, 0)[0].request.value == forward
+    assert dialect.start(Direction.REVERSE, 0)[0].request.value == reverse
+
+
+def test_vc660_levels_are_kept_in_a_shadow_and_sent_with_each_pulse() -> None:
+    dialect = dialect_of("vc660")
+    words = [f.request.value for f in dialect.start(Direction.REVERSE, 0)]
+    assert words == [0x0005, 0x0004]
+    for value in words:
+        dialect.noted(modbus.WriteRegister(1, 0x2000, value))
+    assert [r.value for r in dialect.stop(Stop.STOP)] == [0x0006, 0x0004]
+    assert [r.value for r in dialect.stop(Stop.COAST)] == [0x0024, 0x0004]
+    assert [f.request.value for f in dialect.reset()] == [0x0204, 0x0004]
+
+
+def test_a_level_word_that_would_turn_a_running_motor_round_is_motion() -> None:
+    dialect = dialect_of("vc660")
+    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0001))
+    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0000))
+    turned = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0x0004))
+    assert dialect.link.effect(turned) is Effect.MOTION
+
+
+def test_the_levels_after_a_start_are_a_setting_and_after_a_stop_a_stop() -> None:
+    """A stop effect takes queued commands away; what completes a start must not do that to its own start."""
+    dialect = dialect_of("vc660")
+    levels = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0))
+    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0001))
+    assert dialect.link.effect(levels) is Effect.SETTING
+    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0002))
+    assert dialect.link.effect(levels) is Effect.STOP
+
+
+def test_a_jog_released_is_a_stop() -> None:
+    dialect = dialect_of("vc660")
+    dialect.noted(modbus.WriteRegister(1, 0x2000, dialect.jog(Direction.FORWARD, None)[0].request.value))
+    released = dialect.stop(Stop.JOG_STOP)
+    assert [r.value for r in released] == [0]
+    assert dialect.link.effect(dialect.codec.encode_request(released[0])) is Effect.STOP
+
+
+def test_the_words_that_vc660_composes_are_all_known_and_none_pauses_or_holds() -> None:
+    dialect = dialect_of("vc660")
+    assert isinstance(dialect, ModbusDialect) and isinstance(dialect.word, CommandWord)
+    word = dialect.word
+    composed = [*word.start(None), *word.start(Direction.REVERSE), *word.jog(Direction.REVERSE), *word.reset("vc660")]
+    for how in Stop:
+        composed += word.stop(how, "vc660")
+    for value in composed:
+        assert word.known(value)
+        assert not value & 0x0180
+        assert len(word.names(value) & MOVING) <= 1
+
+
+@pytest.mark.parametrize("how", [Stop.COAST, Stop.QUICK_STOP])
+def test_a_stop_that_a_model_lacks_is_refused_before_sending(how: Stop) -> None:
+    with pytest.raises(CapabilityError):
+        dialect_of("dzb100").stop(how)
+    with pytest.raises(CapabilityError):
+        dialect_of("df800").stop(how)
+
+
+@pytest.mark.parametrize(
+    ("model", "request_"),
+    [
+        ("c320", sifang.Control(31, sifang.Operation.SET_FREQUENCY, 100)),
+        ("vc660", modbus.WriteRegister(0, 2, 4000)),
+        ("vc660", modbus.WriteRegister(0, 0x2000, 1)),
+    ],
+)
+def test_nothing_but_a_stop_is_lawful_to_everybody(model: str, request_: Any) -> None:
+    """Matrix 6.4: broadcast non-stop X. VC660's own example 4 writes a parameter to all drives."""
+    assert not lawful(model, request_)
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
+def test_the_broadcast_stop_is_a_stop(model: str) -> None:
+    dialect = dialect_of(model)
+    requests = dialect.stop_everyone()
+    assert requests
+    for request in requests:
+        assert dialect.link.effect(dialect.codec.encode_request(request)) is Effect.STOP
+        assert dialect.codec.address_of(request) == dialect.codec.broadcast_address
+
+
+def test_df800_has_no_broadcast_until_a_profile_says_so() -> None:
+    assert dialect_of("df800").stop_everyone() == ()
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "dzb100", "df800"])
+def test_bytes_that_are_no_request_may_move(model: str) -> None:
+    dialect = dialect_of(model)
+    for data in (b"", b"\x00", b"*0", b"\x01\x06\x20\x00\x00\x02\x00\x00", bytes(11)):
+        assert dialect.link.effect(data) is Effect.MOTION

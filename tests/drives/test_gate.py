@@ -1,0 +1,111 @@
+"""The gate: every reason not to move, one by one (I1, I7, rulings 4, 5, 12)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivebus.drives.gate import FRESH_S, Command, Evidence, Kind, grant
+from drivebus.drives.state import DriveState, Verdict
+from drivebus.drives.talk import Surroundings
+from drivebus.errors import DrivebusError, Expired, GateError, NotPermitted, Superseded
+from drivebus.message import Effect, Permit, WriteClass
+
+START = Command("start-1", Kind.START, 10.0, 3)
+AROUND = Surroundings(10.5, "2026-01-02", 3)
+STANDS = Evidence(Verdict(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True)
+
+
+def ask(
+    command: Command = START,
+    effect: Effect = Effect.MOTION,
+    around: Surroundings = AROUND,
+    evidence: Evidence = STANDS,
+    family: str = "sifang",
+) -> Permit:
+    return grant(command, 7, effect, WriteClass.EDGE, around, evidence, family)
+
+
+def refused(kind: type[DrivebusError], key: str, **changes: object) -> None:
+    with pytest.raises(kind) as caught:
+        ask(**changes)  # type: ignore[arg-type]
+    assert caught.value.key == key
+
+
+def test_a_start_with_everything_in_order_gets_a_permit_for_its_station_and_generation_only() -> None:
+    permit = ask()
+    assert (permit.station, permit.effect, permit.generation) == (7, Effect.MOTION, 3)
+    assert permit.expires_at == 12.0
+    assert permit.command == "start-1"
+
+
+def test_i1_a_start_is_dead_two_seconds_after_the_wish() -> None:
+    ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, at=11.9))
+    refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, at=12.0))
+
+
+def test_a_setpoint_lives_five_seconds_but_not_where_its_frame_moves() -> None:
+    setpoint = Command("setpoint-1", Kind.SETPOINT, 10.0, 3)
+    assert ask(setpoint, Effect.SETTING).expires_at == 15.0
+    runs = replace(STANDS, verdict=Verdict(DriveState.RUNNING))
+    assert ask(setpoint, Effect.MOTION, evidence=runs).expires_at == 12.0
+
+
+def test_a_newer_stop_voids_the_command() -> None:
+    refused(Superseded, "drives.superseded", around=replace(AROUND, generation=4))
+
+
+def test_a_latched_drive_is_given_nothing() -> None:
+    refused(GateError, "drives.latched", around=replace(AROUND, latched=True))
+    refused(GateError, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, latched=True))
+
+
+def test_f14_a_foreign_master_blocks_everything_that_acts() -> None:
+    refused(GateError, "drives.foreign_master", around=replace(AROUND, foreign_master=True))
+
+
+def test_f15_two_drives_at_one_address_are_not_commanded() -> None:
+    refused(GateError, "drives.duplicate", around=replace(AROUND, duplicate=True))
+
+
+@pytest.mark.parametrize(("family", "limit"), [("sifang", 0.01), ("modbus", 0.01), ("dzb", 0.001)])
+def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None:
+    ask(around=replace(AROUND, error_rate=limit, failures=9), family=family)
+    bad = replace(AROUND, error_rate=limit * 1.01, failures=9)
+    refused(GateError, "drives.bad_link", around=bad, family=family)
+
+
+def test_one_lost_frame_is_no_error_rate() -> None:
+    ask(around=replace(AROUND, error_rate=0.5, failures=2))
+
+
+def test_ruling_4_a_start_needs_a_fresh_status() -> None:
+    refused(GateError, "drives.status_stale", evidence=replace(STANDS, at=None))
+    old = replace(STANDS, at=AROUND.now - FRESH_S - 0.01)
+    refused(GateError, "drives.status_stale", evidence=old)
+
+
+def test_ruling_4_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
+    blind = Evidence(Verdict(DriveState.UNKNOWN), None, can_tell=False, preflight_done=True, within_limits=True)
+    ask(evidence=blind)
+    refused(GateError, "drives.preflight_not_done", evidence=replace(blind, preflight_done=False))
+
+
+@pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.STOPPED])
+def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> None:
+    refused(GateError, "drives.state_forbids", evidence=replace(STANDS, verdict=Verdict(state)))
+
+
+@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
+def test_a_write_or_a_reset_can_not_be_granted_motion(kind: Kind) -> None:
+    refused(NotPermitted, "drives.frame_would_move", command=Command("x", kind, 10.0, 3))
+
+
+@pytest.mark.parametrize("effect", [Effect.NONE, Effect.STOP])
+def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
+    refused(NotPermitted, "drives.no_permit_needed", effect=effect)
+
+
+def test_unchecked_limits_stop_a_start() -> None:
+    refused(GateError, "drives.limits_unchecked", evidence=replace(STANDS, within_limits=False))
