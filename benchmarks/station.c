@@ -18,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/prctl.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
@@ -126,6 +127,7 @@ int main(int argc, char **argv) {
     late_permille = atoi(argv[7]);
     late_ns = 1000LL * atoi(argv[8]);
     struct line *all = calloc((size_t)lines, sizeof *all);
+    prctl(PR_SET_TIMERSLACK, 1UL); /* wake at the microsecond, not 50 us later */
     int ep = epoll_create1(0);
     for (int i = 0; i < lines; i++) {
         struct line *l = &all[i];
@@ -145,7 +147,13 @@ int main(int argc, char **argv) {
     fflush(stdout);
     for (int stop = 0; !stop;) {
         struct epoll_event e[64];
-        int n = epoll_wait(ep, e, 64, character || late_permille ? 0 : 100);
+        int64_t next = now_ns() + 100000000LL;
+        for (int i = 0; i < lines; i++)
+            if (all[i].head != all[i].tail && all[i].out[all[i].head].at < next) next = all[i].out[all[i].head].at;
+        int64_t wait = next - now_ns();
+        if (wait < 0) wait = 0;
+        struct timespec w = {wait / 1000000000LL, wait % 1000000000LL};
+        int n = epoll_pwait2(ep, e, 64, &w, NULL);
         int64_t t = now_ns();
         for (int i = 0; i < n; i++) {
             if (e[i].data.ptr) { read_line(e[i].data.ptr, t); continue; }
