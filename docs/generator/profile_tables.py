@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import CommandBit, Parameter, Signal
+from drivebus.profiles.model import CommandBit, OpenQuestion, Parameter, Signal
 from generator.words import colon, evidence, say, side, table
 
 
@@ -160,7 +160,7 @@ def open_questions(profile: DriveProfile, language: str) -> str:
         (
             f"`{q.where or q.setting}`" if q.where != "-" else "–",
             f"`{str(q.default).lower() if isinstance(q.default, bool) else q.default}`",
-            side(q.text, language) + _choices(q.choices),
+            side(q.text, language) + _choices(q),
             side(q.reason, language),
             side(q.settle, language),
         )
@@ -169,6 +169,8 @@ def open_questions(profile: DriveProfile, language: str) -> str:
     return table([say(head, language) for head in heads], rows)
 
 
-def _choices(choices: tuple[object, ...]) -> str:
-    shown = ", ".join(f"`{str(c).lower() if isinstance(c, bool) else c}`" for c in choices)
+def _choices(question: OpenQuestion) -> str:
+    choices = [str(c).lower() if isinstance(c, bool) else str(c) for c in question.choices]
+    choices += [f"{question.span[0]}–{question.span[1]}"] if question.span else []
+    shown = ", ".join(f"`{choice}`" for choice in choices)
     return f" ({shown})" if shown else ""

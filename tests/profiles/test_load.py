@@ -116,6 +116,14 @@ def test_a_setting_of_an_open_question_is_overridden(tmp_path: Path) -> None:
     assert profile.commands.resolved(profile.settings).bits["forward"].value == 0x0004
 
 
+def test_the_limit_of_vc660s_analog_outputs_is_its_setting(tmp_path: Path) -> None:
+    """The guide prints 0-3ffff, which does not fit 16 bits: analog_limit says what holds."""
+    outputs = ("2008H", "2009H")
+    assert {profiles.load("vc660").parameters[each].maximum for each in outputs} == {0x3FFF}
+    own = write(tmp_path, 'format = 1\nextends = "vc660"\n[settings]\nanalog_limit = 0xFFFF\n')
+    assert {profiles.load(own).parameters[each].maximum for each in outputs} == {0xFFFF}
+
+
 def test_profiles_extend_each_other_over_several_files(tmp_path: Path) -> None:
     write(tmp_path, VC660_SIZES, "plant.toml")
     last = write(tmp_path, 'format = 1\nextends = "./plant.toml"\n[limits]\nmaximum_hz = 120.0\n', "spindle.toml")

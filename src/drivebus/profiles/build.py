@@ -10,6 +10,7 @@ from drivebus.profiles import places
 from drivebus.profiles.schema import (
     BitIn,
     CommandsIn,
+    OpenIn,
     ParameterIn,
     ProfileIn,
     ScaleIn,
@@ -44,8 +45,8 @@ def profile(given: ProfileIn, source: str) -> m.DriveProfile:
         write_rule=m.WriteRule(given.write.ram, given.write.eeprom, given.write.eeprom_address_bit),
         comm_loss=m.CommLoss(given.comm_loss.time, given.comm_loss.action, tuple(given.comm_loss.trips_values)),
         caveats=tuple(m.Caveat(i, _text(c.text), evidence(c.evidence)) for i, c in given.caveats.items()),
-        settings={**{name: q.default for name, q in given.open.items() if q.where is None}, **given.settings},
-        setpoint_scale=_scale(given.setpoint),
+        settings=settings(given),
+        setpoint_scale=Scale(given.setpoint.factor, 0.0, given.setpoint.coding, given.setpoint.decimals),
         modbus=_modbus(given),
         commands=_commands(given.commands),
         status=_status(given.status),
@@ -63,6 +64,12 @@ def profile(given: ProfileIn, source: str) -> m.DriveProfile:
         fault_text=_text(given.unknown_fault.text) if given.unknown_fault else None,
         evidence=_sections(given),
     )
+
+
+def settings(given: ProfileIn) -> dict[str, str | int | float | bool]:
+    """The value of every open question that is a setting: the file's, else its default."""
+    defaults = {name: question.default for name, question in given.open.items() if question.where is None}
+    return {**defaults, **given.settings}
 
 
 def evidence(line: str) -> m.Evidence:
@@ -117,13 +124,15 @@ def _parameters(given: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.T
     for notation, parameter in given.parameters.items():
         locator = places.place(given, notation, parameter.register_)
         if isinstance(locator, tuple):
-            placed[notation] = _parameter(notation, parameter, locator)
+            chosen = settings(given).get(parameter.maximum_setting or "")
+            maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
+            placed[notation] = _parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
             unplaced[notation] = m.Text(locator.text("en"), locator.text("zh"))
     return placed, unplaced
 
 
-def _parameter(notation: str, given: ParameterIn, locator: m.Locator) -> m.Parameter:
+def _parameter(notation: str, given: ParameterIn, locator: m.Locator, maximum: float | None) -> m.Parameter:
     return m.Parameter(
         notation,
         locator,
@@ -131,7 +140,7 @@ def _parameter(notation: str, given: ParameterIn, locator: m.Locator) -> m.Param
         given.unit,
         _scale(given),
         given.minimum,
-        given.maximum,
+        maximum,
         given.writable,
         {int(raw): _text(choice) for raw, choice in given.choices.items()},
         _text(given.help) if given.help else None,
@@ -192,9 +201,15 @@ def _status(given: StatusIn | None) -> m.StatusMap | None:
     return m.StatusMap(given.register_, bits, given.reserved_mask, tuple(given.fault_registers))
 
 
+def _span(given: OpenIn) -> tuple[int, int] | None:
+    return (given.span[0], given.span[1]) if given.span else None
+
+
 def _open(given: ProfileIn) -> tuple[m.OpenQuestion, ...]:
     return tuple(
-        m.OpenQuestion(name, q.default, tuple(q.choices), _text(q.text), _text(q.reason), _text(q.settle), q.where)
+        m.OpenQuestion(
+            name, q.default, tuple(q.choices), _text(q.text), _text(q.reason), _text(q.settle), q.where, _span(q)
+        )
         for name, q in given.open.items()
     )
 

@@ -221,6 +221,8 @@ class OpenQuestion:
     settle: Text
     where: str | None = None
     """Part of the profile that answers it (``[timing]``); None: a setting, in ``settings`` too."""
+    span: tuple[int, int] | None = None
+    """Any whole number from the first to the second is a choice as well."""
 
 
 Style = Literal["sifang", "dzb", "consecutive", "hundreds", "register"]

@@ -19,6 +19,25 @@ def problems(profile: ProfileIn) -> Iterator[Problem]:
     if not wrong_groups:
         yield from _places(profile)
     yield from _references(profile)
+    yield from _registers(profile)
+
+
+def _registers(profile: ProfileIn) -> Iterator[Problem]:
+    """Setpoint and status apart from the command word, and an EEPROM bit that is one bit."""
+    bit = profile.write.eeprom_address_bit
+    if bit is not None and bit.bit_count() != 1:
+        choices = ", ".join(f"0x{1 << place:04X}" for place in range(15, -1, -1))
+        yield problem("choice", ("write", "eeprom_address_bit"), f"{bit:04X}H", choices=choices)
+    if profile.commands is None:
+        return
+    word, setpoint = profile.commands.register_, profile.commands.setpoint_register
+    also = [("commands", "register"), ("commands", "setpoint_register")]
+    if setpoint == word:
+        path = ("commands", "setpoint_register")
+        yield problem("duplicate", path, f"{word:04X}H", also=also, other="[commands] register")
+    if profile.status is not None and profile.status.register_ in (word, setpoint):
+        found = f"{profile.status.register_:04X}H"
+        yield problem("duplicate", ("status", "register"), found, also=also, other="[commands]")
 
 
 def _group_sizes(profile: ProfileIn) -> Iterator[Problem]:
@@ -47,6 +66,7 @@ def _places(profile: ProfileIn) -> Iterator[Problem]:
     """Notations that can't be, addresses outside the space, and two entries at one address."""
     taken = _taken_by_commands(profile)
     eeprom_bit = profile.write.eeprom_address_bit or 0
+    eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # else it is complained of below
     entries: list[tuple[tuple[str, str], str, SignalIn | ParameterIn]] = [
         *((("signals", name), signal.notation, signal) for name, signal in profile.signals.items()),
         *((("parameters", notation), notation, parameter) for notation, parameter in profile.parameters.items()),

@@ -30,6 +30,7 @@ Role = Literal["monitor_selector", "protocol", "comm_loss", "address", "baud", "
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
 Choice = str | int | float | bool
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
+Baud = Annotated[int, Field(ge=50, le=4_000_000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 Sentence = Annotated[str, StringConstraints(min_length=1)]
 EvidenceLine = Annotated[
@@ -56,9 +57,13 @@ class ScaleIn(Strict):
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
 
 
-class SetpointIn(ScaleIn):
+class SetpointIn(Strict):
+    """A slip here would be a runaway: bounds catch it, and a setpoint has neither sign nor offset."""
+
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
-    """Hz a step; the bounds catch a slip that would be a runaway."""
+    """Hz a step."""
+    coding: Literal["binary", "bcd"] = "binary"
+    decimals: Annotated[int, Field(ge=0, le=4)] = 0
     evidence: EvidenceLine = "assumed"
 
 
@@ -82,6 +87,8 @@ class SignalIn(ValueIn):
 class ParameterIn(ValueIn):
     writable: bool = True
     readable: bool = True
+    maximum_setting: Name | None = None
+    """The setting that holds the maximum, where an open question leaves it to the user."""
     choices: dict[str, TextIn] = {}
     help: TextIn | None = None
     caveat: str | None = None
@@ -108,6 +115,8 @@ class CaveatIn(Strict):
 class OpenIn(Strict):
     default: Choice
     choices: list[Choice] = []
+    span: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    """Any whole number from the first to the second is a choice as well."""
     text: TextIn
     reason: TextIn
     settle: TextIn
@@ -148,9 +157,9 @@ class ModbusIn(Strict):
 
 
 class LineIn(Strict):
-    baud: int
+    baud: Baud
     format: str
-    bauds: Annotated[list[int], Field(min_length=1)]
+    bauds: Annotated[list[Baud], Field(min_length=1)]
     formats: Annotated[list[str], Field(min_length=1)]
     evidence: EvidenceLine
 
