@@ -48,6 +48,14 @@ async def test_a_pty_says_that_neither_its_pace_nor_its_parity_is_real(pty: Pty)
     await port.close()
 
 
+async def test_a_pty_is_opened_again_with_the_same_parity(pty: Pty) -> None:
+    """The C library answers EINVAL to parity on a pty as soon as nothing else changes: a second program."""
+    for _ in range(3):
+        port = await opened(pty.path, Sink(), baud=9600, format="8E1")
+        assert port.settings.format == "8E1"
+        await port.close()
+
+
 async def test_the_terminal_is_raw_and_keeps_its_modem_lines_on_close(pty: Pty) -> None:
     port = await opened(pty.path, Sink(), baud=38400)
     iflag, oflag, cflag, lflag, ispeed, ospeed, _ = termios.tcgetattr(port._fd)

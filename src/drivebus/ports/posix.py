@@ -12,7 +12,7 @@ import contextlib
 import os
 import struct
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 assert sys.platform != "win32"
@@ -83,7 +83,7 @@ def open_device(path: str, settings: LineSettings, *, rs485: bool = False) -> De
 def _prepared(
     fd: int, path: str, device: str, settings: LineSettings, lock: Lock, *, pty: bool, rs485: bool
 ) -> Descriptor:
-    door.set_up(fd, device, settings)
+    door.set_up(fd, device, _for_pty(settings) if pty else settings)
     _enforce(fd, marks=not pty)
     if not pty:
         _check(fd, path, settings)
@@ -92,6 +92,11 @@ def _prepared(
     termios.tcflush(fd, termios.TCIFLUSH)  # what came before the marks were on
     capabilities = Capabilities(not pty, not pty and settings.parity != "N", rs485)
     return Descriptor(fd, device, capabilities, lock, _hurry(device), marks=not pty)
+
+
+def _for_pty(settings: LineSettings) -> LineSettings:
+    """What a pty can take: asked for parity again, with nothing else to change, the C library answers EINVAL."""
+    return replace(settings, parity="N", data_bits=8)
 
 
 def is_pty(fd: int) -> bool:
