@@ -75,6 +75,8 @@ RESPONSES = {
     8: "drives.sifang_response_8",
 }
 """Manual 2.4.5; the codec lets no other code through."""
+ENOUGH = 4
+"""With so many fence tags the bus and our conversations have their own; draft profiles list fewer and share them."""
 
 
 class SifangDialect:
@@ -105,11 +107,11 @@ class SifangDialect:
         return _effect(verdict.message.request, verdict.message.operation)
 
     def _bus_fence(self, n: int) -> ReadParameter:
-        tags = self._tags[0::2]
+        tags = self._tags[0::2] if len(self._tags) >= ENOUGH else self._tags
         return self._tagged(self._other_group(tags, self._last_read) or tags, n)
 
     def fence(self, avoid: Any = None) -> ReadParameter:
-        tags = self._tags[1::2] or self._tags
+        tags = self._tags[1::2] if len(self._tags) >= ENOUGH else self._tags
         tags = self._other_group(tags, avoid) or self._other_group(self._tags, avoid) or tags
         self._count += 1
         return self._tagged(tags, self._count)

@@ -74,11 +74,15 @@ def default_path() -> Path:
 def _replace(path: Path, text: str) -> None:
     """Old or new, never half."""
     part = path.with_name(f".{path.name}.{os.getpid()}")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
     if os.name == "posix":
         directory = os.open(path.parent, os.O_RDONLY)
         try:

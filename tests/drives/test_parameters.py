@@ -1,0 +1,320 @@
+"""Reading and writing parameters: RAM by default, EEPROM counted, everything read back (ruling 8, T14, F19, G16)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.drives.memory import Memory
+from drivebus.drives.operation import Talk
+from drivebus.drives.parameters import read, write
+from drivebus.drives.preflight import preflight
+from drivebus.drives.state import Outcome, OutcomeWord
+from drivebus.drives.store import FileStore, MemoryStore
+from drivebus.drives.wear import Wear
+from drivebus.errors import CapabilityError, ConfigurationError, LimitError, PreflightError, ProfileError, WearBudget
+from drivebus.protocols import modbus, sifang
+from drivebus.reading import Reading
+from drivekit import PaperC320, PaperModbus, World, dialect_of
+
+
+class Desk:
+    """A drive on paper, its world and its store; ``write`` and ``read`` as a user calls them."""
+
+    def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
+        self.dialect = dialect_of(model)
+        self.store = store if store is not None else MemoryStore()
+        self.world = World(self.dialect, station, store=self.store)
+        self.memory = Memory(self.dialect, Wear(self.store, "port/1", budget))
+
+    def write(self, values: dict[str, float], save: bool = False) -> Outcome:
+        return self.world.play(write(Talk(self.memory), values, save))
+
+    def read(self, *names: str) -> dict[str, Reading]:
+        return self.world.play(read(Talk(self.memory), names))
+
+    def writes(self) -> list[Any]:
+        return self.world.sent(sifang.WriteParameter) + self.world.sent(modbus.WriteRegister)
+
+
+def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
+    desk = Desk("c320", PaperC320())
+    outcome = desk.write({"F0.2": 30.0})
+    assert (outcome.word, outcome.key) == (OutcomeWord.CONFIRMED, "drives.write_confirmed")
+    written, fence, back = [ask.request for ask in desk.world.asks]
+    assert written == sifang.WriteParameter(1, 0, 2, 3000, save=False)
+    assert isinstance(fence, sifang.ReadParameter) and fence.group != 0
+    assert back == sifang.ReadParameter(1, 0, 2)
+
+
+def test_t14_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
+    desk = Desk("vc660", PaperModbus())
+    desk.write({"F00.02": 30.0})
+    desk.write({"F00.02": 31.0}, save=True)
+    assert [(r.register, r.value) for r in desk.writes()] == [(0x0002, 3000), (0x8002, 3100)]
+
+
+@pytest.mark.parametrize("model", ["dzb100", "df800"])
+def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
+    desk = Desk(model, PaperModbus())
+    with pytest.raises(CapabilityError) as caught:
+        desk.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
+    assert caught.value.key == "drives.save_needed"
+    assert not desk.world.asks
+
+
+def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
+    desk = Desk("c320", PaperC320(parameters={(0, 1): 2, (0, 2): 3000}))
+    outcome = desk.write({"F0.2": 30.0}, save=True)
+    assert (outcome.word, outcome.key) == (OutcomeWord.CONFIRMED, "drives.write_skipped")
+    assert not desk.writes()
+
+
+def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
+    """RAM says 30 Hz already; what EEPROM says nobody knows."""
+    desk = Desk("c320", PaperC320())
+    desk.write({"F0.2": 30.0})
+    outcome = desk.write({"F0.2": 30.0}, save=True)
+    assert outcome.key == "drives.write_confirmed"
+    assert [r.save for r in desk.writes()] == [False, True]
+    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
+
+
+def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
+    desk = Desk("c320", PaperC320(), budget=3)
+    for number in range(3):
+        desk.write({"F0.2": 10.0 + number}, save=True)
+    with pytest.raises(WearBudget) as caught:
+        desk.write({"F0.2": 40.0}, save=True)
+    assert (caught.value.params["count"], caught.value.params["budget"]) == (3, 3)
+    assert len(desk.writes()) == 3
+    desk.world.around = replace(desk.world.around, day="2026-01-03")
+    assert desk.write({"F0.2": 40.0}, save=True).done
+
+
+def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
+    desk = Desk("c320", PaperC320(), budget=1)
+    desk.write({"F0.2": 10.0}, save=True)
+    desk.world.around = replace(desk.world.around, day="2025-12-31")
+    with pytest.raises(WearBudget):
+        desk.write({"F0.2": 11.0}, save=True)
+
+
+def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
+    for number in range(2):
+        Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
+    with pytest.raises(WearBudget):
+        Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
+
+
+def test_a_save_is_counted_before_it_is_sent() -> None:
+    """A write that may have happened counts."""
+    desk = Desk("c320", PaperC320())
+    wear = Wear(desk.store, "port/1")
+    seen: list[int] = []
+    desk.world.on_ask = lambda ask: seen.append(wear.count("F0.2").today)
+    desk.write({"F0.2": 10.0}, save=True)
+    place = next(i for i, ask in enumerate(desk.world.asks) if isinstance(ask.request, sifang.WriteParameter))
+    assert seen[place] == 1
+
+
+def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
+    store = MemoryStore()
+    store.put("wear/port/1/F0.2", "{broken")
+    with pytest.raises(WearBudget):
+        Desk("c320", PaperC320(), store).write({"F0.2": 10.0}, save=True)
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value", "error"),
+    [
+        ("c320", "F0.2", 700.0, LimitError),
+        ("c320", "F0.2", -1.0, LimitError),
+        ("c320", "F4.0", 9.0, LimitError),
+        ("vc660", "F00.00", 1.0, CapabilityError),
+        ("vc660", "F00.03", 1.0, CapabilityError),
+        ("vc660", "3002H", 1.0, CapabilityError),
+        ("vc660", "0x200B", 1.0, CapabilityError),
+        ("c320", "F3.5", 1.0, CapabilityError),
+        ("c320", "output_frequency", 1.0, CapabilityError),
+        ("c320", "nonsense", 1.0, ProfileError),
+    ],
+)
+def test_i7_what_may_not_be_written_is_refused_before_sending(
+    model: str, name: str, value: float, error: type[Exception]
+) -> None:
+    desk = Desk(model, PaperModbus() if model == "vc660" else PaperC320())
+    with pytest.raises(error):
+        desk.write({name: value})
+    assert not desk.world.asks
+
+
+def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
+    desk = Desk("c320", PaperC320())
+    with pytest.raises(LimitError):
+        desk.write({"F0.2": 10.0, "F4.0": 9.0})
+    assert not desk.world.asks
+
+
+def test_a_write_that_reads_back_differently_failed() -> None:
+    class Keeps(PaperC320):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            self.parameters[0, 2] = 5000
+            return reply
+
+    outcome = Desk("c320", Keeps()).write({"F0.2": 30.0})
+    assert (outcome.word, outcome.key, outcome.params["found"]) == (OutcomeWord.FAILED, "drives.write_differs", 50.0)
+
+
+def test_an_unanswered_write_is_decided_by_reading_it() -> None:
+    class Loses(PaperC320):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            return None if isinstance(request, sifang.WriteParameter) else reply
+
+    assert Desk("c320", Loses()).write({"F0.2": 30.0}).word is OutcomeWord.CONFIRMED
+
+
+def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
+    class Dies(PaperC320):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            self.silent = self.silent or isinstance(request, sifang.WriteParameter)
+            return reply
+
+    assert Desk("c320", Dies()).write({"F0.2": 30.0}).word is OutcomeWord.UNKNOWN
+
+
+def test_a_refused_write_says_why() -> None:
+    class Locked(PaperC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sifang.WriteParameter):
+                return sifang.Reply(1, sifang.Response.PASSWORD, sifang.State.STOPPED, 0, 2, 0)
+            return super().__call__(request)
+
+    outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
+    assert (outcome.word, outcome.key) == (OutcomeWord.REFUSED, "drives.sifang_response_3")
+
+
+def test_a_write_only_register_is_acknowledged_at_best() -> None:
+    outcome = Desk("vc660", PaperModbus()).write({"2006H": 5.0})
+    assert (outcome.word, outcome.key) == (OutcomeWord.ACKNOWLEDGED, "drives.write_acknowledged")
+
+
+def test_every_written_parameter_is_named_in_the_notes() -> None:
+    outcome = Desk("c320", PaperC320()).write({"F0.2": 30.0, "F1.10": 16.0})
+    assert [params["notation"] for _, params in outcome.notes] == ["F0.2", "F1.10"]
+
+
+def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
+    desk = Desk("c320", PaperC320(output=1234, parameters={(0, 2): 3000}))
+    found = desk.read("F0.02", "output_frequency", "d.0", "F3.5")
+    assert (found["F0.02"].value, found["F0.02"].raw) == (30.0, 3000)
+    assert found["output_frequency"].value == found["d.0"].value == 12.34
+    assert found["F3.5"].raw == 0
+
+
+def test_a_write_only_register_is_not_read() -> None:
+    desk = Desk("vc660", PaperModbus())
+    assert desk.read("2006H")["2006H"].reason == "drives.write_only"
+    assert not desk.world.asks
+
+
+def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
+    found = Desk("c320", PaperC320(silent=True)).read("F0.2")
+    assert (found["F0.2"].value, found["F0.2"].reason) == (None, "drives.no_answer")
+
+
+# --- pre-flight ---------------------------------------------------------------------------------------------------
+
+
+def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read() -> None:
+    desk = Desk("vc660", PaperModbus(registers={1: 2}))
+    found = desk.world.play(preflight(Talk(desk.memory)))
+    assert [m.notation for m in found.missing] == ["F00.01"]
+    assert [notation for notation, _ in found.unreadable] == ["F01.00"]
+    assert not found.passed
+
+
+def test_the_preflight_reads_the_ramps_where_the_model_tells_them() -> None:
+    desk = Desk("df800", PaperModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
+    found = desk.world.play(preflight(Talk(desk.memory)))
+    assert found.holds == ("F1.01", "F1.02")
+    assert (desk.memory.acceleration_s, desk.memory.deceleration_s) == (15.0, 4.0)
+
+
+def test_silence_proves_nothing() -> None:
+    desk = Desk("c320", PaperC320(silent=True))
+    with pytest.raises(PreflightError) as caught:
+        desk.world.play(preflight(Talk(desk.memory)))
+    assert caught.value.key == "drives.preflight_silent"
+
+
+# --- the store ----------------------------------------------------------------------------------------------------
+
+
+def test_a_file_store_keeps_values_and_replaces_the_file_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "s.json"
+    store = FileStore(path)
+    assert store.get("a") is None
+    store.put("a", "1")
+    store.put("b", "2")
+    assert (FileStore(path).get("a"), FileStore(path).get("b")) == ("1", "2")
+    assert json.loads(path.read_text())["format"] == 1
+    assert sorted(p.name for p in path.parent.iterdir()) == ["s.json", "s.lock"]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"format": 2, "values": {}}', '{"format": 1, "values": {"a": 1}}'])
+def test_a_store_that_is_not_ours_is_refused_and_never_overwritten(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "s.json"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError):
+        FileStore(path).get("a")
+    with pytest.raises(ConfigurationError):
+        FileStore(path).put("a", "1")
+    assert path.read_text() == text
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "s.json"
+    FileStore(path).put("a", "1")
+
+    def full(fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        FileStore(path).put("a", "2")
+    monkeypatch.undo()
+    assert FileStore(path).get("a") == "1"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["s.json", "s.lock"]
+
+
+PUT_MANY = """
+import sys
+from drivebus.drives.store import FileStore
+for n in range(20):
+    FileStore(sys.argv[1]).put(f"{sys.argv[2]}{n}", str(n))
+"""
+
+
+def test_two_programs_lose_no_values_of_each_other(tmp_path: Path) -> None:
+    path = str(tmp_path / "s.json")
+    workers = [subprocess.Popen([sys.executable, "-c", PUT_MANY, path, name]) for name in "ab"]
+    assert [worker.wait(60) for worker in workers] == [0, 0]
+    store = FileStore(path)
+    assert all(store.get(f"{name}{n}") == str(n) for name in "ab" for n in range(20))
+
+
+def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from drivebus.drives.store import default_path
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert default_path() == tmp_path / "drivebus" / "store.json"
