@@ -195,3 +195,25 @@ def test_two_answers_in_one_window_hint_at_a_duplicate_address() -> None:
     assert play.core.health(1, play.now).duplicate
     assert play.core.counters.kinds["duplicate"] >= 2
     assert all(play.answers[number][0].reply is None for number in range(3))
+
+
+def test_a_refused_fence_proves_nothing_until_it_was_refused_three_times() -> None:
+    """An error reply echoes only the function, so an older error would pass for it; but a drive that knows no such
+    request must not be lost for ever."""
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    play.wire = lambda frame, ended: []
+    play.ask(ask_read(), "second")
+    play.until(play.now + 0.1)
+    inner = wire(station)
+
+    def refuses_loopbacks(frame: bytes, ended: float) -> Iterable[tuple[float, bytes]]:
+        if frame[1] == 8:
+            return [(ended + 0.02, CODEC.encode_reply(modbus.ErrorReply(1, 8, 1)))]
+        return inner(frame, ended)
+
+    play.wire = refuses_loopbacks
+    assert play.answer("second").error is None
+    assert [frame[1] for frame in play.frames] == [3, 3, 8, 8, 8, 3]

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from drivebus.bus.transaction import Transaction
 
 
+FENCE_REFUSALS = 3
+"""A refusal echoes too little to prove that it answers this fence (DF800: only the function). So many in a row do:
+a station owes fewer late answers than that, and one that knows no such request must not be lost for ever."""
+
+
 class NotBelieved(NoReply):
     """A reply came, and may be our own echo or an older one: it counts as none, and sending again would not help."""
 
@@ -34,6 +39,8 @@ def disbelief(core: BusCore, flight: Transaction) -> Exception | None:
         return NotBelieved("bus.mirrored", station=job.station.address)
     if job.station.suspect and not job.fence:
         return NotBelieved("bus.suspect", station=job.station.address)
+    if job.fence and flight.size < job.reply_bytes and job.station.refusals < FENCE_REFUSALS - 1:
+        return NotBelieved("bus.fence_refused", station=job.station.address)
     return None
 
 
@@ -42,7 +49,9 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
     job, station = flight.job, flight.job.station
     _count(core, flight, error, now)
     if isinstance(error, NotBelieved):
-        if job.fence:
+        if job.fence and error.key == "bus.fence_refused":
+            station.refusals += 1
+        elif job.fence:
             core.believe(station, now, really=False)
         core.finish(job, error, flight)
         return

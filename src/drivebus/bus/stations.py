@@ -56,8 +56,8 @@ class Station:
 
     __slots__ = (
         "address", "asked", "backoff_s", "codec", "counters", "dead", "duplicates", "fence_waiting", "fences", "gap_s",
-        "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at", "quarantined_until", "seen",
-        "suspect",
+        "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at", "quarantined_until",
+        "refusals", "seen", "suspect",
     )  # fmt: skip
 
     def __init__(self, link: StationLink, line: LineSettings) -> None:
@@ -74,6 +74,8 @@ class Station:
         self.backoff_s = 0.0
         self.probe_at = 0.0
         self.fences = 0
+        self.refusals = 0
+        """Fences in a row that were answered with a refusal."""
         self.fence_waiting: Job | None = None
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
@@ -112,6 +114,7 @@ class Station:
     def revive(self, *, really: bool) -> None:
         """Its fence was answered. Not ``really``: by what might be our own echo, so it may be asked, no more."""
         self.suspect = self.dead = False
+        self.refusals = 0
         if really:
             self.seen = True
             self.backoff_s = 0.0

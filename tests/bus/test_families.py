@@ -1,0 +1,55 @@
+"""The bus with all four families on simulated lines, in virtual time: every weather, every poll its own answer."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.bus import Bus, Poll, Presence
+from drivebus.drives.make import make_dialect
+from drivebus.message import Answer
+from drivebus.ports import open_port
+from drivebus.testing.virtual import run
+
+MODELS = ("c320", "dzb100", "vc660", "df800")
+WEATHERS = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
+
+
+def reads(dialect: Any) -> list[Any]:
+    """Two reads that belong to the family's everyday polls."""
+    fences = [dialect.link.fence(n) for n in range(4)]
+    return fences[:2] if not dialect.state_reads() else list(dialect.state_reads())
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("weather", WEATHERS)
+def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> None:
+    async def story() -> None:
+        profile = profiles.load(model)
+        port = open_port(f"sim://{model}@1-3?weather={weather}&seed=5&echo=detect")
+        bus = Bus(port)
+        seen: dict[int, list[Answer]] = {}
+        async with bus:
+            for address in (1, 2, 3):
+                dialect = make_dialect(profile, address)
+                bus.add(dialect.link)
+                polls = [Poll(request, 1.0) for request in reads(dialect)]
+                bus.watch(address, polls, seen.setdefault(address, []).append)
+            await asyncio.sleep(120)
+            statistics = bus.statistics()
+            for address in (1, 2, 3):
+                answers = seen[address]
+                good = [answer for answer in answers if answer.error is None]
+                assert len(good) > 0.5 * len(answers) and len(good) > 50, statistics
+                assert all(answer.reply is not None for answer in good)
+                assert bus.presence(address) is not Presence.NEVER_SEEN
+                assert not bus.health(address).foreign_master, statistics.counters
+            if weather in ("clean", "bytes", "echo", "echo,bytes"):
+                assert statistics.errors == {}, (statistics.errors, statistics.counters)
+            if "echo" in weather:
+                assert statistics.counters["echo"] == statistics.replies
+
+    run(story())
