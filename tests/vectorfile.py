@@ -24,15 +24,36 @@ class Vector:
     fields: dict[str, Any]
     line: dict[str, Any]
 
+    def __repr__(self) -> str:
+        return self.id
+
     @property
     def canonical(self) -> bytes | None:
+        """What a correct sender emits, where the line says that it is something else than printed."""
         text = self.line.get("canonical_hex")
         return None if text is None else bytes.fromhex(text)
 
     @property
+    def correct(self) -> bytes:
+        """What a correct sender emits."""
+        return self.canonical or self.data
+
+    @property
+    def misprinted(self) -> bool:
+        return "erratum" in self.line
+
+    @property
+    def hazardous(self) -> bool:
+        return "hazard" in self.line
+
+    @property
+    def ambiguous(self) -> bool:
+        return "ambiguous" in self.line
+
+    @property
     def plain(self) -> bool:
         """Neither misprinted nor doing something else than it says."""
-        return "erratum" not in self.line and "hazard" not in self.line
+        return not self.misprinted and not self.hazardous
 
     @property
     def request(self) -> Vector | None:
@@ -46,6 +67,11 @@ def load(family: str) -> tuple[Vector, ...]:
     """All vectors of a family."""
     lines = (FOLDER / f"{family}.jsonl").read_text(encoding="utf-8").splitlines()
     return tuple(_vector(json.loads(line)) for line in lines)
+
+
+def by_id(family: str) -> dict[str, Vector]:
+    """All vectors of a family by their names."""
+    return {vector.id: vector for vector in load(family)}
 
 
 def _vector(line: dict[str, Any]) -> Vector:

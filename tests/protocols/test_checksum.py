@@ -29,6 +29,10 @@ def test_lrc_makes_the_sum_zero() -> None:
     assert (sum(data) + checksum.lrc(data)) & 0xFF == 0
 
 
+def test_sum16_has_sixteen_bits() -> None:
+    assert checksum.sum16(b"\xff" * 1000) == 255_000 - 3 * 65536
+
+
 @given(st.binary(max_size=2000))
 def test_sum16_is_the_sum_of_the_bytes_modulo_65536(data: bytes) -> None:
     assert checksum.sum16(data) == sum(data) % 65536

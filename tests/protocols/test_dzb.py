@@ -14,9 +14,9 @@ from drivebus.errors import AddressError, AlphabetError, ChecksumError, CodeErro
 from drivebus.message import Complete, Effect, Incomplete
 from drivebus.protocols import dzb
 from drivebus.protocols.dzb import Command, DzbCodec
-from protocols.vectors import Vector, load
+from vectorfile import Vector, by_id
 
-VECTORS = load("dzb100")
+VECTORS = by_id("dzb100")
 REQUESTS = [v for v in VECTORS.values() if v.direction == "request"]
 REPLIES = [v for v in VECTORS.values() if v.direction == "response"]
 CODEC = DzbCodec()
@@ -36,8 +36,8 @@ requests = st.one_of(
 
 
 def request_of(reply: Vector) -> dzb.Request:
-    if reply.reply_to:
-        return CODEC.decode_request(VECTORS[reply.reply_to].bytes).message
+    if reply.request:
+        return CODEC.decode_request(reply.request.data).message
     address = reply.fields["address"]
     return dzb.Query(address, 3) if reply.fields["head"] == "Q" else dzb.WriteParameter(address, 99, 5)
 
@@ -62,17 +62,17 @@ def stated(vector: Vector) -> dict[str, Any]:
 
 @pytest.mark.parametrize("vector", REQUESTS, ids=repr)
 def test_a_station_hears_every_request(vector: Vector) -> None:
-    verdict = CODEC.decode_request(vector.bytes)
+    verdict = CODEC.decode_request(vector.data)
     assert verdict.size == 11
     assert stated(vector).items() <= fields_of(verdict.message).items()
-    assert CODEC.encode_request(verdict.message) == vector.canonical
+    assert CODEC.encode_request(verdict.message) == vector.correct
 
 
 @pytest.mark.parametrize("vector", REPLIES, ids=repr)
 def test_a_reply_is_read_against_its_request(vector: Vector) -> None:
-    verdict = CODEC.decode_reply(request_of(vector), vector.bytes)
+    verdict = CODEC.decode_reply(request_of(vector), vector.data)
     assert stated(vector).items() <= fields_of(verdict.message).items()
-    assert CODEC.encode_reply(verdict.message) == vector.canonical
+    assert CODEC.encode_reply(verdict.message) == vector.correct
 
 
 @given(requests)
@@ -108,8 +108,8 @@ def test_byte_by_byte_is_the_same_as_whole_and_a_frame_ends_at_eleven_bytes(vect
             return CODEC.decode_request(data)
         return CODEC.decode_reply(request_of(vector), data)
 
-    assert [decode(vector.bytes[:end]) for end in range(11)] == [Incomplete(11)] * 11
-    assert decode(vector.bytes + b"C\x03") == decode(vector.bytes)
+    assert [decode(vector.data[:end]) for end in range(11)] == [Incomplete(11)] * 11
+    assert decode(vector.data + b"C\x03") == decode(vector.data)
 
 
 @pytest.mark.parametrize("command", [Command.STOP, Command.STOP_2])
@@ -192,6 +192,25 @@ def test_a_reply_that_is_no_reply_is_not_emitted(reply: dzb.Reply) -> None:
         CODEC.encode_reply(reply)
 
 
+@pytest.mark.parametrize("address", [32, 64, 99])
+def test_nobody_has_an_address_above_31(address: int) -> None:
+    with pytest.raises(AddressError) as caught:
+        CODEC.decode_request(b"C\x03\x01%02d000000" % address)
+    assert (caught.value.expected, caught.value.found) == (31, address)
+
+
+def test_t20_the_echo_of_a_c_request_reads_as_a_state_digit_and_never_as_done() -> None:
+    """A 01 reads as B = X1: position and time tell them apart, and neither counts as accepted or refused (ruling 1)."""
+    reply = CODEC.decode_reply(RUN, CODEC.encode_request(RUN)).message  # type: ignore[union-attr]
+    assert (reply.accepted, reply.digit) == (None, 1)
+
+
+@pytest.mark.parametrize("request_", [dzb.WriteParameter(1, 10, 5), dzb.ReadParameter(1, 10), dzb.Query(1, 3)])
+def test_the_echo_of_any_other_request_is_no_reply(request_: dzb.Request) -> None:
+    with pytest.raises(CodeError):
+        CODEC.decode_reply(request_, CODEC.encode_request(request_))
+
+
 def test_a_command_digit_that_nobody_listed_is_not_heard() -> None:
     with pytest.raises(CodeError) as caught:
         CODEC.decode_request(b"C\x03\x0101090000")
@@ -268,9 +287,9 @@ def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size() -> None:
 @pytest.mark.parametrize("vector", REPLIES, ids=repr)
 def test_t19_every_byte_value_in_every_position_raises_nothing_but_protocol_errors(vector: Vector) -> None:
     """And what passes differs only in B of a control reply, or in data that no request foretells."""
-    request, frame = request_of(vector), bytearray(vector.bytes)
+    request, frame = request_of(vector), bytearray(vector.data)
     free = range(7, 11) if vector.fields["head"] in "RQ" or vector.fields["accepted"] is False else range(0)
-    for position, original in enumerate(vector.bytes):
+    for position, original in enumerate(vector.data):
         for byte in set(range(256)) - {original}:
             frame[position] = byte
             try:
@@ -298,7 +317,7 @@ def test_g03_the_single_flips_that_a_host_cannot_see_are_these_of_88(name: str, 
         except ProtocolError:
             return False
 
-    assert sum(map(passes, flips(vector.bytes))) == count
+    assert sum(map(passes, flips(vector.data))) == count
 
 
 def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
@@ -344,6 +363,13 @@ def test_every_step_of_a_coding_comes_back(coding: dzb.FrequencyCoding, step: in
 def test_a_frequency_that_is_no_word_is_refused(hz: float, coding: dzb.FrequencyCoding) -> None:
     with pytest.raises(ValueError, match="does not fit"):
         dzb.encode_frequency(hz, coding)
+
+
+def test_a_decimal_frequency_has_four_digits() -> None:
+    """Above 999.9 Hz the word would be five digits long, and 1000.0 Hz would leave as 0000."""
+    assert dzb.encode_frequency(999.9, "decimal-0.1") == 0x9999
+    with pytest.raises(ValueError, match="does not fit"):
+        dzb.encode_frequency(1000.0, "decimal-0.1")
 
 
 def test_a_word_with_letters_is_no_decimal_frequency() -> None:

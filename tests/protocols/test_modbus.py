@@ -113,6 +113,30 @@ def test_another_stations_frame_with_a_bad_check_is_noise(codec: Codec, asked: R
 
 
 @pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
+@pytest.mark.parametrize(("asked", "function"), [(WriteRegister(1, 2, 3), 16), (ReadRegisters(1, 0, 2), 6)])
+def test_a_short_error_of_another_function_is_none_t15(codec: Codec, asked: Request, function: int) -> None:
+    with pytest.raises(EchoError) as caught:
+        codec.decode_reply(asked, frame(codec, f"01 {function:02X} 00") + b"000000")
+    assert (caught.value.expected, caught.value.found) == (asked.function, function)
+
+
+@pytest.mark.parametrize("third", ["01", "04", "FF"])
+def test_a_short_error_says_00_and_nothing_else_t15(third: str) -> None:
+    codec = AsciiCodec("short")
+    assert codec.decode_reply(WriteRegister(1, 2, 3), frame(codec, f"01 06 {third}")) == Incomplete(17)
+
+
+@every_codec
+def test_nobody_answers_for_everybody_f10(codec: Codec) -> None:
+    """A reply from address 0 is none, whoever was asked; with a broadcast even our own echo is not one."""
+    echo = codec.encode_request(WriteRegister(0, 2, 3))
+    with pytest.raises(HeaderError):
+        codec.decode_reply(WriteRegister(0, 2, 3), echo)
+    with pytest.raises(AddressError):
+        codec.decode_reply(WriteRegister(1, 2, 3), echo)
+
+
+@pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
 @pytest.mark.parametrize("function", ["03", "06"])
 def test_another_stations_short_error_tells_its_size_f02(codec: Codec, function: str) -> None:
     asked = ReadRegisters(1, 0, 2) if function == "03" else WriteRegister(1, 0, 2)

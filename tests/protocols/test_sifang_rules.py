@@ -47,6 +47,9 @@ requests = st.one_of(reads, writes, controls)
 states = st.sampled_from([state for state in State if state is not State.FAULT])
 
 
+reads_one = sifang.ReadMonitor(5, 0)
+
+
 def accepted(request: sifang.Request, data: bytes, encoding: Encoding = "ascii", **options: Any) -> Reply:
     verdict = SifangCodec(encoding, **options).decode_reply(request, data)
     assert isinstance(verdict, Complete)
@@ -62,6 +65,18 @@ def test_t01_bytes_4_and_5_of_a_read_are_always_the_digits_00(encoding: Encoding
     frame = CODECS[encoding].encode_request(request)
     assert frame[4:6] == (b"00" if encoding == "ascii" else b"\x00\x00")
     assert sifang.effect(frame) is Effect.NONE
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_t01_no_read_that_there_is_carries_an_operation(encoding: Encoding) -> None:
+    """Every address, group and item: 135,408 frames."""
+    none = b"00" if encoding == "ascii" else b"\x00\x00"
+    encode = CODECS[encoding].encode_request
+    for address in range(31):
+        assert all(encode(sifang.ReadIdentity(address, group))[4:6] == none for group in range(16))
+        assert all(encode(sifang.ReadMonitor(address, item))[4:6] == none for item in range(256))
+        for group in range(16):
+            assert all(encode(sifang.ReadParameter(address, group, item))[4:6] == none for item in range(256))
 
 
 @given(encodings, writes)
@@ -299,6 +314,31 @@ def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding)
     with pytest.raises(EchoError) as caught:
         CODECS[encoding].decode_reply(request, CODECS[encoding].encode_request(request))
     assert (caught.value.key, caught.value.found) == ("protocols.sifang.own_echo", 7)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    ("request_", "state", "data"),
+    [
+        (sifang.WriteParameter(5, 2, 1, 7, save=True), State.NOT_READY, 7),
+        (sifang.WriteParameter(5, 2, 1, 7), State.STOPPED, 7),
+        (sifang.WriteParameter(5, 2, 1, 0), State.NOT_READY, 0),
+    ],
+)
+def test_t21_a_refusal_that_is_not_the_echo_is_believed(
+    encoding: Encoding, request_: sifang.WriteParameter, state: State, data: int
+) -> None:
+    """A class-5 frame has no such echo, a state none, and a write of 0 is refused either way."""
+    refused = Reply(5, Response.PASSWORD, state, 2, 1, data)
+    assert accepted(request_, CODECS[encoding].encode_reply(refused), encoding) == refused
+
+
+def test_a_hex_class_or_response_is_one_digit() -> None:
+    for frame in (b"Z\x00\x05\x10", b"Z\x00\x05\x1f"):
+        for decode in (CODECS["hex"].decode_request, lambda data: CODECS["hex"].decode_reply(reads_one, data)):
+            with pytest.raises(AlphabetError) as caught:
+                decode(frame)
+            assert (caught.value.found, caught.value.params["position"]) == (frame[3], 3)
 
 
 @pytest.mark.parametrize(
