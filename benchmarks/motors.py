@@ -40,10 +40,10 @@ def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
     return round(median(times) * 1e3, 2)
 
 
-def ours() -> Figures:
+def run() -> Figures:
     """Milliseconds by scene and step."""
     return {scene: {f"dt {dt} s": step_ms(at_s, dt) for dt in (0.01, 0.1)} for scene, at_s in SCENES.items()}
 
 
 if __name__ == "__main__":
-    print(json.dumps(ours(), indent=2))
+    print(json.dumps(run(), indent=2))
