@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
 import time
@@ -58,17 +59,19 @@ class Terminal:
 
     def wait_for(self, text: str, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Read until ``text`` appeared; ``meanwhile`` is done again and again (a held key)."""
-        import select
-
         deadline = time.monotonic() + PATIENCE_S
         while text not in self.seen:
             assert time.monotonic() < deadline, f"{text!r} never came: {self.seen[-2000:]!r}"
             meanwhile()
-            if select.select([self.fd], [], [], 0.05)[0]:
-                try:
-                    self.seen += os.read(self.fd, 4096).decode(errors="replace")
-                except OSError:
-                    raise AssertionError(f"{text!r} never came: {self.seen[-2000:]!r}") from None
+            try:
+                self.read()
+            except OSError:
+                raise AssertionError(f"{text!r} never came: {self.seen[-2000:]!r}") from None
+
+    def read(self) -> None:
+        """Take in what the command wrote, if anything comes within a moment. Raises OSError where it has ended."""
+        if select.select([self.fd], [], [], 0.05)[0]:
+            self.seen += os.read(self.fd, 4096).decode(errors="replace")
 
     def press(self, keys: str) -> None:
         os.write(self.fd, keys.encode())
@@ -88,10 +91,7 @@ class Terminal:
                 return os.waitstatus_to_exitcode(status)
             if self.fd >= 0:
                 with suppress(OSError):
-                    import select
-
-                    if select.select([self.fd], [], [], 0.05)[0]:
-                        self.seen += os.read(self.fd, 4096).decode(errors="replace")
+                    self.read()
             else:
                 time.sleep(0.05)
         raise AssertionError(f"never ended: {self.seen[-2000:]!r}")

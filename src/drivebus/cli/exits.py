@@ -46,7 +46,7 @@ def code_of(error: BaseException) -> Exit:
 def report(error: DrivebusError) -> Exit:
     """Say what went wrong, on standard error, and as a document where JSON was asked for."""
     code = code_of(error)
-    click.secho(f"drivebus: {error.text(voice.language())}", err=True, fg=_colour())
+    _complain(error.text(voice.language()))
     voice.document(describe(error) | {"exit": int(code)}, stream=True)
     return code
 
@@ -70,7 +70,7 @@ def report_usage(error: click.ClickException) -> Exit:
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "drivebus"
     sentence = usage_sentence(error)
-    click.secho(f"drivebus: {sentence}", err=True, fg=_colour())
+    _complain(sentence)
     click.echo(voice.say("cli.try_help", command=path), err=True)
     described = {"type": "UsageError", "key": "cli.usage", "text": sentence, "scope": "configuration"}
     voice.document({"error": described, "exit": int(Exit.USAGE)}, stream=True)
@@ -105,8 +105,9 @@ def _name_of(error: click.BadParameter) -> str:
     return (error.param.make_metavar(error.ctx) if error.param and error.ctx else "") or str(error.param_hint or "?")
 
 
-def _colour() -> str | None:
-    return "red" if coloured(sys.stderr) else None
+def _complain(sentence: str) -> None:
+    text = f"drivebus: {sentence}"
+    click.echo(click.style(text, fg="red") if coloured(sys.stderr) else text, err=True)
 
 
 def coloured(stream: Any) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 from drivebus.bus import Bus
 from drivebus.drives.dialect import Dialect
 from drivebus.drives.make import make_dialect
-from drivebus.errors import DrivebusError, PortError, PortLost
+from drivebus.errors import PortError, PortLost
 from drivebus.line import LineSettings
 from drivebus.message import Answer, Ask, Effect, Lane
 from drivebus.ports import Port
@@ -21,8 +21,6 @@ from drivebus.profiles.model import DriveProfile
 
 FIXED_LINE = frozenset({"tcp", "memory", "replay"})
 """Schemes whose line settings are not ours to change: one pass with what they have."""
-ERRORS_IN_A_ROW = 3
-"""So many lost ports in a row end a scan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +144,12 @@ def question_s(candidate: Candidate, settings: LineSettings) -> float:
 
 
 def probe(dialect: Dialect) -> Any:
-    """The question "who are you": the read that shows the state. Raises ValueError if it could do anything else."""
-    request = dialect.state_reads()[0]
+    """The question "is somebody there": the read that shows the state, else the family's fence (a harmless read).
+
+    Raises ValueError if its bytes could do anything else.
+    """
+    reads = dialect.state_reads()
+    request = reads[0] if reads else dialect.link.fence(0)
     if dialect.link.effect(dialect.link.codec.encode_request(request)) is not Effect.NONE:
         raise ValueError(f"{request} is no pure read")
     return request
@@ -278,17 +280,3 @@ async def _ask(bus: Bus, candidate: Candidate, address: int) -> tuple[Answer, bo
     refused = answer.reply is not None and dialect.refusal(answer.reply) is not None
     return answer, refused
 
-
-__all__ = [
-    "Candidate",
-    "DrivebusError",
-    "Found",
-    "Overheard",
-    "Pass",
-    "Progress",
-    "listen",
-    "plan",
-    "probe",
-    "question_s",
-    "scan",
-]

@@ -1,0 +1,187 @@
+"""The scan finds who is there and how the line is set, in virtual time; it only ever reads."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus import ports, profiles
+from drivebus.bus import Bus
+from drivebus.commissioning import scan
+from drivebus.commissioning.scan import Found, Pass, Progress
+from drivebus.drives.make import make_dialect
+from drivebus.line import LineSettings
+from drivebus.message import Effect
+from drivebus.sim.port import find_bench, forget_benches
+from drivebus.testing import virtual
+
+ALL = ("c320", "dzb100", "vc660", "df800")
+
+
+@pytest.fixture(autouse=True)
+def benches() -> Any:
+    yield
+    forget_benches()
+
+
+def plan(*models: str, **options: Any) -> list[Pass]:
+    return scan.plan([profiles.load(model) for model in models or ALL], **options)
+
+
+def walk(link: str, passes: list[Pass], **options: Any) -> tuple[list[Found], Progress]:
+    """Scan a simulated line in virtual time."""
+    progress = Progress(sum(one.seconds for one in passes))
+
+    def open_port(settings: LineSettings) -> ports.Port:
+        return ports.open_port(link, baud=settings.baud, format=settings.format)
+
+    return virtual.run(scan.scan(passes, open_port, progress, **options)), progress
+
+
+@pytest.mark.parametrize(
+    ("link", "model", "encoding", "address", "settings"),
+    [
+        ("sim://c320@3?name=a&drives=9600-8E1", "c320", "ascii", 3, "9600 8E1"),
+        ("sim://c320@5?name=a&drives=19200-8N1", "c320", "ascii", 5, "19200 8N1"),
+        ("sim://dzb100@2?name=a&drives=4800-8E1", "dzb100", "ascii", 2, "4800 8E1"),
+        ("sim://vc660@4?name=a&drives=19200-8N1", "vc660", "rtu", 4, "19200 8N1"),
+        ("sim://df800@1?name=a&drives=9600-8N1", "df800", "rtu", 1, "9600 8N1"),
+    ],
+)
+def test_each_family_is_found_with_its_address_and_line_settings(
+    link: str, model: str, encoding: str, address: int, settings: str
+) -> None:
+    found, _ = walk(link, plan(addresses=range(1, 6)))
+    assert [(one.models[0], one.encoding, one.address, str(one.settings)) for one in found if not one.doubtful][0] == (
+        model,
+        encoding,
+        address,
+        settings,
+    )
+
+
+def test_a_c320_answers_in_both_of_its_encodings_and_both_are_told() -> None:
+    found, _ = walk("sim://c320@1?name=a&drives=9600-8E1", plan("c320", addresses=(1,), bauds=(9600,)))
+    assert {one.encoding for one in found if not one.doubtful} == {"ascii", "hex"}
+
+
+def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None:
+    passes = plan("df800", "vc660", addresses=(1,), encodings=("rtu",), bauds=(9600,), formats=("8N1",))
+    found, _ = walk("sim://vc660@1?name=a&drives=9600-8N1", passes)
+    assert [one.models for one in found] == [("vc660",)]
+
+
+def test_a_df800_that_refuses_the_status_register_of_others_is_still_found() -> None:
+    passes = plan("vc660", "df800", addresses=(1,), encodings=("rtu",), bauds=(9600,), formats=("8N1",))
+    found, _ = walk("sim://df800@1?name=a&drives=9600-8N1", passes)
+    assert [one.models for one in found] == [("df800",)]
+
+
+def test_an_empty_line_takes_as_long_as_the_plan_said() -> None:
+    passes = plan("c320", addresses=range(1, 9), bauds=(9600,), formats=("8E1",))
+
+    async def timed() -> float:
+        begun = asyncio.get_running_loop().time()
+        port = "sim://c320@30?name=a&drives=9600-8E1"
+        progress = Progress(0.0)
+        await scan.scan(passes, lambda s: ports.open_port(port, baud=s.baud, format=s.format), progress)
+        return asyncio.get_running_loop().time() - begun
+
+    assert virtual.run(timed()) == pytest.approx(sum(one.seconds for one in passes), rel=0.1)
+
+
+def test_once_somebody_answered_other_line_settings_are_not_tried() -> None:
+    """A pair of wires has one setting."""
+    found, progress = walk(
+        "sim://vc660@1?name=a&drives=9600-8N1", plan("vc660", addresses=range(1, 4), bauds=(9600, 19200))
+    )
+    assert {str(one.settings) for one in found} == {"9600 8N1"}
+    assert progress.left_s == pytest.approx(0.0, abs=1e-6)
+
+
+def test_factory_settings_are_tried_first() -> None:
+    passes = plan("c320", "vc660")
+    factory = [one.factory for one in passes]
+    assert factory == sorted(factory, reverse=True)
+    assert {str(one.settings) for one in passes if one.factory} == {"9600 8E1", "9600 8N1"}
+
+
+def test_the_broadcast_address_is_never_asked() -> None:
+    for one in plan():
+        broadcasts = {candidate.profile.broadcast for candidate in one.candidates}
+        assert not broadcasts & set(one.addresses)
+
+
+@pytest.mark.parametrize("model", profiles.models())
+def test_the_question_is_a_pure_read_of_every_model_in_every_encoding(model: str) -> None:
+    profile = profiles.load(model)
+    for encoding in profile.encodings:
+        dialect = make_dialect(profile, max(1, profile.addresses[0]), encoding=encoding)
+        assert dialect.link.effect(dialect.link.codec.encode_request(scan.probe(dialect))) is Effect.NONE
+
+
+def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
+    """I11: poll and read frames have no command effect in any station."""
+    link = "sim://c320@1-2?name=quiet&drives=9600-8E1"
+
+    async def go() -> list[tuple[int, int]]:
+        port = ports.open_port(link, baud=9600, format="8E1")
+        async with Bus(port):
+            for station in find_bench("quiet").stations:
+                station.press_run(20.0)
+        before = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_bench("quiet").stations]
+        passes = plan(addresses=range(1, 4))
+        opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
+        await scan.scan(passes, opener, Progress(0.0), keep_going=True)
+        after = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_bench("quiet").stations]
+        assert after == before
+        return after
+
+    assert virtual.run(go()) == [(1, 0), (1, 0)]
+
+
+def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
+    link = "sim://c320@1?name=a&drives=9600-8E1"
+    passes = plan("c320", encodings=("ascii",), bauds=(9600,), formats=("8E1",))
+    progress = Progress(sum(one.seconds for one in passes))
+
+    async def aborted() -> None:
+        opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
+        task = asyncio.create_task(scan.scan(passes, opener, progress))
+        await asyncio.sleep(1.0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    virtual.run(aborted())
+    assert [one.address for one in progress.found] == [1]
+    assert progress.left_s > 0
+
+
+def test_another_master_is_heard_before_anything_is_said() -> None:
+    link = "sim://c320@1?name=shared&drives=9600-8E1"
+
+    async def go() -> tuple[int, int]:
+        other = ports.open_port(link, baud=9600, format="8E1")
+        async with Bus(other) as bus:
+            dialect = make_dialect(profiles.load("c320"), 1)
+            bus.add(dialect.link)
+            from drivebus.bus import Poll
+
+            bus.watch(1, [Poll(dialect.state_reads()[0], 0.2)], lambda answer: None)
+            mine = ports.open_port(link, baud=9600, format="8E1")
+            heard = await scan.listen(mine, 2.0)
+            return heard.count, len(heard.first)
+
+    count, first = virtual.run(go())
+    assert count >= 10 * (14 + 18)
+    assert 64 >= first > 0
+
+
+def test_silence_is_told_as_silence() -> None:
+    async def go() -> int:
+        return (await scan.listen(ports.open_port("sim://c320@1?name=a"), 2.0)).count
+
+    assert virtual.run(go()) == 0
