@@ -183,3 +183,18 @@ def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None
         with pytest.raises(ConfigurationError) as caught:
             bus.add(link(address))
         assert caught.value.key == key
+
+
+def test_a_write_that_nobody_waits_for_any_more_is_not_sent_again() -> None:
+    """Cancelled while its frame is out: the answer is dropped, and there is no second attempt."""
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    station.alive = False
+    play.ask(ask_write(play.core), "write")
+    play.until(play.now + 0.02)
+    play._perform(play.core.cancel("write", play.now))
+    station.alive = True
+    play.until(play.now + 10)
+    assert [frame[1] for frame in play.frames].count(6) == 1

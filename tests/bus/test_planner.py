@@ -171,3 +171,26 @@ def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
     assert found.bytes_received == 13 * found.replies
     assert found.elapsed_s == 31
     assert 0 < found.load_percent < found.occupied_percent <= 100
+
+
+def test_a_watch_that_was_cancelled_while_its_station_was_silent_stays_cancelled() -> None:
+    station = Station(alive=False)
+    play = book(station)
+    play.watch(1, [Poll(read(), 0.2)])
+    play.until(3)
+    play._perform(play.core.unwatch("watch", play.now))
+    station.alive = True
+    play.until(200)
+    assert station.heard and station.answers == 0 and not play.core.stations[1].suspect
+
+
+def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:
+    station = Station(alive=False)
+    play = book(station, Station(2))
+    play.ask(ask_read(1), "gone")
+    play.until(0.02)
+    play._perform(play.core.remove(1, play.now))
+    assert play.answer("gone").error is not None
+    count = len(play.sent)
+    play.until(200)
+    assert len(play.sent) == count and play.core.scheduler.doubted == []

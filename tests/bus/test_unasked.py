@@ -106,3 +106,15 @@ def test_the_gap_counts_from_the_last_byte_heard_whoever_sent_it() -> None:
     play.ask(ask_read())
     play.answer()
     assert play.sent[0][0] == play.now or play.sent[0][0] - (1.0 + C) >= 3.5 * C * 0.999999
+
+
+def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
+    """G18 on a busy bus, where nobody is ever idle."""
+    play = Playbook(core(1))
+    foreign = CODEC.encode_request(modbus.ReadRegisters(9, 0x100, 2))
+    for number in range(2):
+        play.until(play.now + 2)
+        play.ask(ask_read(), number)
+        play.hear(foreign, at=play.now + 0.03)
+        play.answer(number)
+    assert play.core.health(1, play.now).foreign_master

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivebus.bus import unasked
 from drivebus.bus.planner import PollJob
 from drivebus.bus.trace import Kind, TraceEvent
 from drivebus.errors import AlphabetError, ChecksumError, LineFault, NoReply, ProtocolError, TrailingError
@@ -48,6 +49,10 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
     """Count it, draw the consequences for the station, and try again or tell."""
     job, station = flight.job, flight.job.station
     _count(core, flight, error, now)
+    unasked.overheard(core, flight, now)
+    if core.stations.get(station.address) is not station:  # removed meanwhile
+        core.finish(job, error, flight)
+        return
     if isinstance(error, NotBelieved):
         if job.fence and error.key == "bus.fence_refused":
             station.refusals += 1

@@ -113,7 +113,7 @@ class BusCore:
 
     def cancel(self, token: Any, now: float) -> list[Act]:
         """Nobody waits for this any more: what has not been sent never will be."""
-        self.scheduler.withdraw(lambda job: job.token is token)
+        self._drop(token)
         return self._go_on(now)
 
     def watch(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[Act]:
@@ -131,9 +131,19 @@ class BusCore:
 
     def unwatch(self, token: Any, now: float) -> list[Act]:
         """No more of these polls, and no more Done under this token."""
-        self.scheduler.plan.cancel(token)
-        self.scheduler.withdraw(lambda job: job.token is token)
+        self.scheduler.plan.cancel(lambda job: job.token is token)
+        for station in self.stations.values():
+            station.parked = [job for job in station.parked if job.token is not token]
+        self._drop(token)
         return self._go_on(now)
+
+    def _drop(self, token: Any) -> None:
+        """Out of the queues; what is on the wire gets no second attempt."""
+        self.scheduler.withdraw(lambda job: job.token is token)
+        if self.flight is not None and self.flight.job.token is token:
+            self.flight.job.attempts_allowed = 0
+            if isinstance(self.flight.job, PollJob):
+                self.flight.job.cancelled = True
 
     # --- events ------------------------------------------------------------------------------------------------
 

@@ -67,7 +67,7 @@ def classify(data: bytes, stations: Iterable[Station], after_master: bool) -> tu
     for station in known:
         if not any(codec is station.codec for codec in seen):
             seen.append(station.codec)
-            found = _request(station.codec, data)
+            found = request_in(station.codec, data)
             if found is not None:
                 return Kind.MASTER, None, found[0], found[1]
     return Kind.UNSOLICITED, None, None, len(data)
@@ -81,7 +81,8 @@ def _answer(job: Job, data: bytes) -> tuple[Any, int] | None:
     return None if isinstance(verdict, Incomplete) else (verdict.message, verdict.size)
 
 
-def _request(codec: Any, data: bytes) -> tuple[Any, int] | None:
+def request_in(codec: Any, data: bytes) -> tuple[Any, int] | None:
+    """The request that begins ``data``, with its size."""
     try:
         verdict = codec.decode_request(data)
     except ProtocolError:

@@ -19,7 +19,7 @@ from drivebus.bus.planner import Poll
 from drivebus.bus.stations import Health, Presence
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
-from drivebus.errors import PortError, PortLost
+from drivebus.errors import DrivebusError, PortLost
 from drivebus.line import LineSettings
 from drivebus.message import Answer, Ask, StationLink
 from drivebus.ports.port import Port, Quietable
@@ -213,7 +213,7 @@ class Bus:
         while True:
             try:
                 await self.port.open(self)
-            except PortError:
+            except DrivebusError:  # not there yet, or not ours yet: why is the next opener's to read
                 await asyncio.sleep(REOPEN_S)
             else:
                 break

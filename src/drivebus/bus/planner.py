@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
@@ -111,15 +111,13 @@ class Plan:
     def resume(self, station: Station, now: float) -> None:
         """The station answers again: its polls are due at once, those that were missed once only."""
         for job in station.parked:
-            if isinstance(job, PollJob) and not job.cancelled:
-                self.put(job, now)
+            self.put(job, now)
         station.parked.clear()
 
-    def cancel(self, token: Any = None, station: Station | None = None) -> None:
-        """No more of the polls of this token, or of this station."""
-        parked = (job for one in {entry[2].station for entry in self._heap} for job in one.parked)
-        for job in (*(entry[2] for entry in self._heap), *parked):
-            if isinstance(job, PollJob) and (job.station is station if station is not None else job.token is token):
+    def cancel(self, unwanted: Callable[[PollJob], bool]) -> None:
+        """No more of these polls (those that are parked are their stations' affair)."""
+        for _, _, job in self._heap:
+            if unwanted(job):
                 job.cancelled = True
 
     def next_due(self) -> float | None:
@@ -155,10 +153,13 @@ def arithmetic(polls: Sequence[tuple[StationLink, Sequence[Poll]]], line: LineSe
 
     The stop frame is ``link.extra["stop"]`` (a request) where the dialect gives one, else as long as the fence.
     """
-    costs = [(link, poll, _cost_s(link, poll, line)) for link, many in polls for poll in many]
+    costs = [(link, poll, _cost_s(link, poll.request, line)) for link, many in polls for poll in many]
     cycle_s = sum(cost for _, _, cost in costs)
     load = sum(cost / poll.period_s if poll.period_s > 0 else 1.0 for _, poll, cost in costs)
-    longest = max((cost - link.timing.gap_s(line) for link, _, cost in costs), default=0.0)
+    fences = [(link, _cost_s(link, link.fence(0), line)) for link, _ in polls]
+    longest = max(
+        (cost - link.timing.gap_s(line) for link, cost in (*((c[0], c[2]) for c in costs), *fences)), default=0
+    )
     stretch = max(1.0, load)
     drives = {
         link.address: DriveArithmetic(
@@ -170,11 +171,11 @@ def arithmetic(polls: Sequence[tuple[StationLink, Sequence[Poll]]], line: LineSe
     return BusArithmetic(100 * load, cycle_s, drives)
 
 
-def _cost_s(link: StationLink, poll: Poll, line: LineSettings) -> float:
+def _cost_s(link: StationLink, request: Any, line: LineSettings) -> float:
     """Gap, request, and the whole time that may pass until its reply is whole or given up."""
     codec, timing = link.codec, link.timing
-    request_s = line.seconds(len(codec.encode_request(poll.request)))
-    return timing.gap_s(line) + request_s + timing.timeout_s(line, codec.largest_reply(poll.request))
+    request_s = line.seconds(len(codec.encode_request(request)))
+    return timing.gap_s(line) + request_s + timing.timeout_s(line, codec.largest_reply(request))
 
 
 def _stop_bytes(link: StationLink) -> int:

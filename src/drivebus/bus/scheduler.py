@@ -112,7 +112,7 @@ class Scheduler:
 
     def forget(self, station: Station) -> None:
         """The station is no longer of this bus."""
-        self.plan.cancel(station=station)
+        self.plan.cancel(lambda job: job.station is station)
         station.parked.clear()
         if station in self.doubted:
             self.doubted.remove(station)

@@ -19,6 +19,7 @@ from drivebus.bus.statistics import Counters
 from drivebus.message import Ask, Lane, StationLink
 
 if TYPE_CHECKING:
+    from drivebus.bus.planner import PollJob
     from drivebus.line import LineSettings
 
 FIRST_PROBE_S = 1.0
@@ -79,7 +80,7 @@ class Station:
         self.fence_waiting: Job | None = None
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
-        self.parked: list[Job] = []
+        self.parked: list[PollJob] = []
         """Polls that wait until it answers again."""
         self.last_heard_at: float | None = None
         self.duplicates = 0

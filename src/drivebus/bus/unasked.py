@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivebus.bus.listener import classify
+from drivebus.bus.listener import classify, request_in
 from drivebus.bus.trace import Kind, TraceEvent
 from drivebus.errors import AddressError
 
@@ -36,6 +36,17 @@ def during(core: BusCore, flight: Transaction, now: float) -> None:
             core.trace(TraceEvent(flight.sent_end, Kind.EARLY, flight.early))
     for data, error in flight.foreign or ():
         _from_another(core, data, error, now)
+
+
+def overheard(core: BusCore, flight: Transaction, now: float) -> None:
+    """Was what came instead of an answer a whole request of somebody else (F14)? Our own frame is not."""
+    data = bytes(flight.buffer)
+    if not data or data == flight.job.data:
+        return
+    found = request_in(flight.job.codec, data)
+    if found is not None and data[: found[1]] != flight.job.data:
+        core.listener.foreign_request(now)
+        _note(core, Kind.MASTER, None, data[: found[1]], found[0], now, now)
 
 
 def _from_another(core: BusCore, data: bytes, error: AddressError, now: float) -> None:
