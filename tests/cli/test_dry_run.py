@@ -73,7 +73,10 @@ C320 = ("--model", "c320", "--address", "0")
         ("df800-stop-rtu", ("stop", "--model", "df800", "--address", "1")),
         ("df800-stop-ascii", ("stop", "--model", "df800", "--address", "1", "--encoding", "ascii")),
         ("df800-reset-ascii", ("reset", "--model", "df800", "--address", "1", "--encoding", "ascii")),
-        ("df800-f1.01-5-ascii", ("write", "F1.01=5", "--save", "--model", "df800", "--address", "1", "--encoding", "ascii")),
+        (
+            "df800-f1.01-5-ascii",
+            ("write", "F1.01=5", "--save", "--model", "df800", "--address", "1", "--encoding", "ascii"),
+        ),
         ("df800-f1.07-20s-rtu", ("write", "F1.07=20", "--save", "--model", "df800", "--address", "1")),
     ],
 )  # fmt: skip

@@ -39,7 +39,7 @@ def exchange_document(one: Exchange) -> dict[str, Any]:
         "received": one.received,
         "sent_at": one.sent_at,
         "received_at": one.received_at,
-        "error": voice.say(one.error) if one.error else None,
+        "error": one.error,
     }
 
 
