@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from drivebus.errors import NoReply
+
 RECENT = 512
 """So many reply times and transactions are remembered for the recent figures."""
 WINDOW_S = 300.0
@@ -16,7 +18,9 @@ SLICES = 10
 class Counters:
     """What one station, or the whole bus, has seen."""
 
-    __slots__ = ("bytes_received", "bytes_sent", "errors", "kinds", "recent", "replies", "transactions", "window")
+    __slots__ = (
+        "bytes_received", "bytes_sent", "damage", "errors", "kinds", "recent", "replies", "transactions", "window",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.transactions = 0
@@ -27,6 +31,7 @@ class Counters:
         self.kinds: dict[str, int] = {}
         self.recent: deque[float] = deque(maxlen=RECENT)
         self.window = ErrorWindow()
+        self.damage = ErrorWindow()
 
     def kind(self, name: str, amount: int = 1) -> None:
         self.kinds[name] = self.kinds.get(name, 0) + amount
@@ -35,11 +40,13 @@ class Counters:
         name = type(error).__name__
         self.errors[name] = self.errors.get(name, 0) + 1
         self.window.add(now, failed=True)
+        self.damage.add(now, failed=not isinstance(error, NoReply))
 
     def replied(self, reply_s: float, now: float) -> None:
         self.replies += 1
         self.recent.append(reply_s)
         self.window.add(now, failed=False)
+        self.damage.add(now, failed=False)
 
 
 class ErrorWindow:
@@ -67,10 +74,15 @@ class ErrorWindow:
 
     def rate(self, now: float) -> float:
         """Share that failed; 0 where nothing happened."""
+        bad = self.count(now)
+        total = sum(count for count, _ in self._slices)
+        return bad / total if total else 0.0
+
+    def count(self, now: float) -> int:
+        """How many failed."""
         if self._slice >= 0 and int(now * (SLICES / WINDOW_S)) > self._slice:
             self._move(int(now * (SLICES / WINDOW_S)))
-        total = sum(count for count, _ in self._slices)
-        return sum(bad for _, bad in self._slices) / total if total else 0.0
+        return sum(bad for _, bad in self._slices)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +101,12 @@ class StationStatistics:
     """Failures by error class."""
     counters: Mapping[str, int] = field(default_factory=dict)
     """Frames: late, foreign, duplicate, unsolicited, master, echo, collision, retry. Bytes: early, marks."""
+
+    damaged: int = 0
+    """Frames of the last 5 minutes that came and were spoiled: what tells of the bit errors that nobody detects
+    (RELIABILITY 4, link-quality gate). Silence does not count."""
+    damage_rate: float = 0.0
+    """Their share of the transactions, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +155,8 @@ def figures(counters: Counters, now: float) -> StationStatistics:
     p50, p95, p99 = percentiles(sorted(counters.recent))
     return StationStatistics(
         counters.transactions, counters.replies, counters.bytes_sent, counters.bytes_received, p50, p95, p99,
-        counters.window.rate(now), dict(counters.errors), dict(counters.kinds),
+        counters.window.rate(now), dict(counters.errors), dict(counters.kinds), counters.damage.count(now),
+        counters.damage.rate(now),
     )  # fmt: skip
 
 
@@ -159,6 +178,7 @@ def snapshot(
     whole = figures(counters, now)
     return BusStatistics(
         whole.transactions, whole.replies, whole.bytes_sent, whole.bytes_received, whole.reply_p50_s, whole.reply_p95_s,
-        whole.reply_p99_s, whole.error_rate, whole.errors, {**whole.counters, "echo": echoes}, name, now - since, load,
-        occupied, rate, queued, {address: figures(one, now) for address, one in stations.items()},
+        whole.reply_p99_s, whole.error_rate, whole.errors, {**whole.counters, "echo": echoes}, whole.damaged,
+        whole.damage_rate, name, now - since, load, occupied, rate, queued,
+        {address: figures(one, now) for address, one in stations.items()},
     )  # fmt: skip
