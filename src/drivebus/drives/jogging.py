@@ -8,8 +8,7 @@ from __future__ import annotations
 from drivebus.drives.dialect import Frame, Stop
 from drivebus.drives.gate import Kind
 from drivebus.drives.operation import Talk
-from drivebus.drives.preflight import ensure
-from drivebus.drives.start import send
+from drivebus.drives.start import prepare, send
 from drivebus.drives.state import Direction, Outcome, OutcomeWord
 from drivebus.drives.stopping import send_stop, stop
 from drivebus.drives.talk import Conversation, look
@@ -33,11 +32,7 @@ def begin(talk: Talk, frequency_hz: float | None, direction: Direction) -> Conve
     memory.check_direction(direction)
     word = None if frequency_hz is None else memory.check_frequency(frequency_hz)[0]
     frames = dialect.jog(direction, word)
-    yield from ensure(talk)
-    if dialect.can_tell:
-        error = yield from talk.judged()
-        if error is not None:
-            raise error
+    yield from prepare(talk)
     return (yield from send_jog(talk, frames))
 
 

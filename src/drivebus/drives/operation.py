@@ -86,20 +86,28 @@ class Talk:
             error = None if answer.error is None else _known(answer.error)
         return error
 
-    def judged(self) -> Conversation[DrivebusError | None]:
-        """State of the drive now: two fenced reads that agree, taken after this call. Sets ``verdict``."""
+    def judged(self, patience: int = 1) -> Conversation[DrivebusError | None]:
+        """State of the drive now: two fenced reads that agree, taken after this call. Sets ``verdict``.
+
+        So many rounds may fail on the bus; then its error is returned and the state is unknown.
+        """
         self.book.forget()
         self.verdict = UNKNOWN
         requests = self.dialect.state_reads()
         if not requests:
             return None
-        for done in range(1, ROUNDS + EXTRA_ROUNDS + 1):
+        failed = 0
+        for turn in range(1, ROUNDS + EXTRA_ROUNDS + 1):
             error = yield from self.fenced_reads(requests)
             if error is not None:
+                failed += 1
+                self.book.forget()
+                if failed <= patience:
+                    continue
                 self.verdict = Verdict(DriveState.UNKNOWN, reason="drives.no_answer")
                 return error
             self._watch_for_motion()
-            verdict = self.dialect.judge(self.book) if done >= ROUNDS else None
+            verdict = self.dialect.judge(self.book) if turn - failed >= ROUNDS else None
             if verdict is not None:
                 self.verdict = yield from self._with_fault(verdict)
                 return None

@@ -42,7 +42,7 @@ async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
 def surroundings(bus: Bus, address: int) -> Surroundings:
     """What the bus knows of a station now."""
     health = bus.health(address)
-    failures = sum(bus.statistics().stations[address].errors.values()) if health.error_rate else 0
+    figures = bus.statistics().stations[address] if health.error_rate else None
     return Surroundings(
         bus.now(),
         _today(),
@@ -50,8 +50,8 @@ def surroundings(bus: Bus, address: int) -> Surroundings:
         bus.latched(address),
         health.foreign_master,
         health.duplicate,
-        health.error_rate,
-        failures,
+        figures.damage_rate if figures else 0.0,
+        figures.damaged if figures else 0,
     )
 
 

@@ -175,9 +175,11 @@ class SifangDialect:
         if reply.response != 0 or reply.data is None:
             return {signal.name: missing("drives.refused_read", signal.unit) for signal in signals}
         found = {signal.name: reading_of(signal, reply.data, at) for signal in signals}
-        if reply.item is None:
-            return {name: _unechoed(reading) for name, reading in found.items()}
-        return found
+        if reply.item is not None:
+            return found
+        if reply.data == 0:  # in a fault nobody can tell "0" from "not carried out" (manual 2.4.6): None is never 0.0
+            return {signal.name: missing("drives.item_not_echoed", signal.unit) for signal in signals}
+        return {name: _unechoed(reading) for name, reading in found.items()}
 
     def judge(self, book: Book) -> Verdict | None:
         """Two agreeing states; of two different turning states (a ramp between them) the newer one."""
@@ -264,7 +266,8 @@ class SifangDialect:
         return ReadParameter(self.address, index >> 8, index & 0xFF)
 
     def parameter_raw(self, reply: Reply) -> int | None:
-        return reply.data if reply.response == 0 else None
+        hidden = reply.item is None and not reply.data
+        return reply.data if reply.response == 0 and not hidden else None
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         return parameter_reading(parameter, raw, at)

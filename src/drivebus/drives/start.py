@@ -39,13 +39,24 @@ def run(
     if will_wait and not dialect.can_wait():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
     begun = (yield from look()).now
-    yield from ensure(talk)
-    yield from _status_now(talk)
+    yield from prepare(talk)
     if talk.verdict.state.turning:
         outcome = yield from _already_turning(talk, frequency_hz, direction)
     else:
         outcome = yield from _from_standstill(talk, actual_hz, direction, word, begun)
     return _with_unread(talk, outcome)
+
+
+def prepare(talk: Talk) -> Conversation[None]:
+    """Status, pre-flight, and the status again where the pre-flight took time. A drive in fault is told first: its
+    parameters can't be read then (C320). Raises GateError, PreflightError, or the bus's error."""
+    yield from _status_now(talk)
+    state = talk.verdict.state
+    if talk.dialect.can_tell and not state.turning and state is not DriveState.STOPPED:
+        raise GateError("drives.state_forbids", state=state, kind=Kind.START)
+    known = talk.memory.preflight
+    if (yield from ensure(talk)) is not known:
+        yield from _status_now(talk)
 
 
 def _status_now(talk: Talk) -> Conversation[None]:

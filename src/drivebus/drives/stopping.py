@@ -73,6 +73,8 @@ def send_stop(talk: Talk, how: Stop) -> Conversation[bool]:
 def _blind(talk: Talk, how: Stop, answered: bool) -> Conversation[Outcome]:
     """A drive without a run status: repeated, then said to be unconfirmable (ruling 1, T17)."""
     for _ in range(BLIND_SENDS - 1):
+        if not answered:
+            yield from talk.fence()  # the answer mirrors the stop: a read settles whether the adapter echoes (F03)
         yield from wait(LOOK_S)
         answered = (yield from send_stop(talk, how)) or answered
     if answered:
@@ -86,7 +88,7 @@ def _until_seen(talk: Talk, how: Stop, begun: float) -> Conversation[Outcome]:
     last_sent = begun
     ramp = talk.memory.deceleration_s
     while True:
-        yield from talk.judged()
+        yield from talk.judged(patience=0)
         now = (yield from look()).now
         if talk.verdict.state.output_off and _shown(talk):
             return _stopped(talk)

@@ -55,9 +55,9 @@ class Surroundings:
     foreign_master: bool = False
     duplicate: bool = False
     error_rate: float = 0.0
-    """Share of this station's transactions that failed, 0 to 1, over the bus's window."""
+    """Share of this station's replies of the last 5 minutes that came spoiled, 0 to 1. Silence is no bit error."""
     failures: int = 0
-    """How many failed since the station was added."""
+    """How many those were."""
 
 
 LOOK = Look()
