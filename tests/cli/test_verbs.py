@@ -37,7 +37,10 @@ def say(*words: str, code: int = 0) -> str:
     return result.output
 
 
-@pytest.mark.parametrize(("model", "state"), [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("df800", "unknown")])  # fmt: skip
+STANDING = [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("df800", "unknown")]
+
+
+@pytest.mark.parametrize(("model", "state"), STANDING)
 def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: str, state: str) -> None:
     """DF800 publishes no run status: its state is unknown, never stopped (ruling 4)."""
     found = ask("status", f"sim://{model}@1", "--model", model, "--address", "1")

@@ -185,18 +185,18 @@ class Stage:
             "reset": lambda: self._reset(actor),
         }
         self.tell(f"demo.{action}", name=actor.watched.name, hz=f"{frequency_hz:g}")
-        self._spawn(self._report(actor, work[action](), frequency_hz))
+        self._spawn(self._report(actor, work[action], frequency_hz))
 
     async def _reset(self, actor: Actor) -> Outcome:
         """A reset also gives back what a bus stop latched (nothing starts by itself)."""
         self._buses[actor.line].release([actor.part.address])
         return await actor.drive.reset_fault()
 
-    async def _report(self, actor: Actor, work: Awaitable[Outcome], frequency_hz: float) -> None:
+    async def _report(self, actor: Actor, work: Callable[[], Awaitable[Outcome]], frequency_hz: float) -> None:
         """Say how a command ended."""
         name = actor.watched.name
         try:
-            outcome = await work
+            outcome = await work()
         except DrivebusError as error:
             self.tell("demo.failed", name=name, text=error.text(voice.language()))
         else:

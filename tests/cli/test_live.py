@@ -1,0 +1,343 @@
+"""The live view: rows as text, the full screen by keyboard, the plain lines, captures, and the whole story of the demo."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus import ports, profiles
+from drivebus.bus import Bus
+from drivebus.capture import Bytes, Capture, Header
+from drivebus.cli import voice
+from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.plant import MemoryPlant, PtyPlant
+from drivebus.cli.demo.stage import Stage
+from drivebus.cli.demo.story import END_S, STORY
+from drivebus.cli.layout import table, width, wrap
+from drivebus.cli.live.model import DriveRow, LineRow
+from drivebus.cli.live.playback import Player
+from drivebus.cli.live.screen import Screen
+from drivebus.cli.live.tables import Table, drive_columns, line_columns
+from drivebus.cli.live.thread import Threaded
+from drivebus.cli.root import cli
+from drivebus.drives import Drive
+from drivebus.errors import PortLost
+from drivebus.line import LineSettings
+from drivebus.reading import Quality, Reading, missing
+from drivebus.sim.port import forget_benches
+from drivebus.testing import virtual
+
+
+@pytest.fixture(autouse=True)
+def english() -> Iterator[None]:
+    voice.listen(["--lang", "en"])
+    yield
+    voice.listen([])
+    forget_benches()
+
+
+class FakeFeed:
+    """Two drives that stand still."""
+
+    title = "two drives"
+    over = False
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None:
+        self.closed = True
+
+    def now(self) -> float:
+        return 100.0
+
+    def drives(self) -> list[DriveRow]:
+        good = {"output_frequency": Reading(12.5, "Hz", source_time=99.0), "output_current": missing("x", "A")}
+        odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
+        return [
+            DriveRow("a", "fan 1", "A", "c320", 1, "running", "forward", readings=good, presence="online", at=99.0),
+            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="silent", at=50.0),
+        ]
+
+    def lines(self) -> list[LineRow]:
+        return [LineRow("A", "9600 8E1", True, 0.5, 12.0, {"NoReply": 2, "late": 0})]
+
+    def news(self) -> list[str]:
+        return ["something happened"]
+
+
+class Hand:
+    """Notes what the keys command."""
+
+    def __init__(self) -> None:
+        self.done: list[tuple[Any, ...]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.done.append((name, *arguments))
+
+
+def test_what_is_not_reported_is_a_dash_and_never_a_zero() -> None:
+    row = FakeFeed().drives()[0]
+    assert row.cell("output_current") == "–"
+    assert row.cell("set_frequency") == "–"
+    assert row.cell("output_frequency") == "12.50"
+
+
+def test_what_we_commanded_is_marked_where_the_drive_reports_no_set_frequency() -> None:
+    row = DriveRow("a", "fan 1", "A", "c320", 1, commanded_hz=30.0)
+    assert row.cell("set_frequency") == "30.00*"
+
+
+def test_an_uncertain_value_is_marked_and_a_silent_drive_is_named_so() -> None:
+    row = FakeFeed().drives()[1]
+    assert row.cell("output_frequency") == "3.00?"
+    assert row.state_text() == "NO ANSWER"
+    assert row.age_text(100.0) == "50.0"
+
+
+@pytest.mark.parametrize("cells", [80, 120])
+def test_the_columns_fill_a_terminal_and_never_more(cells: int) -> None:
+    assert sum(drive_columns(cells).values()) <= cells
+    assert sum(line_columns(cells).values()) <= cells
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_state_fits_its_column_in_both_languages(language: str) -> None:
+    from drivebus.drives import DriveState
+
+    voice.listen(["--lang", language])
+    room = drive_columns(80)
+    for state in DriveState:
+        row = DriveRow("a", "x", "A", "m", 1, str(state), "reverse", presence="online")
+        assert width(row.state_text()) < room["state"]
+        assert width(row.direction_text()) < room["direction"]
+    for name, cells in room.items():
+        assert width(voice.say(f"live.drive.{name}")) <= cells
+
+
+def test_chinese_takes_two_cells_and_never_begins_a_line_with_a_comma() -> None:
+    assert width("变频器 1") == 8
+    lines = wrap("变频器报告的内容，状态、方向、故障。", 9)
+    assert all(width(line) <= 10 for line in lines)
+    assert not any(line[0] in "，。、" for line in lines)
+    shown = table(["名称", "b"], [["风机", "1"], ["x", "22"]]).splitlines()
+    assert len({width(line[: line.rindex(" ") + 1]) for line in shown}) == 1
+
+
+async def test_keys_command_the_selected_drive_and_q_ends() -> None:
+    feed, hand = FakeFeed(), Hand()
+    screen = Screen(feed, hand)
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.4)
+        await pilot.press("r", "down", "s", "plus", "minus", "x", "space")
+        assert screen.query_one("#drives", Table).get_row_at(0)[1].plain == "running"
+        await pilot.press("q")
+    assert hand.done == [
+        ("run", "a"),
+        ("stop", "b"),
+        ("change", "b", 5.0),
+        ("change", "b", -5.0),
+        ("reset", "b"),
+        ("stop_all",),
+    ]
+    assert feed.closed
+
+
+async def test_a_monitor_has_no_keys_that_command() -> None:
+    screen = Screen(FakeFeed())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.press("r", "s", "plus", "space")
+        bound = {binding.action for _, binding in screen._bindings}
+    assert not {"run", "stop", "faster", "stop_all"} & bound
+
+
+async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> None:
+    class Broken(FakeFeed):
+        async def start(self) -> None:
+            raise PortLost("ports.lost", port="x", reason="y")
+
+    feed = FakeFeed()
+    threaded = Threaded(feed, Hand())
+    await threaded.start()
+    for _ in range(50):
+        if threaded.drives():
+            break
+        await asyncio.sleep(0.02)
+    assert [row.name for row in threaded.drives()] == ["fan 1", "fan 2"]
+    await threaded.close()
+    assert feed.closed
+    with pytest.raises(PortLost):
+        await Threaded(Broken()).start()
+
+
+def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
+    assert sum(len(line.drives) for line in LINES) >= 8
+    assert {profiles.load(line.model).family for line in LINES} == {"sifang", "dzb", "modbus"}
+    assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
+    assert len({line.name for line in LINES}) == 4
+
+
+def test_the_story_has_starts_ramps_a_trip_its_reset_and_an_adapter_pulled_and_put_back() -> None:
+    actions = [scene.action for scene in STORY]
+    assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
+    assert [scene.at_s for scene in STORY] == sorted(scene.at_s for scene in STORY)
+    assert 35.0 <= END_S <= 45.0
+
+
+def play(until_s: float = END_S + 3.0, hand: Any = None) -> Stage:
+    """The story in virtual time, on lines in memory."""
+    stage = Stage(MemoryPlant())
+
+    async def go() -> None:
+        await stage.start()
+        begun = stage.now()
+        while not stage.over and stage.now() < begun + until_s:
+            await asyncio.sleep(0.25)
+            if hand is not None:
+                hand(stage, stage.now() - begun)
+        stage.seen = (stage.drives(), stage.lines())  # type: ignore[attr-defined]
+        await stage.close()
+
+    virtual.run(go())
+    return stage
+
+
+def test_the_whole_story_plays_and_ends_with_every_drive_stopped() -> None:
+    stage = play()
+    assert stage.over
+    drives, lines = stage.seen  # type: ignore[attr-defined]
+    told = {row.name: row.state for row in drives}
+    assert {state for name, state in told.items() if not name.startswith("pump")} == {"stopped"}
+    assert {state for name, state in told.items() if name.startswith("pump")} == {"unknown"}
+    assert all(row.up for row in lines)
+    news = "\n".join(stage.news())
+    for scene in (
+        "its motor jams",
+        "the fault is gone",
+        "pulls the adapter",
+        "the adapter is back",
+        "End of the story",
+    ):
+        assert scene in news
+    assert "NOT CONFIRMED" not in news
+
+
+def test_the_users_first_key_ends_the_story_and_the_plant_obeys() -> None:
+    def hand(stage: Stage, at: float) -> None:
+        if 5.0 <= at < 5.25:
+            stage.run("spindle-2")
+        if 12.0 <= at < 12.25:
+            stage.stop_all()
+
+    stage = play(30.0, hand)
+    news = "\n".join(stage.news())
+    assert "taken over" in news
+    assert "spindle 2: run" in news
+    assert "pulls the adapter" not in news
+    drives, _ = stage.seen  # type: ignore[attr-defined]
+    assert {row.state for row in drives if not row.name.startswith("pump")} == {"stopped"}
+
+
+async def test_the_plant_on_ptys_loses_and_gets_back_a_line_and_nothing_is_left_behind() -> None:
+    pytest.importorskip("pty")
+    plant = PtyPlant()
+    await plant.start()
+    try:
+        folder = Path(plant.links[2].partition("://")[2].partition("?")[0]).parent
+        async with Bus(ports.open_port(plant.links[2])) as bus:
+            drive = Drive(bus, "vc660", 1)
+            assert (await drive.status()).state == "stopped"
+            plant.do({"do": "unplug", "line": 2})
+            while bus.is_open:
+                await asyncio.sleep(0.02)
+            plant.do({"do": "plug", "line": 2})
+            while not bus.is_open:
+                await asyncio.sleep(0.02)
+            assert (await drive.status()).state == "stopped"
+            drive.close()
+    finally:
+        await plant.close()
+    assert not folder.exists()
+
+
+def test_monitor_streams_documents_without_a_terminal_and_commands_nothing() -> None:
+    words = [
+        "monitor",
+        "sim://vc660@1-2",
+        "--model",
+        "vc660",
+        "--address",
+        "1-2",
+        "--duration",
+        "1.5",
+        "--period",
+        "0.5",
+    ]
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    assert result.exit_code == 0, result.output
+    last = [json.loads(line) for line in result.stdout.splitlines()][-1]
+    assert [row["state"] for row in last["drives"]] == ["stopped", "stopped"]
+    assert last["lines"][0]["transactions_per_s"] > 0
+
+
+def recorded() -> Capture:
+    """Two polls of a VC660: one answered, one not."""
+    ask, reply = bytes.fromhex("0103300200012ACA"), bytes.fromhex("010302138 8B512".replace(" ", ""))
+    records = (
+        Bytes(0.0, "tx", ask),
+        Bytes(0.02, "rx", reply[:3]),
+        Bytes(0.03, "rx", reply[3:]),
+        Bytes(0.5, "tx", ask),
+        Bytes(1.0, "tx", ask),
+        Bytes(1.02, "rx", reply[:-1] + b"\x00"),
+    )
+    return Capture(Header(LineSettings(9600), "path:x"), records)
+
+
+def test_a_capture_is_told_as_it_was_late_and_broken_replies_too() -> None:
+    player = Player(recorded(), [(profiles.load("vc660"), "rtu")])
+    for record in player.capture.records:
+        assert isinstance(record, Bytes)
+        player.take(record)
+    row = player.drives[1].row("online")
+    assert row.cell("output_frequency") == "50.00"
+    assert row.at == pytest.approx(0.03)
+    assert dict(player.line.errors) == {"NoReply": 1, "ChecksumError": 1}
+
+
+def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
+    from drivebus.capture import CaptureWriter
+
+    path = tmp_path / "line.dbcap"
+    writer = CaptureWriter(path, Header(LineSettings(9600), "path:x"), now=0.0)
+    for record in recorded().records:
+        assert isinstance(record, Bytes)
+        writer.bytes(record.time_s, record.direction, record.data)
+    writer.close()
+    result = CliRunner().invoke(cli, ["monitor", str(path), "--speed", "20", "--json"])
+    assert result.exit_code == 0, result.output
+    documents = [json.loads(line) for line in result.stdout.splitlines()]
+    assert documents[-1]["drives"][0]["readings"]["output_frequency"]["value"] == 50.0
+    assert any("End of the capture" in document.get("event", "") for document in documents)
+
+
+def test_no_task_of_the_demo_outlives_it() -> None:
+    async def go() -> set[str]:
+        stage = Stage(MemoryPlant())
+        await stage.start()
+        await asyncio.sleep(3.0)
+        await stage.close()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(asyncio.sleep(0.1), 1)
+        return {task.get_name() for task in asyncio.all_tasks() if task is not asyncio.current_task()}
+
+    assert virtual.run(go()) == set()
