@@ -177,6 +177,58 @@ def test_vc660_status_registers_read_as_the_worked_example() -> None:
     assert [signals[n].locator[1] for n in names] == [0x3001, 0x3002, 0x3003]
 
 
+VC660_STATUS = """
+3000 - 1 | 3001 Hz 0.01 | 3002 Hz 0.01 | 3003 A 0.1 | 3004 V 0.1 | 3005 kW 0.01 | 3006 V 1 | 3007 - 1 | 3008 - 1
+3009 V 0.01 | 300A mA 0.01 | 300B °C 1 | 300C rpm 1 | 3014 - 1 | 3015 - 1 | 3016 - 1 | 3017 - 1 | 3018 - 1
+"""
+"""Manual section 5, status registers: address, unit and step. What it marks as reserved (300D-3013) is not there."""
+
+
+def test_vc660_status_registers_are_the_manuals_table() -> None:
+    rows = [row.split() for row in VC660_STATUS.replace("\n", "|").split("|") if row.strip()]
+    table = {(int(register, 16), "" if unit == "-" else unit, float(step)) for register, unit, step in rows}
+    signals = profiles.load("vc660").signals.values()
+    assert {(each.locator[1], each.unit, each.scale.factor) for each in signals} == table
+
+
+def test_dzb100_parameter_77_counts_its_baud_rates_from_1200() -> None:
+    profile = profiles.load("dzb100")
+    assert [text.en for _, text in sorted(profile.parameters["77"].choices.items())] == ["1200", "2400", "4800"]
+    assert list(profile.line.bauds) == [1200, 2400, 4800]
+
+
+def test_vc660_f06_04_counts_its_baud_rates_from_300(tmp_path: Path) -> None:
+    sizes = "\n".join(f"F{group:02d} = 10" for group in range(7))
+    own = tmp_path / "sized.toml"
+    own.write_text(f'format = 1\nextends = "vc660"\nmodel = "sized"\n[group_sizes]\n{sizes}\n', encoding="utf-8")
+    choices = profiles.load(own).parameters["F06.04"].choices
+    bauds = [300, 600, 1200, 2400, 4800, 9600, 19200, 38400]
+    assert {raw: (text.en, text.zh) for raw, text in choices.items()} == {
+        raw: (str(baud), str(baud)) for raw, baud in enumerate(bauds)
+    }
+
+
+@pytest.mark.parametrize(
+    ("model", "bauds", "formats"),
+    [
+        ("c320", "1200 2400 4800 9600 19200", "8N1 8E1 8O1"),
+        ("dzb100", "1200 2400 4800", "8E1 8O1"),
+        ("vc660", "300 600 1200 2400 4800 9600 19200 38400", "8N1 8O1 8E1"),
+    ],
+)
+def test_the_lines_that_a_keypad_can_choose_are_the_manuals(model: str, bauds: str, formats: str) -> None:
+    line = profiles.load(model).line
+    assert (line.bauds, line.formats) == (tuple(map(int, bauds.split())), tuple(formats.split()))
+
+
+@pytest.mark.parametrize(
+    ("model", "lowest", "highest"), [("df800", 0.0, 400.0), ("dzb100", 0.0, 400.0), ("c320", 0.0, 50.0)]
+)
+def test_frequency_limits_are_the_manuals_or_a_50_hz_motors(model: str, lowest: float, highest: float) -> None:
+    limits = profiles.load(model).limits
+    assert (limits.minimum_hz, limits.maximum_hz) == (lowest, highest)
+
+
 def test_vc660_publishes_only_bit_0_of_its_fault_words() -> None:
     profile = profiles.load("vc660")
     assert profile.fault(0).text.en == "under-voltage"

@@ -11,7 +11,7 @@ import pytest
 from drivebus import i18n
 from drivebus.protocols import dzb, sifang
 from drivebus.protocols.checksum import STRICT
-from drivebus.protocols.describe import Description
+from drivebus.protocols.describe import Description, Words
 from drivebus.protocols.sifang.frame import CONTROL, READ, WRITE, AsciiForm
 from vectorfile import Vector, by_id
 
@@ -71,7 +71,7 @@ def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
 def test_t01_an_operation_in_a_read_is_said_to_start_the_motor() -> None:
     found = described(C320["c320-4.2-request-ascii"])
     assert [key for key, _ in found.hazards] == ["protocols.sifang.hazard.starts"]
-    assert found.hazards[0][1] == {"operation": 1, "name": "run forward", "kind": 1}
+    assert found.hazards[0][1] == {"operation": 1, "name": Words("run forward", "正转运行"), "kind": 1}
     stop = sifang.describe(b"*001030000184\r")
     assert [key for key, _ in stop.hazards] == ["protocols.sifang.hazard.acts"]
 
@@ -110,6 +110,24 @@ def test_t11_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none
     found = dzb.describe(b"C\x03\x01010003E8")
     assert [key for key, _ in found.hazards] == ["protocols.dzb.hazard.carries_frequency"]
     assert found.canonical == b"C\x03\x0101000000"
+
+
+def test_t20_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_nobody_says_which() -> None:
+    frame = DZB100["dzb100-run-10hz"].data
+    (reading,) = dzb.describe(frame).readings
+    assert dict(reading.fields) == {"accepted": None, "digit": 1}
+    assert dzb.describe(frame, direction="request").readings == ()
+    assert dzb.describe(DZB100["dzb100-stop-all"].data).readings == ()
+    assert dzb.describe(DZB100["dzb100-2-request"].data).readings == ()
+
+
+@pytest.mark.parametrize("operation", [each for each in sifang.Operation if each is not sifang.Operation.NONE])
+def test_t01_the_hazard_names_the_operation_in_each_language(operation: sifang.Operation) -> None:
+    body = b"001%02X0" % operation + b"00"
+    (hazard,) = sifang.describe(b"*%b%04X\r" % (body, sum(body))).hazards
+    english, chinese = (i18n.text(hazard[0], language, **hazard[1]) for language in i18n.LANGUAGES)
+    assert f"({operation.name.lower().replace('_at', ' at a frequency').replace('_', ' ')})" in english
+    assert not any(character.isalpha() and character.isascii() for character in chinese.split("（")[1].split("）")[0])
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=repr)

@@ -65,12 +65,12 @@ def _line(profile: ProfileIn) -> Iterator[Problem]:
 
 
 def _limits(profile: ProfileIn) -> Iterator[Problem]:
-    """Upside down, or beyond what a setpoint's word can say (the DZB100's word depends on its coding)."""
+    """Upside down, or beyond what a setpoint's word can say."""
     low, high = profile.limits.minimum_hz, profile.limits.maximum_hz
     if low >= high:
         yield problem("limits", ("limits", "minimum_hz"), low, also=(("limits", "maximum_hz"),), maximum=high)
     word = 9999 if profile.setpoint.coding == "bcd" else 0xFFFF
-    if profile.family != "dzb" and high > word * profile.setpoint.factor:
+    if high > word * profile.setpoint.factor:
         also = (("setpoint", "factor"),)
         bound = f"<= {word * profile.setpoint.factor:g}"
         yield problem("range", ("limits", "maximum_hz"), high, also=also, bound=bound)

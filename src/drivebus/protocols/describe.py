@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from drivebus import i18n
 from drivebus.errors import LengthError, ProtocolError, TrailingError
 from drivebus.message import Incomplete, Verdict
 
@@ -45,6 +46,19 @@ class Description:
 def note(key: str, **params: Any) -> Note:
     """A sentence to be looked up when the language is known."""
     return key, params
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A name within a note, in both languages; ``i18n.text`` shows its own side."""
+
+    en: str
+    zh: str
+
+
+def words(key: str) -> Words:
+    """The words of an i18n key, for a place of a note."""
+    return Words(i18n.text(key, "en"), i18n.text(key, "zh"))
 
 
 def problem(error: ProtocolError) -> Note:

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.errors import ProtocolError
 from drivebus.message import Complete
-from drivebus.protocols.describe import Description, Direction, Note, check_whole, note, problem
+from drivebus.protocols.describe import Candidate, Description, Direction, Note, check_whole, note, problem
 from drivebus.protocols.dzb.codec import ALL, DONE, HEADS, ONE, REFUSED, SIZE, DzbCodec, framed, raw_digits, read_reply
 from drivebus.protocols.dzb.messages import COMMANDS, Command, Control, Request
 from drivebus.protocols.dzb.values import (
@@ -47,8 +47,10 @@ def describe(
 ) -> Description:
     """The frame explained; a response against its ``request`` frame where given. Never raises for any bytes.
 
-    Without ``direction`` byte 2 tells: 01 and 02 are requests (or, in a C reply, state digits: then give ``request``).
+    Without ``direction`` byte 2 tells: 01 and 02 are requests; in a C frame they may be a reply's state digits as well,
+    which ``readings`` then says (T20).
     """
+    guessed = direction is None
     direction = direction or ("request" if request is None and data[2:3] in (b"\x01", b"\x02") else "response")
     problems = _problems(data, direction, request, meaning)
     fields = _fields(data, direction, meaning)
@@ -57,7 +59,16 @@ def describe(
         sent = _CODEC.decode_request(data).message  # type: ignore[union-attr]
         emitted = _emitted(sent)
         errata, hazards = _errata(data, emitted), _hazards(sent, meaning)  # type: ignore[assignment]
-    return Description("dzb100", "ascii", direction, not problems, fields, problems, errata, hazards, emitted)
+    readings = _readings(data) if guessed and direction == "request" and not problems else ()
+    return Description("dzb100", "ascii", direction, not problems, fields, problems, errata, hazards, emitted, readings)
+
+
+def _readings(data: bytes) -> tuple[Candidate, ...]:
+    """A C request to one drive has the bytes of a reply that puts its state digit into B [OPEN]."""
+    if data[0] != Control.head or _problems(data, "response", None, DZB100):
+        return ()
+    fields = {"accepted": None, "digit": data[2]}
+    return (Candidate(note("protocols.dzb.reading.state_digit", digit=data[2]), fields),)
 
 
 def _problems(data: bytes, direction: Direction, request: bytes | None, meaning: Meaning) -> tuple[Note, ...]:

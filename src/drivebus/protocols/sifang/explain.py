@@ -10,7 +10,7 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.message import Effect
 from drivebus.protocols.checksum import TOLERANT
-from drivebus.protocols.describe import Description, Direction, Note, note
+from drivebus.protocols.describe import Description, Direction, Note, note, words
 from drivebus.protocols.sifang.codec import SifangCodec
 from drivebus.protocols.sifang.effect import OPERATION_EFFECTS
 from drivebus.protocols.sifang.explain_reply import describe_reply
@@ -116,7 +116,7 @@ def _hazards(kind: int, operation: int) -> tuple[Note, ...]:
         return ()
     ordered = OPERATION_EFFECTS.get(OPERATIONS[operation], Effect.MOTION)
     key = "starts" if ordered is Effect.MOTION else "acts"
-    name = OPERATIONS[operation].name.lower().replace("_", " ")
+    name = words(f"protocols.sifang.order.{OPERATIONS[operation].name.lower()}")
     return (note(f"protocols.sifang.hazard.{key}", operation=operation, name=name, kind=kind),)
 
 
