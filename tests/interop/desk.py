@@ -72,6 +72,10 @@ async def told(*command: object) -> Told:
     child = await asyncio.create_subprocess_exec(
         *[str(word) for word in command], stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
     )
-    out, _ = await asyncio.wait_for(child.communicate(), PATIENCE_S)
+    try:
+        out, _ = await asyncio.wait_for(child.communicate(), PATIENCE_S)
+    except TimeoutError:
+        child.kill()
+        raise
     assert child.returncode is not None
     return Told(child.returncode, out.decode())
