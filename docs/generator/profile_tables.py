@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import CommandBit, OpenQuestion, Parameter, Signal
-from generator.words import colon, evidence, say, side, table
+from generator.words import BITS, colon, evidence, say, side, table
 
 
 def line(profile: DriveProfile, language: str) -> str:
@@ -113,7 +113,7 @@ def commands(profile: DriveProfile, language: str) -> str:
     """Bits of the command word, those under a setting too, and of the status word."""
     if profile.commands is None:
         return say("nothing", language) + "\n"
-    heads = ("command", "mask", "value", "acts", "under")
+    heads = ("command", "meaning", "mask", "value", "acts", "under")
     rows = _bit_rows(profile.commands.bits, "–", language)
     for setting, choices in profile.commands.variants.items():
         for value, bits in choices.items():
@@ -121,8 +121,8 @@ def commands(profile: DriveProfile, language: str) -> str:
     made = f"{profile.commands.register:04X}H\n\n" + table([say(head, language) for head in heads], rows)
     if profile.status is None:
         return made + f"\n{say('no_status', language)}\n"
-    status = [(f"`{name}`", f"{mask:04X}H") for name, mask in profile.status.bits.items()]
-    heads_status = [say("name", language), say("mask", language)]
+    status = [(f"`{name}`", side(BITS[name], language), f"{mask:04X}H") for name, mask in profile.status.bits.items()]
+    heads_status = [say(head, language) for head in ("name", "meaning", "mask")]
     return made + f"\n{profile.status.register:04X}H\n\n" + table(heads_status, status)
 
 
@@ -130,6 +130,7 @@ def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list
     return [
         (
             f"`{name}`",
+            side(BITS[name], language),
             f"{bit.mask:04X}H",
             f"{bit.value:04X}H",
             say("pulse" if bit.pulse else "level", language),

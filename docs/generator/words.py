@@ -11,6 +11,32 @@ from drivebus.profiles.model import Evidence, Text
 
 PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
 """Sentences that vectors and evidence have in English only → Chinese."""
+BITS = {
+    "start": Text("start", "起动"),
+    "stop": Text("stop as the drive is set to", "按停机方式停机"),
+    "forward": Text("forward", "正转"),
+    "reverse": Text("reverse", "反转"),
+    "jog_forward": Text("jog forward", "正转点动"),
+    "jog_reverse": Text("jog in reverse", "反转点动"),
+    "jog_stop": Text("end the jog", "点动停止"),
+    "coast": Text("coast to a stop", "自由停车"),
+    "quick_stop": Text("emergency stop", "紧急停车"),
+    "pause": Text("pause the run", "运行暂停"),
+    "hold_ramp": Text("hold the ramp", "加减速禁止"),
+    "reset": Text("reset the fault", "故障复位"),
+    "ready": Text("ready", "变频器就绪"),
+    "fault": Text("in fault", "故障中"),
+    "under_voltage": Text("DC bus under-voltage", "直流欠压"),
+    "running": Text("running", "运行中"),
+    "emergency_stopping": Text("emergency stop under way", "紧急停车过程中"),
+    "paused": Text("run paused", "运行暂停中"),
+    "speed_search": Text("searching the speed", "检测速度过程中"),
+    "dc_braking": Text("DC braking", "直流制动运行中"),
+    "jogging": Text("jogging", "点动运行中"),
+    "set_reverse": Text("set direction is reverse", "给定频率方向为反转"),
+    "output_reverse": Text("output direction is reverse", "输出频率方向为反转"),
+}
+"""What the bits of command and status words do, in the words of the manuals."""
 WORDS = {
     "model": Text("model", "型号"),
     "maker": Text("maker", "厂家"),

@@ -113,6 +113,11 @@ def test_df800_toggle_is_a_hazard_t16(word: str) -> None:
     assert keys(found, "hazards") == ["explain.toggle"]
 
 
+@pytest.mark.parametrize("word", ["00 02", "00 06", "00 0A", "00 0B", "00 10"])
+def test_an_absolute_direction_is_no_toggle_t16(word: str) -> None:
+    assert keys(explain("df800", rtu(f"01 06 20 00 {word}")), "hazards") == []
+
+
 @pytest.mark.parametrize(
     ("word", "hazards"),
     [(0x01F4, []), (0x01F5, ["protocols.dzb.hazard.tenfold"]), (0x03E8, ["protocols.dzb.hazard.tenfold"])],
@@ -182,6 +187,11 @@ def test_a_fault_is_named_by_its_keypad_label() -> None:
     assert explained(vector).fields["fault"] == "E009"
     fault = next(each for each in load("c320") if each.id == "c320-fault-12-ascii")
     assert explained(fault).fields["fault"] == "Fu.12"
+
+
+@pytest.mark.parametrize("vector", [each for each in everything() if not each.fields.get("fault_code")])
+def test_a_frame_without_a_fault_names_none(vector: Vector) -> None:
+    assert "fault" not in explained(vector).fields
 
 
 @pytest.mark.parametrize("model", MODELS)

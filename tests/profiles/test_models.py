@@ -209,6 +209,21 @@ def test_vc660_f06_04_counts_its_baud_rates_from_300(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("model", "factory"), [("c320", "9600 8E1"), ("dzb100", "4800 8E1"), ("vc660", "9600 8N1"), ("df800", "9600 8N1")]
+)
+def test_a_drive_fresh_from_the_box_is_spoken_to_on_its_factory_line(model: str, factory: str) -> None:
+    line = profiles.load(model).line
+    assert f"{line.baud} {line.format}" == factory
+
+
+def test_only_the_c320s_manual_names_parameters_for_a_silent_host() -> None:
+    """C320 manual 2.2.4 (3): F9.4 is the time, F9.3 what happens then."""
+    known = {model: profiles.load(model).comm_loss for model in MODELS}
+    named = {model: (loss.time_notation, loss.action_notation) for model, loss in known.items() if loss.time_notation}
+    assert named == {"c320": ("F9.4", "F9.3")}
+
+
+@pytest.mark.parametrize(
     ("model", "bauds", "formats"),
     [
         ("c320", "1200 2400 4800 9600 19200", "8N1 8E1 8O1"),
@@ -227,6 +242,17 @@ def test_the_lines_that_a_keypad_can_choose_are_the_manuals(model: str, bauds: s
 def test_frequency_limits_are_the_manuals_or_a_50_hz_motors(model: str, lowest: float, highest: float) -> None:
     limits = profiles.load(model).limits
     assert (limits.minimum_hz, limits.maximum_hz) == (lowest, highest)
+
+
+def test_c320_monitors_are_those_that_its_manual_or_a_sisters_names() -> None:
+    signals = profiles.load("c320").signals
+    assert {name: (each.locator, each.unit) for name, each in signals.items()} == {
+        "output_frequency": (("monitor", 0), "Hz"),
+        "output_voltage": (("monitor", 1), "V"),
+        "dc_bus_voltage": (("monitor", 4), "V"),
+        "pulse_input": (("monitor", 15), ""),
+        "last_fault_temperature": (("monitor", 37), "°C"),
+    }
 
 
 def test_vc660_publishes_only_bit_0_of_its_fault_words() -> None:
