@@ -22,8 +22,8 @@ AT_S = 16.0
 SIZE = (110, 32)
 
 
-async def draw(language: str, file: Path) -> None:
-    """One picture."""
+async def draw(language: str) -> str:
+    """One picture, as SVG."""
     voice.listen(["--lang", language])
     stage = Stage(make_plant())
     feed = Threaded(stage, stage)
@@ -31,8 +31,7 @@ async def draw(language: str, file: Path) -> None:
     async with screen.run_test(size=SIZE) as pilot:
         await asyncio.sleep(AT_S)
         await pilot.pause()
-        svg = screen.export_screenshot(title="drivebus demo")
-    file.write_text(_self_contained(svg), encoding="utf-8")
+        return _self_contained(screen.export_screenshot(title="drivebus demo"))
 
 
 def _self_contained(svg: str) -> str:
@@ -44,7 +43,7 @@ def _self_contained(svg: str) -> str:
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     for language, name in (("en", "demo.svg"), ("zh", "demo.zh.svg")):
-        asyncio.run(draw(language, IMAGES / name))
+        (IMAGES / name).write_text(asyncio.run(draw(language)), encoding="utf-8")
         sys.stdout.write(f"{IMAGES / name}\n")
 
 

@@ -54,12 +54,8 @@ def test_each_family_is_found_with_its_address_and_line_settings(
     link: str, model: str, encoding: str, address: int, settings: str
 ) -> None:
     found, _ = walk(link, plan(addresses=range(1, 6)))
-    assert [(one.models[0], one.encoding, one.address, str(one.settings)) for one in found if not one.doubtful][0] == (
-        model,
-        encoding,
-        address,
-        settings,
-    )
+    sure = next(one for one in found if not one.doubtful)
+    assert (sure.models[0], sure.encoding, sure.address, str(sure.settings)) == (model, encoding, address, settings)
 
 
 def test_a_c320_answers_in_both_of_its_encodings_and_both_are_told() -> None:

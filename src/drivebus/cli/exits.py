@@ -106,7 +106,7 @@ def _name_of(error: click.BadParameter) -> str:
 
 
 def _complain(sentence: str) -> None:
-    text = f"drivebus: {sentence}"
+    text = voice.wrapped(f"drivebus: {sentence}", sys.stderr)
     click.echo(click.style(text, fg="red") if coloured(sys.stderr) else text, err=True)
 
 

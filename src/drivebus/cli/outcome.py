@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import voice
@@ -46,8 +47,8 @@ def exchange_document(one: Exchange) -> dict[str, Any]:
 def outcome_lines(outcome: Outcome) -> str:
     """The outcome in words: what became of it, then what the user should know."""
     word = voice.say(f"outcome.{outcome.word}")
-    notes = [voice.say(key, **params) for key, params in outcome.notes]
-    return "\n".join([f"{word} {outcome.text(voice.language())}", *[f"  {note}" for note in notes]])
+    notes = [voice.wrapped(voice.say(key, **params), sys.stdout, indent=2) for key, params in outcome.notes]
+    return "\n".join([voice.wrapped(f"{word} {outcome.text(voice.language())}", sys.stdout), *notes])
 
 
 def status_lines(status: DriveStatus, now: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -59,18 +60,30 @@ def say(key: str, /, **params: Any) -> str:
 def tell(key: str, /, **params: Any) -> None:
     """A sentence on standard output; nothing where JSON was asked for."""
     if not as_json():
-        click.echo(say(key, **params))
+        click.echo(wrapped(say(key, **params), sys.stdout))
 
 
 def note(key: str, /, **params: Any) -> None:
     """A sentence beside the result, on standard error: progress, warnings, what happens next."""
-    click.echo(say(key, **params), err=True)
+    click.echo(wrapped(say(key, **params), sys.stderr), err=True)
 
 
 def show(text: str) -> None:
     """Ready text on standard output; nothing where JSON was asked for."""
     if not as_json():
         click.echo(text)
+
+
+def wrapped(text: str, stream: Any, indent: int = 0) -> str:
+    """Broken at words where ``stream`` is a terminal, on as many cells as it has; else left whole."""
+    if not (hasattr(stream, "isatty") and stream.isatty()):
+        return " " * indent + text
+    import shutil
+
+    from drivebus.cli.layout import wrap
+
+    cells = shutil.get_terminal_size().columns - 1 - indent
+    return "\n".join(" " * indent + part for line in text.split("\n") for part in wrap(line, max(20, cells)))
 
 
 def document(value: Any, *, stream: bool = False) -> None:

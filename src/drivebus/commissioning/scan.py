@@ -210,13 +210,19 @@ async def scan(
     A line has one setting: where somebody answered, only passes of the same setting follow, unless ``keep_going``.
     Raises PortUnavailable, PortLost.
     """
-    for one in passes:
-        settled = {found.settings for found in progress.found if not found.doubtful}
-        if settled and not keep_going and one.settings not in settled:
-            progress.total_s -= one.seconds
-            continue
+    queue = list(passes)
+    while queue:
+        one = queue.pop(0)
         await _walk(one, open_port(one.settings), progress, tell)
+        queue = queue if keep_going else _still_possible(queue, progress.found)
+        progress.total_s = progress.done_s + sum(later.seconds for later in queue)
     return progress.found
+
+
+def _still_possible(queue: Sequence[Pass], found: Sequence[Found]) -> list[Pass]:
+    """Passes of the line setting that somebody answered under; all while nobody has."""
+    settled = {one.settings for one in found if not one.doubtful}
+    return [one for one in queue if not settled or one.settings in settled]
 
 
 async def _walk(one: Pass, port: Port, progress: Progress, tell: Callable[[Progress], None]) -> None:
@@ -279,4 +285,3 @@ async def _ask(bus: Bus, candidate: Candidate, address: int) -> tuple[Answer, bo
         raise answer.error
     refused = answer.reply is not None and dialect.refusal(answer.reply) is not None
     return answer, refused
-
