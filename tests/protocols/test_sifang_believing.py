@@ -1,0 +1,244 @@
+"""What a C320 host believes: echoes, enumerated values, T04-T06, T21."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivebus.errors import (
+    AddressError,
+    AlphabetError,
+    CodeError,
+    EchoError,
+    HeaderError,
+    ProtocolError,
+    TerminatorError,
+)
+from drivebus.message import Complete
+from drivebus.protocols import sifang
+from drivebus.protocols.sifang import Operation, Reply, Response, State
+from drivebus.protocols.sifang.frame import WRITE, PackedForm
+from protocols.sifangkit import (
+    CODECS,
+    ENCODINGS,
+    FORMS,
+    Encoding,
+    accepted,
+    addresses,
+    encodings,
+    groups,
+    items,
+    reads_one,
+    requests,
+    states,
+    words,
+)
+
+
+@given(encodings, addresses, st.sampled_from(Response), states, groups, items, words)
+def test_every_reply_comes_back(
+    encoding: Encoding, address: int, response: Response, state: State, group: int, item: int, data: int
+) -> None:
+    reply = Reply(address, response) if response.short else Reply(address, response, state, group, item, data)
+    frame = CODECS[encoding].encode_reply(reply)
+    assert len(frame) == (11 if response.short else 18)  # T06
+    assert accepted(sifang.ReadParameter(address, group, item), frame, encoding) == reply
+
+
+@given(encodings, addresses, groups, items, words)
+def test_t05_every_fault_comes_back_with_its_code_and_no_item(
+    encoding: Encoding, address: int, group: int, code: int, data: int
+) -> None:
+    reply = Reply(address, Response.OK, State.FAULT, group, None, data, fault_code=code)
+    frame = CODECS[encoding].encode_reply(reply)
+    assert accepted(sifang.ReadParameter(address, group, 99), frame, encoding) == reply
+
+
+@given(encodings, addresses, groups, states, st.text("0123456789ABCDEF", min_size=6, max_size=6))
+def test_every_identity_comes_back(encoding: Encoding, address: int, group: int, state: State, info: str) -> None:
+    reply = Reply(address, Response.OK, state, group, info=info)
+    frame = CODECS[encoding].encode_reply(reply)
+    assert accepted(sifang.ReadIdentity(address, group), frame, encoding) == reply
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("code", [0x0C, 0x2F])
+def test_t05_an_identity_in_a_fault_has_neither_the_digits_nor_a_fault_code(encoding: Encoding, code: int) -> None:
+    """[OPEN] whether digits 7-8 are the code or the information: neither is believed."""
+    frame = CODECS[encoding].encode_reply(Reply(3, Response.OK, State.FAULT, 0, data=0x0185, fault_code=code))
+    found = accepted(sifang.ReadIdentity(3, 0), frame, encoding)
+    assert (found.info, found.fault_code, found.item, found.state) == ("--0185", None, None, State.FAULT)
+
+
+MONITOR = sifang.ReadMonitor(5, 0x0F)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    ("request_", "reply", "expected", "found"),
+    [
+        (MONITOR, Reply(5, Response.OK, State.STOPPED, 1, 0x0F, 7), 0, 1),
+        (MONITOR, Reply(5, Response.OK, State.STOPPED, 0, 0x0E, 7), 0x0F, 0x0E),
+        (sifang.ReadParameter(5, 2, 1), Reply(5, Response.OK, State.STOPPED, 0, 1, 7), 2, 0),
+        (sifang.ReadParameter(5, 2, 1), Reply(5, Response.OK, State.STOPPED, 2, 2, 7), 1, 2),
+        (sifang.ReadParameter(5, 2, 1), Reply(5, Response.OK, State.FAULT, 3, None, 7, fault_code=1), 2, 3),
+        (sifang.ReadIdentity(5, 1), Reply(5, Response.OK, State.STOPPED, 0, info="400022"), 1, 0),
+        (sifang.WriteParameter(5, 2, 1, 7), Reply(5, Response.OK, State.STOPPED, 2, 1, 8), 7, 8),
+        (sifang.Control(5, Operation.STOP), Reply(5, Response.OK, State.STOPPED, 1, 0, 0), 0, 1),
+    ],
+    ids=lambda case: repr(case)[:40],
+)
+def test_a_field_that_the_drive_echoes_must_fit(
+    encoding: Encoding, request_: sifang.Request, reply: Reply, expected: int, found: int
+) -> None:
+    with pytest.raises(EchoError) as caught:
+        CODECS[encoding].decode_reply(request_, CODECS[encoding].encode_reply(reply))
+    assert (caught.value.expected, caught.value.found) == (expected, found)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: Encoding) -> None:
+    for reply, size in ((Reply(6, Response.OK, State.STOPPED, 0, 0x0F, 7), 18), (Reply(6, Response.BAD_CODE), 11)):
+        with pytest.raises(AddressError) as caught:
+            CODECS[encoding].decode_reply(MONITOR, CODECS[encoding].encode_reply(reply))
+        assert (caught.value.expected, caught.value.found, caught.value.size) == (5, 6, size)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_only_enumerated_states_and_responses_are_believed(encoding: Encoding) -> None:
+    form = FORMS[encoding]
+    states = {int(state) for state in State}
+    for state in range(256):
+        frame = form.build(WRITE, 5, 0, state, 0, 0x0F, 7)
+        if state in states:
+            assert accepted(MONITOR, frame, encoding).state == state
+        else:
+            with pytest.raises(CodeError):
+                CODECS[encoding].decode_reply(MONITOR, frame)
+    for response in (5, *range(9, 16)):
+        with pytest.raises(CodeError) as caught:
+            CODECS[encoding].decode_reply(MONITOR, form.build(WRITE, 5, response, 3, 0, 0x0F, 7))
+        assert caught.value.found == response
+
+
+def test_a_hex_identity_has_digits_in_bytes_7_and_8_unless_the_drive_is_in_fault() -> None:
+    frame = PackedForm().build(WRITE, 5, 0, State.STOPPED, 0, 0x25, 7)
+    with pytest.raises(AlphabetError) as caught:
+        CODECS["hex"].decode_reply(sifang.ReadIdentity(5, 0), frame)
+    assert (caught.value.expected, caught.value.found, caught.value.params["position"]) == (0x0F, 0x25, 8)
+
+
+def test_a_short_reply_with_a_state_is_none() -> None:
+    with pytest.raises(CodeError) as caught:
+        CODECS["ascii"].decode_reply(MONITOR, b"*0560300FE\r")
+    assert (caught.value.expected, caught.value.found) == (0, 3)
+
+
+def test_t06_the_end_mark_is_only_looked_for_where_the_length_puts_it() -> None:
+    frame = CODECS["hex"].encode_reply(Reply(0x0D, Response.OK, State.STOPPED, 0xD, 0x0D, 0x2A5A))
+    assert frame.count(b"\r") == 4
+    assert accepted(sifang.ReadParameter(0x0D, 0xD, 0x0D), frame, "hex").data == 0x2A5A
+    with pytest.raises(TerminatorError) as caught:
+        CODECS["hex"].decode_reply(sifang.ReadParameter(0x0D, 0xD, 0x0D), frame[:-1] + b"\n")
+    assert (caught.value.expected, caught.value.found) == (0x0D, 0x0A)
+
+
+def test_the_other_encodings_head_is_not_accepted() -> None:
+    for mine, other in (("ascii", "hex"), ("hex", "ascii")):
+        with pytest.raises(HeaderError):
+            CODECS[mine].decode_reply(MONITOR, CODECS[other].encode_reply(Reply(5, Response.BAD_CODE))[:1])
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    ("expected_item", "item", "published"), [(4, 4, True), (4, 0, False), (None, 0, False), (0, 0, True)]
+)
+def test_the_data_of_a_control_reply_are_published_only_under_the_expected_item(
+    encoding: Encoding, expected_item: int | None, item: int, published: bool
+) -> None:
+    request = sifang.Control(5, Operation.RUN_FORWARD_AT, 999, expected_item)
+    frame = CODECS[encoding].encode_reply(Reply(5, Response.OK, State.ACCELERATING_FORWARD, 0, item, 540))
+    found = accepted(request, frame, encoding)
+    assert (found.state, found.response) == (State.ACCELERATING_FORWARD, Response.OK)
+    assert (found.item, found.data) == ((item, 540) if published else (None, None))
+
+
+def test_t04_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -> None:
+    """The shape can't tell them apart: that is why no command is confirmed by its own reply (ruling 1)."""
+    frame = CODECS["ascii"].encode_reply(Reply(5, Response.OK, State.STOPPED, 0, 2, 7))
+    asked: list[sifang.Request] = [
+        sifang.Control(5, Operation.STOP, expected_item=2),
+        sifang.ReadMonitor(5, 2),
+        sifang.ReadParameter(5, 0, 2),
+        sifang.WriteParameter(5, 0, 2, 7),
+        sifang.WriteParameter(5, 0, 2, 7, save=True),
+    ]
+    assert len({accepted(request, frame) for request in asked}) == 1
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@given(request=requests)
+def test_t21_the_echo_of_ones_own_request_is_never_taken_for_success(
+    encoding: Encoding, request: sifang.Request
+) -> None:
+    codec = CODECS[encoding]
+    frame = codec.encode_request(request)
+    try:
+        verdict = codec.decode_reply(request, frame)
+    except ProtocolError:
+        return
+    if isinstance(verdict, Complete):
+        assert request == sifang.WriteParameter(request.address, request.group, request.item, 0)  # type: ignore[union-attr]
+        assert (verdict.message.response, verdict.message.state) == (Response.PASSWORD, State.NOT_READY)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding) -> None:
+    request = sifang.WriteParameter(5, 2, 1, 7)
+    refused = Reply(5, Response.PASSWORD, State.NOT_READY, 2, 1, 0)
+    assert accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
+    with pytest.raises(EchoError) as caught:
+        CODECS[encoding].decode_reply(request, CODECS[encoding].encode_request(request))
+    assert (caught.value.key, caught.value.found) == ("protocols.sifang.own_echo", 7)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    ("request_", "state", "data"),
+    [
+        (sifang.WriteParameter(5, 2, 1, 7, save=True), State.NOT_READY, 7),
+        (sifang.WriteParameter(5, 2, 1, 7), State.STOPPED, 7),
+        (sifang.WriteParameter(5, 2, 1, 0), State.NOT_READY, 0),
+    ],
+)
+def test_t21_a_refusal_that_is_not_the_echo_is_believed(
+    encoding: Encoding, request_: sifang.WriteParameter, state: State, data: int
+) -> None:
+    """A class-5 frame has no such echo, a state none, and a write of 0 is refused either way."""
+    refused = Reply(5, Response.PASSWORD, state, 2, 1, data)
+    assert accepted(request_, CODECS[encoding].encode_reply(refused), encoding) == refused
+
+
+def test_a_hex_class_or_response_is_one_digit() -> None:
+    for frame in (b"Z\x00\x05\x10", b"Z\x00\x05\x1f"):
+        for decode in (CODECS["hex"].decode_request, lambda data: CODECS["hex"].decode_reply(reads_one, data)):
+            with pytest.raises(AlphabetError) as caught:
+                decode(frame)
+            assert (caught.value.found, caught.value.params["position"]) == (frame[3], 3)
+
+
+@pytest.mark.parametrize(
+    ("frame", "english", "chinese"),
+    [
+        (b"#", "the frame begins with 23H, expected 2AH", "帧头为 23H，应为 2AH"),
+        (b"*059", "response code 9 is not one of 0-4, 6-8", "从机响应码 9 不在 0-4, 6-8 之内"),
+        (b"*0600300F00070266\r", "station 6 answered, station 5 was asked", "请求的是 5 号站，应答的是 6 号站"),
+        (b"*0500300E00070264\r", "the reply names item 14, the request item 15", "应答的数据地址为 14，请求为 15"),
+        (b"*0500300F0007028B\n", "byte 17: 0AH where the end mark 0DH belongs", "第 17 字节为 0AH，应为帧尾 0DH"),
+    ],
+)
+def test_an_error_tells_what_happened_with_both_numbers(frame: bytes, english: str, chinese: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        CODECS["ascii"].decode_reply(MONITOR, frame)
+    assert (caught.value.text("en"), caught.value.text("zh")) == (english, chinese)
