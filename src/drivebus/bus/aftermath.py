@@ -105,7 +105,7 @@ def _damaged(error: Exception, flight: Transaction) -> bool:
 
 def _count(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
     job, station = flight.job, flight.job.station
-    core.counters.failed(error, now)
+    core.counters.errors[type(error).__name__] = core.counters.errors.get(type(error).__name__, 0) + 1
     station.counters.failed(error, now)
     if isinstance(error, LineFault):
         core.counters.kind(error.key.partition(".")[2])

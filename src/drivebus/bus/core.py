@@ -22,7 +22,7 @@ from drivebus.bus.planner import Poll, PollJob
 from drivebus.bus.rights import check_address, checked_job
 from drivebus.bus.scheduler import FOREVER, Scheduler
 from drivebus.bus.stations import Health, Presence, Station
-from drivebus.bus.statistics import Activity, BusStatistics, Counters, snapshot
+from drivebus.bus.statistics import Activity, BusStatistics, Counters, retire, snapshot
 from drivebus.bus.trace import Kind, TraceEvent
 from drivebus.bus.transaction import Transaction
 from drivebus.errors import LineFault, NoReply, PortLost, Superseded
@@ -33,6 +33,9 @@ STOP_PATIENCE_CHARACTERS = 64
 """A stop waits no longer than this for a babbling line to fall silent (I3): longer than any frame of these families."""
 DUPLICATE_HINTS = 2
 """So many second answers mean two drives at one address (F15)."""
+STALL_S = 0.2
+"""Where the host itself was late to look (``woke`` did not come at the deadline), bytes may have come in time: they
+are looked at up to so much later. It is still the one request outstanding; beyond, the value would be too old (I4)."""
 SERVED = -1.0
 """The last WakeAt has been served: the next one is said even if it is None again."""
 BABBLE_S = 1.0
@@ -82,6 +85,7 @@ class BusCore:
     def remove(self, address: int, now: float) -> list[Act]:
         """Forget a station: its polls end, what is queued for it fails."""
         station = self.stations.pop(address)
+        retire(self.counters, station.counters)
         self.scheduler.forget(station)
         gone = self.scheduler.withdraw(lambda job: job.station is station)
         for job in gone:
@@ -179,7 +183,7 @@ class BusCore:
         if marks:
             self.counters.kind("marks", marks)
         flight = self.flight
-        if flight is not None and now > flight.final_at and flight.message is None:
+        if flight is not None and flight.message is None and now > flight.final_at + STALL_S:
             self._conclude(flight, now)
             flight = self.flight
         if now > self._quiet_since:
@@ -239,10 +243,9 @@ class BusCore:
         job.attempts += 1
         station = job.station
         station.asked = job
-        size = len(job.data)
-        for counters in (self.counters, station.counters):
-            counters.transactions += 1
-            counters.bytes_sent += size
+        counters = station.counters
+        counters.transactions += 1
+        counters.bytes_sent += len(job.data)
         flight = Transaction(job, now, self._character_s, paced=self.paced, echo=self.echo.filter_for(job))
         self.flight = flight
         self._quiet_since = flight.sent_end
@@ -272,7 +275,6 @@ class BusCore:
         if not job.broadcast:
             assert flight.heard_at is not None
             station.last_heard_at = flight.heard_at
-            self.counters.replied(flight.heard_at - flight.sent_end, now)
             station.counters.replied(flight.heard_at - flight.sent_end, now)
             if job.fence:
                 self.believe(station, now, really=True)

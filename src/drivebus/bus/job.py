@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from drivebus.bus.stations import Station
     from drivebus.line import LineSettings
 
-ATTEMPTS = {WriteClass.READ: 2, WriteClass.ABSOLUTE: 3}
+READ_ATTEMPTS = 2
+ABSOLUTE_ATTEMPTS = 3
 """A read is retried once, an absolute write resent at most twice, everything else goes once (6.4, 6.5)."""
 
 
@@ -39,18 +40,16 @@ class Job:
         self.gap_s = station.gap_s
         self.adapter_s = station.link.timing.adapter_s
         self.attempts = 0
-        self.attempts_allowed = self._attempts_allowed()
+        self.attempts_allowed = READ_ATTEMPTS if self.effect is Effect.NONE and not fence else self._attempts_allowed()
 
     def _attempts_allowed(self) -> int:
         """The permit's class counts for a frame that acts: nobody can call a start absolute (F16)."""
         if self.broadcast or self.fence:
             return 1
-        if self.effect is Effect.NONE:
-            return ATTEMPTS[WriteClass.READ]
         if self.effect is Effect.STOP:
-            return ATTEMPTS[WriteClass.ABSOLUTE]
+            return ABSOLUTE_ATTEMPTS
         declared = self.ask.write_class if self.permit is None else self.permit.write_class
-        return ATTEMPTS[WriteClass.ABSOLUTE] if declared is WriteClass.ABSOLUTE else 1
+        return ABSOLUTE_ATTEMPTS if declared is WriteClass.ABSOLUTE else 1
 
     def refusal(self, now: float) -> NotPermitted | None:
         """Why this frame may not leave now. Reads and stops always may (rulings 5; I1)."""
@@ -107,4 +106,4 @@ def lane_of(ask: Ask, effect: Effect) -> Lane:
     """A stop is a stop in whatever lane it was asked for (I3), and nothing else uses the stop lane."""
     if effect is Effect.STOP:
         return Lane.STOP
-    return max(ask.lane, Lane.COMMAND)
+    return ask.lane or Lane.COMMAND

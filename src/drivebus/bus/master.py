@@ -28,7 +28,9 @@ from drivebus.seams import Clock
 REOPEN_S = 0.4
 """Pause between attempts to open a lost port: polling is back within 2 s of the device (G09)."""
 STAY_S = 40e-6
-"""A wait shorter than this is waited out on the spot: setting a timer and sleeping takes longer (fast lines only)."""
+"""A wait shorter than this is waited out on the spot: setting a timer and sleeping takes longer."""
+FAST_CHARACTER_S = 30e-6
+"""Lines faster than this (350,000 baud) have gaps that are waited out; on slower ones the reader is put to sleep."""
 WORTH_WAITING_S = 0.001
 """A reader is put to sleep only where it saves more than this: falling quiet costs a system call."""
 
@@ -65,7 +67,8 @@ class Bus:
         self._quiet = port if isinstance(port, Quietable) else None
         self._listen_at = inf
         self._wake_at: float | None = None
-        self._precise = False
+        self._staying = False
+        self._hushing = False
 
     # --- life --------------------------------------------------------------------------------------------------
 
@@ -83,7 +86,9 @@ class Bus:
         self._loop = loop
         self._clock = self._clock or timer.now
         self._alarm = timer.alarm(self._woke)
-        self._precise = timer.precise and self._quiet is not None
+        fast = self.line.character_s < FAST_CHARACTER_S
+        self._staying = timer.precise and self._quiet is not None and fast
+        self._hushing = self._quiet is not None and not fast
         self._opened()
 
     async def close(self) -> None:
@@ -247,11 +252,11 @@ class Bus:
         if when is None or when > self._clock() + STAY_S:
             return
         timers.spin(self._clock, when)
-        self._precise = False
+        self._staying = False
         self._quiet.quiet_until(0.0)
         if self._wake_at == when:
             self._perform(self.core.woke(self._clock()))
-        self._precise = True
+        self._staying = True
 
     def _woke_after_readers(self) -> None:
         """Readers that were ready when the alarm rang have run by now."""
@@ -293,9 +298,9 @@ class Bus:
                 self._do(self._acts.popleft())
         finally:
             self._performing = False
-        if self._precise:
+        if self._staying:
             self._soon()
-        if self._quiet is not None:
+        elif self._hushing:
             self._hush()
         self._set_alarm()
 

@@ -164,6 +164,8 @@ class Scheduler:
     def _poll(self, retries: deque[Job], now: float) -> Job | None:
         if retries and (job := self._first(retries, now)):
             return job
+        if not self.plan:
+            return None
         if poll := self.plan.first(now):
             return poll
         due = self.plan.next_due()

@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 from drivebus.errors import NoReply
 
 RECENT = 512
-"""So many reply times and transactions are remembered for the recent figures."""
+"""So many transactions are remembered for the recent figures of a bus."""
+RECENT_REPLIES = 128
+"""So many reply times are remembered of each station."""
 WINDOW_S = 300.0
 """Error rates look back so far (RELIABILITY 4: link-quality gate)."""
 SLICES = 10
 
 
 class Counters:
-    """What one station, or the whole bus, has seen."""
+    """What one station has seen. A bus keeps one of its own for what belongs to no station; the rest is added up."""
 
-    __slots__ = (
-        "bytes_received", "bytes_sent", "damage", "errors", "kinds", "recent", "replies", "transactions", "window",
-    )  # fmt: skip
+    __slots__ = ("bytes_received", "bytes_sent", "errors", "kinds", "recent", "replies", "transactions", "window")
 
     def __init__(self) -> None:
         self.transactions = 0
@@ -29,9 +29,8 @@ class Counters:
         self.bytes_received = 0
         self.errors: dict[str, int] = {}
         self.kinds: dict[str, int] = {}
-        self.recent: deque[float] = deque(maxlen=RECENT)
+        self.recent: deque[float] = deque(maxlen=RECENT_REPLIES)
         self.window = ErrorWindow()
-        self.damage = ErrorWindow()
 
     def kind(self, name: str, amount: int = 1) -> None:
         self.kinds[name] = self.kinds.get(name, 0) + amount
@@ -39,50 +38,56 @@ class Counters:
     def failed(self, error: Exception, now: float) -> None:
         name = type(error).__name__
         self.errors[name] = self.errors.get(name, 0) + 1
-        self.window.add(now, failed=True)
-        self.damage.add(now, failed=not isinstance(error, NoReply))
+        self.window.add(now, SILENT if isinstance(error, NoReply) else DAMAGED)
 
     def replied(self, reply_s: float, now: float) -> None:
         self.replies += 1
         self.recent.append(reply_s)
-        self.window.add(now, failed=False)
-        self.damage.add(now, failed=False)
+        self.window.add(now, GOOD)
+
+
+GOOD, SILENT, DAMAGED = range(3)
 
 
 class ErrorWindow:
-    """Failures and transactions of the last five minutes, in ten slices."""
+    """How the transactions of the last five minutes ended, in ten slices."""
 
-    __slots__ = ("_slice", "_slices")
+    __slots__ = ("_ends_at", "_last", "_slices")
 
     def __init__(self) -> None:
         self._slices: deque[list[int]] = deque(maxlen=SLICES)
-        self._slice = -1
+        self._last = [0, 0, 0]
+        self._ends_at = float("-inf")
 
-    def add(self, now: float, *, failed: bool) -> None:
-        place = int(now * (SLICES / WINDOW_S))
-        if place != self._slice:
-            self._move(place)
-        last = self._slices[-1]
-        last[0] += 1
-        if failed:
-            last[1] += 1
+    def add(self, now: float, ending: int) -> None:
+        if now >= self._ends_at:
+            self._move(now)
+        self._last[ending] += 1
 
-    def _move(self, place: int) -> None:
-        missed = min(place - self._slice, SLICES) if self._slice >= 0 else 1
-        self._slices.extend([0, 0] for _ in range(max(missed, 1)))
-        self._slice = place
+    def _move(self, now: float) -> None:
+        """A slice begins with the first event after the last one's end; what nobody used counts as empty slices."""
+        slice_s = WINDOW_S / SLICES
+        missed = int(min(float(SLICES), (now - self._ends_at) / slice_s))
+        self._slices.extend([0, 0, 0] for _ in range(1 + missed))
+        self._last = self._slices[-1]
+        self._ends_at = now + slice_s
+
+    def totals(self, now: float) -> tuple[int, int, int]:
+        """Good, silent and damaged ones."""
+        if now >= self._ends_at:
+            self._move(now)
+        good, silent, damaged = (sum(one[ending] for one in self._slices) for ending in (GOOD, SILENT, DAMAGED))
+        return good, silent, damaged
 
     def rate(self, now: float) -> float:
         """Share that failed; 0 where nothing happened."""
-        bad = self.count(now)
-        total = sum(count for count, _ in self._slices)
-        return bad / total if total else 0.0
+        return _shares(self.totals(now))[0]
 
-    def count(self, now: float) -> int:
-        """How many failed."""
-        if self._slice >= 0 and int(now * (SLICES / WINDOW_S)) > self._slice:
-            self._move(int(now * (SLICES / WINDOW_S)))
-        return sum(bad for _, bad in self._slices)
+
+def _shares(totals: tuple[int, int, int]) -> tuple[float, float]:
+    """Failed, and damaged, of all."""
+    count = sum(totals)
+    return ((totals[SILENT] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +156,13 @@ class Activity:
 
 
 def figures(counters: Counters, now: float) -> StationStatistics:
-    """A picture of the counters."""
+    """A picture of one station's counters."""
     p50, p95, p99 = percentiles(sorted(counters.recent))
+    totals = counters.window.totals(now)
+    failed, damaged = _shares(totals)
     return StationStatistics(
         counters.transactions, counters.replies, counters.bytes_sent, counters.bytes_received, p50, p95, p99,
-        counters.window.rate(now), dict(counters.errors), dict(counters.kinds), counters.damage.count(now),
-        counters.damage.rate(now),
+        failed, dict(counters.errors), dict(counters.kinds), totals[DAMAGED], damaged,
     )  # fmt: skip
 
 
@@ -173,12 +179,22 @@ def snapshot(
     name: str, counters: Counters, activity: Activity, stations: Mapping[int, Counters], *, now: float, since: float,
     queued: int, echoes: int,
 ) -> BusStatistics:  # fmt: skip
-    """The whole bus at ``now``; it was opened at ``since``."""
+    """The whole bus at ``now``; it was opened at ``since``. ``counters``: what belongs to no station (any more)."""
     load, occupied, rate = activity.figures(now, since)
-    whole = figures(counters, now)
+    everyone = [counters, *stations.values()]
+    good, silent, spoiled = (sum(ending) for ending in zip(*(one.window.totals(now) for one in everyone), strict=True))
+    failed, damaged = _shares((good, silent, spoiled))
+    p50, p95, p99 = percentiles(sorted(reply_s for one in everyone for reply_s in one.recent))
     return BusStatistics(
-        whole.transactions, whole.replies, whole.bytes_sent, whole.bytes_received, whole.reply_p50_s, whole.reply_p95_s,
-        whole.reply_p99_s, whole.error_rate, whole.errors, {**whole.counters, "echo": echoes}, whole.damaged,
-        whole.damage_rate, name, now - since, load, occupied, rate, queued,
+        sum(one.transactions for one in everyone), sum(one.replies for one in everyone),
+        sum(one.bytes_sent for one in everyone), counters.bytes_received, p50, p95, p99, failed, dict(counters.errors),
+        {**counters.kinds, "echo": echoes}, spoiled, damaged, name, now - since, load, occupied, rate, queued,
         {address: figures(one, now) for address, one in stations.items()},
     )  # fmt: skip
+
+
+def retire(counters: Counters, station: Counters) -> None:
+    """A station leaves; what it counted stays in the sums of its bus."""
+    counters.transactions += station.transactions
+    counters.replies += station.replies
+    counters.bytes_sent += station.bytes_sent
