@@ -112,6 +112,21 @@ def test_t11_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none
     assert found.canonical == b"C\x03\x0101000000"
 
 
+@pytest.mark.parametrize("name", ["c320-4.3-response-ascii", "c320-4.3-response-hex", "c320-4.1-response-ascii"])
+def test_a_reply_with_a_stray_byte_behind_it_is_still_shown_as_a_reply(name: str) -> None:
+    found = sifang.describe(C320[name].data + b"\x00")
+    assert (found.direction, found.valid) == ("response", False)
+    assert [key for key, _ in found.problems] == ["protocols.trailing"]
+    asked = sifang.describe(C320["c320-4.3-request-ascii"].data + b"\x00")
+    assert (asked.direction, asked.valid) == ("request", False)
+
+
+def test_a_frame_that_no_drive_obeys_is_no_hazard() -> None:
+    frame = C320["c320-4.1-request-ascii"].data
+    assert sifang.describe(frame).hazards != ()
+    assert sifang.describe(frame[:-2] + b"7\r").hazards == ()
+
+
 def test_t20_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_nobody_says_which() -> None:
     frame = DZB100["dzb100-run-10hz"].data
     (reading,) = dzb.describe(frame).readings

@@ -21,6 +21,7 @@ from drivebus.protocols.sifang.frame import (
     AsciiForm,
     Fields,
     Form,
+    Layout,
     MixedForm,
 )
 from drivebus.protocols.sifang.messages import Heard, WriteParameter
@@ -40,6 +41,7 @@ from drivebus.protocols.sifang.tolerant import (
     other_reading,
     place,
     raw_fields,
+    reads,
 )
 
 
@@ -68,13 +70,23 @@ def _guess(data: bytes, form: Form) -> Direction:
     if len(data) == SHORT.size:
         return "response"
     if len(data) != WRITE.size:
-        return "request"
+        return "response" if _begins(data, form, WRITE, SHORT) and not _begins_request(data, form) else "request"
     try:
         kind, values = form.digit(data[KIND_AT], KIND_AT), form.read(WRITE, data).values
     except ProtocolError:
         return "response"
     refusal = values[2] in STATES and values[2] != Operation.NONE and values[5] == 0
     return "request" if kind == 5 or (kind == 3 and not refusal) else "response"
+
+
+def _begins(data: bytes, form: Form, *layouts: Layout) -> bool:
+    """Whether the first bytes are a whole frame of one of these, whatever follows them."""
+    return any(len(data) >= layout.size and reads(form, layout, data[: layout.size]) for layout in layouts)
+
+
+def _begins_request(data: bytes, form: Form) -> bool:
+    layout = REQUEST_LAYOUTS.get(digit_or_none(data, form))
+    return layout is not None and _begins(data, form, layout)
 
 
 def _describe_request(data: bytes, codec: SifangCodec, form: Form, meaning: Meaning) -> Description:
@@ -88,7 +100,7 @@ def _describe_request(data: bytes, codec: SifangCodec, form: Form, meaning: Mean
     emitted = _emitted(heard, codec, raw) if heard else None
     readings = other_reading(raw)
     kind, operation = raw.values[1:3]
-    hazards = _hazards(kind, operation)
+    hazards = _hazards(kind, operation) if heard else ()  # a drive obeys no frame that is not one
     return Description(
         "c320", codec.encoding, "request", heard is not None, fields, problems, errata, hazards, emitted, readings
     )
