@@ -76,6 +76,7 @@ class Bus:
             self._end()
 
     def _end(self) -> None:
+        self.wait(self._loop.shutdown_default_executor())
         self._loop.call_soon_threadsafe(self._cancel_all)
         self._thread.join()
         self._loop.close()

@@ -83,6 +83,7 @@ class Drive:
         self._memory = Memory(self.dialect, Wear(self._store, self._key), limits or DriveLimits())
         self._lock = asyncio.Lock()
         self._insisting: asyncio.Task[None] | None = None
+        self._old_stop = Stop.STOP
         bus.add(self.dialect.link)
 
     def close(self) -> None:
@@ -97,6 +98,17 @@ class Drive:
         """One command at a time; a stop never waits for this."""
         async with self._lock:
             return settled(await self._talk(conversation))
+
+    async def _motion(self, conversation: Conversation[T]) -> T:
+        """A command that begins motion ends the repetition of an old stop; where it does not end well, that goes on."""
+        old = self._give_in()
+        try:
+            async with self._lock:
+                return await self._talk(conversation)
+        except BaseException:
+            if old is not None and self._insisting is None:
+                self._insist_on(old)
+            raise
 
     # --- what it is doing ---------------------------------------------------------------------------------------
 
@@ -137,9 +149,8 @@ class Drive:
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
         """
         way = None if direction is None else Direction(direction)
-        self._give_in()
         talk = Talk(self._memory)
-        outcome = await self._command(start.run(talk, frequency_hz, way, will_wait=wait))
+        outcome = settled(await self._motion(start.run(talk, frequency_hz, way, will_wait=wait)))
         return settled(await self._talk(reach(talk, frequency_hz, outcome, timeout_s))) if wait else outcome
 
     async def set_frequency(self, frequency_hz: float) -> Outcome:
@@ -160,8 +171,7 @@ class Drive:
         way = Direction(direction)
 
         async def begin() -> Outcome:
-            self._give_in()
-            return await self._command(jogging.begin(Talk(self._memory), frequency_hz, way))
+            return settled(await self._motion(jogging.begin(Talk(self._memory), frequency_hz, way)))
 
         async def end() -> Outcome:
             return settled(await self._talk(jogging.end(Talk(self._memory))), stop=True)
@@ -187,7 +197,7 @@ class Drive:
         outcome = await self._talk(stopping.stop(Talk(self._memory), how, wait_for_it=wait))
         if outcome.done:
             return outcome
-        self._insisting = asyncio.ensure_future(self._insist(how))
+        self._insist_on(how)
         if outcome.key == "drives.stop_answered":
             return outcome
         return settled(outcome, stop=True)
@@ -197,6 +207,10 @@ class Drive:
         """A stop was sent that the drive has not confirmed; it is being repeated."""
         return self._insisting is not None and not self._insisting.done()
 
+    def _insist_on(self, how: Stop) -> None:
+        self._old_stop = how
+        self._insisting = asyncio.ensure_future(self._insist(how))
+
     async def _insist(self, how: Stop) -> None:
         """Repeat an unconfirmed stop until the drive confirms it."""
         while True:
@@ -205,11 +219,12 @@ class Drive:
                 return
             await asyncio.sleep(INSIST_S)
 
-    def _give_in(self) -> None:
-        """A new wish of the user ends the repetition of the old stop."""
-        if self._insisting is not None:
-            self._insisting.cancel()
-            self._insisting = None
+    def _give_in(self) -> Stop | None:
+        """End the repetition of an old stop; which one it was, None where there was none."""
+        pending, task, self._insisting = self.stop_pending, self._insisting, None
+        if task is not None:
+            task.cancel()
+        return self._old_stop if pending else None
 
     async def reset_fault(self) -> Outcome:
         """Reset a fault, once, while the drive reports one."""
@@ -237,17 +252,14 @@ class Drive:
     async def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
         """DZB100: runs at 5 Hz or less, a person watching, until one setpoint coding is left, which is then kept."""
         way = None if direction is None else Direction(direction)
-        self._give_in()
-        async with self._lock:
-            found = await self._talk(proofs.setpoint_coding(Talk(self._memory), way))
+        found = await self._motion(proofs.setpoint_coding(Talk(self._memory), way))
         if found.settled is not None:
             await self._prove("setpoint_coding", found.settled)
         return found
 
     async def prove_direction(self, frequency_hz: float, watched: Callable[[], Awaitable[Direction | None]]) -> Outcome:
         """DF800: one jog of 0.5 s; ``watched`` asks the person which way it turned (None: could not tell)."""
-        self._give_in()
-        outcome = await self._command(proofs.direction_jog(Talk(self._memory), frequency_hz))
+        outcome = settled(await self._motion(proofs.direction_jog(Talk(self._memory), frequency_hz)))
         seen = await watched()
         if seen is not None:
             await self._prove("direction_field", proofs.direction_field(seen))

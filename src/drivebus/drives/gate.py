@@ -78,7 +78,7 @@ def grant(
     if command.kind in (Kind.START, Kind.JOG) or effect is Effect.MOTION:
         _link_is_good(around, family)
         _drive_is_ready(command, around, evidence)
-    if command.kind is not Kind.WRITE and not evidence.within_limits:
+    if command.kind in (Kind.START, Kind.JOG, Kind.SETPOINT) and not evidence.within_limits:
         raise GateError("drives.limits_unchecked")
     return Permit(station, effect, write_class, command.expires_at(effect), around.generation, command.id)
 

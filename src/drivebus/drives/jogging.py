@@ -30,7 +30,8 @@ def begin(talk: Talk, frequency_hz: float | None, direction: Direction) -> Conve
     memory, dialect = talk.memory, talk.dialect
     memory.need("jog")
     memory.check_direction(direction)
-    word = None if frequency_hz is None else memory.check_frequency(frequency_hz)[0]
+    word = None if frequency_hz is None else talk.check_frequency(frequency_hz)[0]
+    talk.within_limits = True  # without a frequency it is the drive's own, set on its keypad
     frames = dialect.jog(direction, word)
     yield from prepare(talk)
     return (yield from send_jog(talk, frames))

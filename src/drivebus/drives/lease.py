@@ -37,6 +37,8 @@ class JogLease:
 
     def renew(self) -> None:
         """The hand is still on the key. Raises GateError once the lease was lost: then only a new jog may begin."""
+        if self._timer is not None and asyncio.get_running_loop().time() > self._timer.when():
+            self._run_out()  # the loop was held up: the lease is over although its timer has not run yet
         if self.lost or self._timer is None:
             raise GateError("drives.lease_lost", lease_s=self.lease_s)
         self._arm()

@@ -39,6 +39,8 @@ from drivebus.reading import Quality, Reading, missing
 
 FENCE_COUNT = 2
 """Without FC08 a fence is told by its count (ruling 2), so no other read ever has this count."""
+END_SILENCE = 3.5
+"""Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
 MERGE_RATIO = 4.0
 """Registers whose periods differ by more are read apart."""
 NONCE_STEP, NONCE_START = 0x9E37, 0x5AA5
@@ -59,7 +61,9 @@ class ModbusDialect:
         self.word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
         self._pairs = () if self._rule.loopback else _wanted_pairs(profile)
         self._count = 0
-        self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
+        self.link = StationLink(
+            address, self.codec, _with_silence(timing, encoding), self.effect, self._bus_fence, profile.model
+        )
 
     @property
     def can_tell(self) -> bool:
@@ -343,6 +347,13 @@ class ModbusDialect:
         ours = self.word is not None and isinstance(request, WriteRegister) and request.address == self.address
         if ours and self.word is not None and request.register == self.word.map.register:
             self.word.sent(request.value)
+
+
+def _with_silence(timing: StationTiming, encoding: str) -> StationTiming:
+    """An RTU station knows that a request has ended by 3.5 characters of silence: only then its delay begins."""
+    if encoding != "rtu":
+        return timing
+    return replace(timing, reply_delay_characters=max(timing.reply_delay_characters, END_SILENCE))
 
 
 def _state_of(status: StatusMap, raw: int) -> DriveState:

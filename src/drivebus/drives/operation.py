@@ -40,8 +40,18 @@ class Talk:
         self.verdict: Verdict = UNKNOWN
         self.seen_turning = False
         """Running was seen at least once, be it in a single read (ruling 6)."""
+        self.pace_s = float("inf")
+        """The shortest transaction so far: how fast this line is."""
+        self.within_limits = False
+        """Frequency and direction of this command were checked against drive and user."""
         self._commands: deque[Exchange] = deque(maxlen=KEPT_COMMANDS)
         self._reads: deque[Exchange] = deque(maxlen=KEPT_READS)
+
+    def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
+        """The raw word and what the drive makes of it. Raises LimitError, before anything is sent."""
+        found = self.memory.check_frequency(frequency_hz)
+        self.within_limits = True
+        return found
 
     def ask(
         self,
@@ -57,6 +67,8 @@ class Talk:
             self.dialect.noted(request)
             kept = self._reads if write_class is WriteClass.READ else self._commands
             kept.append(exchange_of(answer))
+            if answer.sent_at is not None and answer.received_at is not None:
+                self.pace_s = min(self.pace_s, answer.received_at - answer.sent_at)
         return answer
 
     def read(self, request: Any) -> Conversation[Answer]:
@@ -147,7 +159,7 @@ class Talk:
         preflight = self.memory.preflight
         at = self.book.time_of("state") or self.book.time_of("output_frequency", "fault")
         done = preflight is not None and preflight.passed
-        return Evidence(self.verdict, at, self.dialect.can_tell, done, within_limits=True)
+        return Evidence(self.verdict, at, self.dialect.can_tell, done, self.within_limits)
 
     def still_wanted(self, command: Command) -> Conversation[float]:
         """The time, unless a newer stop took this command away. Raises Superseded."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivebus.drives.dialect import Stop
-from drivebus.drives.dzb import CODINGS, DzbDialect, candidates, cap_word, decoded
+from drivebus.drives.dzb import CAP_HZ, CODINGS, DzbDialect, candidates, cap_word, decoded
 from drivebus.drives.gate import Kind
 from drivebus.drives.jogging import send_jog
 from drivebus.drives.modbus import ModbusDialect
@@ -79,6 +79,10 @@ def setpoint_coding(talk: Talk, direction: Direction | None = None) -> Conversat
 def _run_and_look(talk: Talk, dialect: DzbDialect, word: int, direction: Direction | None) -> Conversation[float]:
     """One run at a raw word; what Q00 and Q01 agree on, in Hz. Stops whatever happens."""
     talk.memory.need("run")
+    talk.memory.check_direction(direction)
+    if talk.memory.maximum_hz < CAP_HZ:
+        raise LimitError("drives.above_maximum", frequency_hz=CAP_HZ, limit_hz=talk.memory.maximum_hz)
+    talk.within_limits = True  # the word is at most 5 Hz under every coding that is left
     yield from ensure(talk)
     error = yield from talk.judged()
     if error is not None:
@@ -159,7 +163,7 @@ def direction_jog(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
         raise CapabilityError("drives.cannot", model=dialect.profile.model, what="direction proof")
     if not 0.0 < frequency_hz <= JOG_CAP_HZ:
         raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=JOG_CAP_HZ)
-    word, actual_hz = talk.memory.check_frequency(frequency_hz)
+    word, actual_hz = talk.check_frequency(frequency_hz)
     yield from ensure(talk)
     around = yield from look()
     command = talk.memory.command(Kind.JOG, around)

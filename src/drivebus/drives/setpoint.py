@@ -19,7 +19,7 @@ SHOW_PAUSE_S = 0.05
 def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or GateError before sending."""
     talk.memory.need("set_frequency")
-    word, actual_hz = talk.memory.check_frequency(frequency_hz)
+    word, actual_hz = talk.check_frequency(frequency_hz)
     yield from ensure(talk)
     yield from talk.judged()
     if talk.dialect.carries_frequency:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isfinite
 
 from drivebus.drives.dialect import Frame, Refusal
 from drivebus.drives.gate import EXPIRY_S, Command, Kind
@@ -21,7 +22,9 @@ CONFIRM_S = 3.0
 RESENDS = 2
 """6.5, class A and B alike: at most twice, while the command lives."""
 PREPARE_S = 5.0
-"""From the user's act to the gate: pre-flight and status on a 1200-baud line take 4 s. Longer is another wish."""
+"""From the user's act to the gate; longer is another wish …"""
+PREPARE_TRANSACTIONS = 40
+"""… but on a line so slow that the checks themselves take longer, as long as so many transactions (300 baud: 25 s)."""
 
 
 def run(
@@ -34,7 +37,7 @@ def run(
     memory, dialect = talk.memory, talk.dialect
     memory.need("run")
     memory.check_direction(direction)
-    word, actual_hz = memory.check_frequency(frequency_hz)
+    word, actual_hz = talk.check_frequency(frequency_hz)
     dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
     if will_wait and not dialect.can_wait():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
@@ -83,13 +86,19 @@ def _from_standstill(
     talk: Talk, frequency_hz: float, direction: Direction | None, word: int, begun: float
 ) -> Conversation[Outcome]:
     around = yield from look()
-    if around.now - begun > PREPARE_S:
-        raise Expired("drives.prepare_too_long", age_s=round(around.now - begun, 2), limit_s=PREPARE_S)
-    command = talk.memory.command(Kind.START, around)
     if not talk.dialect.carries_frequency:
-        outcome = yield from write_setpoint(talk, command, word, frequency_hz)
+        setpoint = talk.memory.command(Kind.SETPOINT, around)
+        outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
         if not outcome.done:
             return outcome if outcome.word is OutcomeWord.REFUSED else _not_started(outcome)
+        yield from talk.still_wanted(setpoint)
+        if talk.dialect.can_tell:
+            yield from _status_now(talk)
+    around = yield from look()
+    limit_s = max(PREPARE_S, PREPARE_TRANSACTIONS * talk.pace_s if isfinite(talk.pace_s) else 0.0)
+    if around.now - begun > limit_s:
+        raise Expired("drives.prepare_too_long", age_s=round(around.now - begun, 2), limit_s=round(limit_s, 1))
+    command = talk.memory.command(Kind.START, around)
     frames = talk.dialect.start(direction, word)
     answer = yield from send(talk, command, frames)
     if not answer.sent and answer.error is not None:
@@ -160,6 +169,7 @@ def _turning(talk: Talk, direction: Direction | None) -> Outcome:
 def _not_seen(talk: Talk, state: DriveState, silent: bool) -> Outcome:
     if silent or state is DriveState.UNKNOWN:
         return talk.outcome(OutcomeWord.UNKNOWN, "drives.start_unknown")
+    talk.memory.preflight = None  # whoever starts it again reads first whether it still listens to the bus
     return talk.outcome(OutcomeWord.FAILED, "drives.start_ignored", state=state, after_s=CONFIRM_S)
 
 

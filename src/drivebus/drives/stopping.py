@@ -6,6 +6,7 @@ No check of the host ever withholds a stop: nothing here asks the gate.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 from drivebus.drives.dialect import Stop
 from drivebus.drives.operation import Talk
@@ -14,7 +15,9 @@ from drivebus.drives.talk import Conversation, look, wait
 from drivebus.message import Answer, Lane, WriteClass
 
 PATIENCE_S = 2.0
-"""G07: a stop that shows no progress for this long is declared unconfirmed."""
+"""G07: a stop that shows no progress for this long is declared unconfirmed …"""
+PATIENCE_TRANSACTIONS = 16
+"""… or for as long as two looks and two stops take on this line (300 baud: 10 s)."""
 RAMP_FACTOR = 1.5
 LONGEST_S = 120.0
 """A drive whose ramp is unknown and that keeps slowing down is believed this long."""
@@ -93,7 +96,8 @@ def _until_seen(talk: Talk, how: Stop, begun: float) -> Conversation[Outcome]:
         if talk.verdict.state.output_off and _shown(talk):
             return _stopped(talk)
         progress.note(talk, now)
-        patience = PATIENCE_S if ramp is None else max(PATIENCE_S, ramp * RAMP_FACTOR)
+        slowest = PATIENCE_TRANSACTIONS * talk.pace_s if isfinite(talk.pace_s) else 0.0
+        patience = max(PATIENCE_S, slowest, (ramp or 0.0) * RAMP_FACTOR)
         if now - progress.since > patience or now - begun > max(LONGEST_S, patience):
             return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=talk.verdict.state)
         if progress.since < now or now - last_sent >= RESEND_S:
