@@ -225,3 +225,9 @@ def test_nothing_that_moved_or_may_have_moved_the_motor_goes_without_a_stop() ->
     assert not nothing_moved(unsure)
     assert all(nothing_moved(kind("x")) for kind in before)
     assert not any(nothing_moved(kind("x")) for kind in after)
+
+
+def test_a_bus_stop_without_addresses_stops_who_is_there_and_says_how_many_addresses_were_silent() -> None:
+    found = ask("bus-stop", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
+    assert found["confirmed"] == [1, 2]
+    assert len(found["absent"]) == 29

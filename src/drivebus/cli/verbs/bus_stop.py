@@ -11,7 +11,8 @@ from drivebus.cli.connect import Target
 from drivebus.cli.exits import Exit
 
 if TYPE_CHECKING:
-    from drivebus.drives import StopReport
+    from drivebus.bus import Bus
+    from drivebus.drives import Drive, StopReport
 
 
 def _bus_stop(
@@ -39,27 +40,49 @@ def everybody(target: Target) -> tuple[int, ...]:
 
 
 async def _stop(target: Target, addresses: tuple[int, ...], named: bool) -> Exit:
-    from drivebus.bus import Bus, Presence
+    from drivebus.bus import Bus
     from drivebus.cli.connect import open_port
     from drivebus.drives import Drive, bus_stop
 
     profile = target.profile()
     async with Bus(open_port(target.link, profile, target.baud, target.format)) as bus:
-        drives = [
-            Drive(bus, profile, address, encoding=target.encoding, settings=target.settings()) for address in addresses
-        ]
-        report = await bus_stop(bus, drives)
-        absent = () if named else tuple(a for a in addresses if bus.presence(a) is Presence.NEVER_SEEN)
+        settings = target.settings()
+        drives = [Drive(bus, profile, address, encoding=target.encoding, settings=settings) for address in addresses]
+        present = drives if named else await _sweep(bus, drives)
+        report = await bus_stop(bus, present)
+        absent = tuple(drive.address for drive in drives if drive not in present)
         for drive in drives:
             drive.close()
         return _tell(report, absent, bus.now())
+
+
+async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
+    """Everybody at once where the family can, then one stop to each address; returns the drives that made a sound."""
+    from drivebus.cli.progress import Bar
+    from drivebus.drives.dialect import Stop
+    from drivebus.message import Ask, Lane, WriteClass
+
+    bus.latch(None)
+    first = drives[0]
+    for request in first.dialect.stop_everyone() if "broadcast_stop" in first.profile.capabilities else ():
+        await bus.transact(Ask(first.address, request, Lane.STOP, WriteClass.BROADCAST))
+    present, begun = [], bus.now()
+    with Bar() as bar:
+        for number, drive in enumerate(drives):
+            request = drive.dialect.stop(Stop.STOP)[0]
+            answer = await bus.transact(Ask(drive.address, request, Lane.STOP, WriteClass.ABSOLUTE))
+            if answer.received:
+                present.append(drive)
+            spent = bus.now() - begun
+            bar.move(f"{drive.profile.model} {drive.address:3d}", spent, spent / (number + 1) * len(drives))
+    return present
 
 
 def _tell(report: StopReport, absent: tuple[int, ...], now: float) -> Exit:
     from drivebus.cli.outcome import exchange_document, outcome_document
 
     words = by_word(report)
-    unconfirmed = [address for address in words["unknown"] if address not in absent]
+    unconfirmed = words["unknown"]
     voice.document(
         {
             "confirmed": words["confirmed"],
@@ -73,7 +96,7 @@ def _tell(report: StopReport, absent: tuple[int, ...], now: float) -> Exit:
         }
     )
     voice.show(report_text(report, absent))
-    nobody = len(absent) == len(report.outcomes)
+    nobody = not report.outcomes
     return Exit.UNKNOWN if unconfirmed or nobody else Exit.DONE
 
 
@@ -89,7 +112,7 @@ def report_text(report: StopReport, absent: tuple[int, ...] = ()) -> str:
     """Who stopped, who said yes but can't show it, and where somebody must go and look."""
     said = []
     for word, found in by_word(report).items():
-        shown = [str(address) for address in found if address not in absent]
+        shown = [str(address) for address in found]
         said += [voice.say(f"bus_stop.{word}", addresses=", ".join(shown))] if shown else []
     if absent:
         said.append(voice.say("bus_stop.absent", count=len(absent)))

@@ -69,7 +69,7 @@ def page(model: str, data: bytes, found: Description) -> str:
     if found.fields:
         lines += ["", two_columns([(name, shown(name, value)) for name, value in found.fields.items()], 98)]
     for kind in ("problems", "errata", "hazards"):
-        lines += [f"{voice.say(f'decode.{kind}')} {text}" for text in _sentences(getattr(found, kind))]
+        lines += [voice.say(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
     if found.canonical is not None and found.canonical != data:
         lines.append(voice.say("decode.canonical", hex=voice.plain(found.canonical)))
     for reading in found.readings:
@@ -87,6 +87,8 @@ def shown(name: str, value: Any) -> str:
         return voice.say(f"decode.{str(value).lower()}")
     if isinstance(value, int) and name in _WORDS:
         return f"{value} ({value:04X}H)"
+    if isinstance(value, dict):
+        return ", ".join(f"{one}: {shown(name, each)}" for one, each in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(shown(name, each) for each in value)
     return str(voice.plain(value)) if not isinstance(value, str | int | float) else str(value)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.exits import Exit
+from drivebus.cli.progress import Bar, clock
 
 if TYPE_CHECKING:
     from drivebus.cli.ending import Ending
@@ -102,7 +102,7 @@ async def _run(link: str, passes: list[Pass], listen_s: float, anyway: bool, eve
             if not anyway:
                 voice.note("scan.foreign_end")
                 return _show(link, progress, overheard, Exit.REFUSED)
-        voice.note("scan.feeds", minutes=_clock(progress.total_s))
+        voice.note("scan.feeds", minutes=clock(progress.total_s))
         try:
             with Meter() as meter:
                 walk = scan.scan(passes, open_port, progress, meter.tell, keep_going=everything)
@@ -124,48 +124,25 @@ async def _listen(ending: Ending, open_port: Any, passes: list[Pass], seconds: f
     return await ending.race(listen(open_port(passes[0].settings), seconds))
 
 
-class Meter:
-    """A progress bar on a terminal, with the time that is left; silence elsewhere. Finds are told at once."""
+class Meter(Bar):
+    """The bar of a scan; what is found is told above it at once."""
 
     def __init__(self) -> None:
-        self._bar: Any = None
-        self._task: Any = None
+        super().__init__()
         self._told = 0
 
     def __enter__(self) -> Meter:
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn
-
-            columns = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[left]}"))
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._task = self._bar.add_task("", total=1.0, left="")
-            self._bar.start()
+        super().__enter__()
         return self
-
-    def __exit__(self, *exc: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
 
     def tell(self, progress: Progress) -> None:
         """The scan moved on."""
         for found in progress.found[self._told :]:
-            self._line(voice.say("scan.found", **_words(found)))
+            self.line(voice.say("scan.found", **_words(found)))
         self._told = len(progress.found)
-        if self._bar is not None and progress.address is not None:
+        if progress.address is not None:
             where = f"{progress.settings} {progress.kind[0]}/{progress.kind[1]} {progress.address:3d}"
-            left = voice.say("scan.left", time=_clock(progress.left_s))
-            self._bar.update(
-                self._task, description=where, total=progress.total_s, completed=progress.done_s, left=left
-            )
-
-    def _line(self, text: str) -> None:
-        if self._bar is not None:
-            self._bar.console.print(text, markup=False, highlight=False)
-
-
-def _clock(seconds: float) -> str:
-    return f"{int(seconds + 0.5) // 60}:{int(seconds + 0.5) % 60:02d}"
+            self.move(where, progress.done_s, progress.total_s)
 
 
 def _words(found: Found) -> dict[str, Any]:
@@ -247,10 +224,10 @@ def _dry(passes: list[Pass]) -> Exit:
         frame = plan_frames("scan", [probe(dialect)], dialect.link.codec, dialect.link.timing, one.settings)[0]
         where = {"line": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
         documents.append(where | {"questions": one.questions, "seconds": round(one.seconds, 3)} | frame.as_document())
-        voice.tell("scan.pass", hex=voice.plain(frame.data), time=_clock(one.seconds), count=one.questions, **where)
+        voice.tell("scan.pass", hex=voice.plain(frame.data), time=clock(one.seconds), count=one.questions, **where)
     total = sum(one.seconds for one in passes)
     voice.document({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
-    voice.tell("scan.total", time=_clock(total))
+    voice.tell("scan.total", time=clock(total))
     return Exit.DONE
 
 
