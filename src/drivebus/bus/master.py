@@ -67,8 +67,8 @@ class Bus:
         self._quiet = port if isinstance(port, Quietable) else None
         self._listen_at = inf
         self._wake_at: float | None = None
-        self._staying = False
-        self._hushing = False
+        self._stays = self._staying = False
+        self._hushes = False
 
     # --- life --------------------------------------------------------------------------------------------------
 
@@ -87,8 +87,8 @@ class Bus:
         self._clock = self._clock or timer.now
         self._alarm = timer.alarm(self._woke)
         fast = self.line.character_s < FAST_CHARACTER_S
-        self._staying = timer.precise and self._quiet is not None and fast
-        self._hushing = self._quiet is not None and not fast
+        self._stays = timer.precise and self._quiet is not None and fast
+        self._hushes = self._quiet is not None and not fast
         self._opened()
 
     async def close(self) -> None:
@@ -248,15 +248,13 @@ class Bus:
     def _soon(self) -> None:
         """A gap of a few characters on a fast line is over before a timer could be set: stay for it."""
         assert self._clock is not None and self._quiet is not None
-        when = self._wake_at
-        if when is None or when > self._clock() + STAY_S:
-            return
-        timers.spin(self._clock, when)
-        self._staying = False
-        self._quiet.quiet_until(0.0)
-        if self._wake_at == when:
-            self._perform(self.core.woke(self._clock()))
         self._staying = True
+        while (when := self._wake_at) is not None and when <= self._clock() + STAY_S:
+            timers.spin(self._clock, when)
+            self._quiet.quiet_until(0.0)
+            if self._wake_at == when:
+                self._perform(self.core.woke(self._clock()))
+        self._staying = False
 
     def _woke_after_readers(self) -> None:
         """Readers that were ready when the alarm rang have run by now."""
@@ -298,9 +296,14 @@ class Bus:
                 self._do(self._acts.popleft())
         finally:
             self._performing = False
-        if self._staying:
+        if not self._staying:
+            self._settle()
+
+    def _settle(self) -> None:
+        """All has been done: now the next moment to look."""
+        if self._stays:
             self._soon()
-        elif self._hushing:
+        elif self._hushes:
             self._hush()
         self._set_alarm()
 
