@@ -1,37 +1,38 @@
-"""``ports``: the serial ports of this machine."""
+"""``ports``: the serial ports of this machine, and who holds them."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from drivebus.cli import voice
 from drivebus.cli.command import Verb
+
+if TYPE_CHECKING:
+    from drivebus.ports.listing import PortInfo
 
 
 def _ports() -> None:
     from drivebus import ports
 
-    found = [_row(port) for port in ports.list_ports()]
-    voice.document({"ports": found})
+    found = ports.list_ports()
+    voice.document({"ports": [asdict(port) for port in found]})
     if found:
-        voice.show(_table(found))
+        voice.show(table_of(found))
     else:
-        voice.tell("cli.no_ports")
+        voice.tell("ports_verb.none")
 
 
-def _row(port: Any) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return asdict(port)
-
-
-def _table(found: list[dict[str, Any]]) -> str:
+def table_of(found: list[PortInfo]) -> str:
+    """One row a port."""
     from drivebus.cli.layout import table
 
-    names = list(found[0])
-    return table(
-        [name.upper() for name in names], [["" if v is None else str(v) for v in row.values()] for row in found]
-    )
+    head = [voice.say(f"ports_verb.{name}") for name in ("device", "description", "link", "held")]
+    return table(head, [[port.device, port.description, port.link, _held(port)] for port in found])
+
+
+def _held(port: PortInfo) -> str:
+    return ", ".join(f"{holder.name} ({holder.pid})" for holder in port.holders) or voice.say("ports_verb.free")
 
 
 command = Verb("ports", callback=_ports, examples=("drivebus ports", "drivebus ports --json"))
