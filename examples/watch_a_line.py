@@ -1,0 +1,22 @@
+"""Watch four drives for five seconds and print what the line did. 监视四台变频器五秒钟，并打印线路统计。"""
+
+import asyncio
+
+import drivebus
+
+
+async def main() -> None:
+    async with drivebus.open_bus("sim://vc660@1-4", baud=19200) as bus:
+        fans = [drivebus.Drive(bus, "vc660", address) for address in range(1, 5)]
+        watches = [fan.monitor(["state", "output_frequency", "output_current"]) for fan in fans]
+        await fans[0].run(20.0)
+        await asyncio.sleep(5)
+        for fan, watch in zip(fans, watches, strict=True):
+            print(fan.address, {name: reading.value for name, reading in watch.status().readings.items()})
+            watch.close()
+        print("stopped:", (await drivebus.bus_stop(bus, fans)).confirmed)
+        figures = bus.statistics()
+        print(f"load {figures.load_percent:.0f} %, {figures.transactions_per_s:.1f} transactions/s")
+
+
+asyncio.run(main())

@@ -1,0 +1,9 @@
+"""The same for scripts and notebooks, without await. 同样的事，不用 await。"""
+
+from drivebus import blocking
+
+with blocking.open_bus("sim://vc660@1", baud=19200) as bus:
+    spindle = blocking.Drive(bus, "vc660", 1)
+    print("run:", spindle.run(40.0, "reverse", wait=True))
+    print("current:", spindle.read(["output_current"])["output_current"].value, "A")
+    print("stop:", spindle.stop())

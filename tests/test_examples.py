@@ -1,0 +1,33 @@
+"""Every example, and the ten lines of the README, run as they stand."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def run(program: str | Path) -> str:
+    command = [sys.executable, "-c", program] if isinstance(program, str) else [sys.executable, str(program)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("program", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_an_example_runs_as_it_stands(program: Path) -> None:
+    assert "stop" in run(program)
+
+
+@pytest.mark.parametrize("page", ["README.md", "README.zh.md"])
+def test_the_ten_lines_of_the_readme_run_and_end_confirmed(page: str) -> None:
+    found = re.search(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    lines = run(found[1]).splitlines()
+    assert lines[0].startswith("confirmed") and lines[1] == "25.0" and lines[2].startswith("confirmed")
