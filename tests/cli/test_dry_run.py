@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -108,7 +109,7 @@ def test_a_broadcast_is_told_to_have_no_reply() -> None:
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"])
-@pytest.mark.parametrize("verb", ["status", "stop", "jog", "run", "scan"])
+@pytest.mark.parametrize("verb", ["status", "stop", "jog", "run", "scan", "monitor"])
 def test_reads_in_a_dry_run_carry_no_command_and_every_verb_that_sends_has_one(verb: str, model: str) -> None:
     words = [verb, NOWHERE, "--dry-run", "--json"]
     if verb == "scan":
@@ -132,3 +133,21 @@ def test_a_dry_run_is_told_to_people_in_both_languages(language: str) -> None:
     result = CliRunner().invoke(cli, words)
     assert canonical("c320-4.6-request-ascii") in result.output
     assert "dry." not in result.output
+
+
+SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "completion"}
+"""The demo speaks to its own simulated plant only."""
+
+
+def test_every_verb_that_sends_has_a_dry_run() -> None:
+    context = click.Context(cli)
+    for name in set(cli.list_commands(context)) - SENDS_NOTHING:
+        command = cli.get_command(context, name)
+        assert command is not None
+        assert "dry_run" in {param.name for param in command.params}, name
+
+
+def test_a_value_that_fits_no_word_is_refused_in_a_dry_run_too() -> None:
+    result = CliRunner().invoke(cli, ["write", NOWHERE, "F1.10=99999999", *C320, "--dry-run", "--json"])
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["error"]["type"] == "LimitError"

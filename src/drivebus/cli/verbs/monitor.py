@@ -11,6 +11,7 @@ from drivebus.cli.exits import Exit
 from drivebus.cli.verbs.scan import DEFAULT_MODELS
 
 if TYPE_CHECKING:
+    from drivebus.line import LineSettings
     from drivebus.profiles import DriveProfile
 
 Known = list[tuple["DriveProfile", str | None, int]]
@@ -27,7 +28,10 @@ def _monitor(
     period: float,
     duration: float | None,
     speed: float,
+    dry_run: bool,
 ) -> Exit:
+    if dry_run:
+        return _dry(source, model, addresses, baud, format, encoding)
     if source.endswith(".dbcap"):
         return _capture(source, model, encoding, plain, period, duration, speed)
     return _line(source, model, addresses, baud, format, encoding, plain, period, duration)
@@ -76,6 +80,42 @@ def _line(
     port = open_port(link, known[0][0], baud, format)
     title = voice.say("monitor.title", link=link, line=port.settings, count=len(known))
     return show(LineFeed(port, known, title), None, plain, period, duration)
+
+
+def _dry(
+    link: str,
+    model: str | None,
+    addresses: tuple[int, ...] | None,
+    baud: int | None,
+    format: str | None,
+    encoding: str | None,
+) -> Exit:
+    """One round of polls; without --model and --address the scan that would come first. A capture sends nothing."""
+    from drivebus.cli import dry
+    from drivebus.cli.connect import Target
+    from drivebus.cli.live.model import SIGNALS
+    from drivebus.cli.verbs.scan import make_plan
+    from drivebus.cli.verbs.scan import show_plan as show_scan
+
+    if link.endswith(".dbcap"):
+        return dry.show([], _line_of(link))
+    if model is None or addresses is None:
+        models = (model,) if model else DEFAULT_MODELS
+        bauds, formats = (baud,) if baud else None, (format,) if format else None
+        return show_scan(make_plan(link, models, addresses, bauds, formats, encoding))
+    planned: list[dry.Planned] = []
+    for address in addresses:
+        one = dry.DryRun(Target(link, model, address, baud, format, encoding))
+        names = tuple(name for name in SIGNALS if name in one.dialect.profile.signals)
+        one.add("signals", [request for request, _ in one.dialect.polls(names)])
+        planned += one.planned
+    return dry.show(planned, Target(link, model, addresses[0], baud, format).line(), ["dry.note.rounds"])
+
+
+def _line_of(file: str) -> LineSettings:
+    from drivebus.capture import read_capture
+
+    return read_capture(file).header.settings
 
 
 async def _scanned(
@@ -133,6 +173,7 @@ command = Verb(
         Option(["--plain"], is_flag=True),
         Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
         Option(["--duration"], type=float, metavar="S", example="--duration 60"),
+        options.dry_run(),
         Option(["--speed"], type=float, default=1.0, metavar="X", key="help.option.fast", example="--speed 10"),
     ],
     examples=(

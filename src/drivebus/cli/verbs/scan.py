@@ -56,7 +56,7 @@ def _scan(
 ) -> Exit:
     passes = make_plan(link, models, addresses, bauds, formats, encoding)
     if dry_run:
-        return _dry(passes)
+        return show_plan(passes)
     return asyncio.run(_run(link, passes, listen, anyway, everything))
 
 
@@ -209,7 +209,7 @@ def _table(found: list[Found]) -> str:
     return table(head, rows)
 
 
-def _dry(passes: list[Pass]) -> Exit:
+def show_plan(passes: list[Pass]) -> Exit:
     """The first question of each pass, byte for byte, and how often it would be asked."""
     from drivebus.cli.dry import plan as plan_frames
     from drivebus.commissioning.scan import probe

@@ -14,6 +14,7 @@ from drivebus.cli.verbs.read import found
 
 if TYPE_CHECKING:
     from drivebus.cli.dry import DryRun
+    from drivebus.profiles.model import Parameter
 
 Assignments = tuple[tuple[str, float], ...]
 
@@ -37,9 +38,18 @@ def _plan(dry: DryRun, settings: Assignments, save: bool) -> Exit:
         if not isinstance(entry, Parameter):
             raise ConfigurationError("cli.not_a_parameter", name=name)
         dry.add("compare", [dry.dialect.read_parameter(entry)])
-        dry.add("write", [dry.dialect.write_parameter(entry, dry.dialect.parameter_word(entry, value), save).request])
+        dry.add("write", [dry.dialect.write_parameter(entry, _word(dry, entry, value), save).request])
         dry.add("verify", [dry.dialect.read_parameter(entry)])
     return dry.show()
+
+
+def _word(dry: DryRun, parameter: Parameter, value: float) -> int:
+    from drivebus.errors import LimitError
+
+    try:
+        return dry.dialect.parameter_word(parameter, value)
+    except ValueError as error:
+        raise LimitError("drives.parameter_word", notation=parameter.notation, value=value) from error
 
 
 command = drive_verb(
