@@ -9,7 +9,7 @@ import drivebus
 async def main(link: str) -> None:
     async with drivebus.open_bus(link, baud=19200, format="8E1") as bus:
         pump = drivebus.Drive(bus, "c320", 3)
-        print("run:", await pump.run(25.0, wait=True))
+        print("run:", await pump.run(10.0, wait=True))
         status = await pump.status()
         print("state:", status.state.value, status.readings["output_frequency"].value, "Hz")
         print("stop:", await pump.stop())

@@ -4,6 +4,6 @@ from drivebus import blocking
 
 with blocking.open_bus("sim://vc660@1", baud=19200) as bus:
     spindle = blocking.Drive(bus, "vc660", 1)
-    print("run:", spindle.run(40.0, "reverse", wait=True))
+    print("run:", spindle.run(10.0, "reverse", wait=True))
     print("current:", spindle.read(["output_current"])["output_current"].value, "A")
     print("stop:", spindle.stop())
