@@ -103,7 +103,7 @@ def test_a_wrong_command_line_with_json_answers_with_one_document() -> None:
 
 
 def test_help_imports_nothing_that_costs_time() -> None:
-    """Start-up <= 1.5 x an empty click program rests on this list; the measurement is in benchmarks."""
+    """Start-up <= 1.5 x an empty click program rests on this list; the measurement is benchmarks/startup.py."""
     code = (
         "import sys\n"
         "sys.argv = ['drivebus', '--help']\n"

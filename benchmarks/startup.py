@@ -1,0 +1,52 @@
+"""Start-up of ``drivebus --help`` beside an empty click program on the same machine: `python -m benchmarks.startup`.
+
+The two are run in turns, so that whatever else the machine does meets both alike; the goal is a ratio of at most 1.5.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+EMPTY = """\
+import click
+
+
+@click.group()
+def cli() -> None:
+    "An empty program."
+
+
+@cli.command()
+def nothing() -> None:
+    "Does nothing."
+
+
+cli()
+"""
+OURS = "from drivebus.cli import main\nmain()\n"
+ROUNDS = 40
+
+
+def run(turns: int = ROUNDS) -> dict[str, float]:
+    """Medians in milliseconds, and their ratio."""
+    with tempfile.TemporaryDirectory() as folder:
+        programs = {"empty_click": Path(folder, "empty.py"), "drivebus": Path(folder, "ours.py")}
+        programs["empty_click"].write_text(EMPTY)
+        programs["drivebus"].write_text(OURS)
+        taken: dict[str, list[float]] = {name: [] for name in programs}
+        for _ in range(turns):
+            for name, file in programs.items():
+                begun = time.perf_counter()
+                subprocess.run([sys.executable, str(file), "--help"], stdout=subprocess.DEVNULL, check=True)
+                taken[name].append((time.perf_counter() - begun) * 1000.0)
+    figures = {f"{name}_ms": round(statistics.median(times), 1) for name, times in taken.items()}
+    return figures | {"ratio": round(figures["drivebus_ms"] / figures["empty_click_ms"], 2)}
+
+
+if __name__ == "__main__":
+    print(run())
