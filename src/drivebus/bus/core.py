@@ -261,9 +261,11 @@ class BusCore:
         if flight.early or flight.foreign:
             unasked.during(self, flight, now)
         error = flight.outcome()
-        if error is None and not flight.job.broadcast:
-            error = aftermath.disbelief(self, flight)
-        self.echo.concluded(flight)
+        plain = error is None and flight.echo is None and self.echo.proved and not flight.job.station.suspect
+        if not plain:
+            if error is None and not flight.job.broadcast:
+                error = aftermath.disbelief(self, flight)
+            self.echo.concluded(flight)
         if error is None:
             self._accept(flight, now)
         else:

@@ -21,7 +21,7 @@ class Job:
 
     __slots__ = (
         "adapter_s", "ask", "attempts", "attempts_allowed", "broadcast", "codec", "data", "effect", "expires_at",
-        "fence", "gap_s", "lane", "permit", "reply_bytes", "request", "send_s", "station",
+        "fence", "gap_s", "lane", "permit", "remembered", "reply_bytes", "request", "send_s", "station",
         "token", "wait_s",
     )  # fmt: skip
 
@@ -31,7 +31,9 @@ class Job:
         self.station = station
         self.codec: Codec = station.codec
         self.request = ask.request
-        self.data, self.effect, self.reply_bytes, self.send_s, self.wait_s = prepared(ask.request, station, line)
+        self.data, self.effect, self.reply_bytes, self.send_s, self.wait_s, self.remembered = prepared(
+            ask.request, station, line
+        )
         self.broadcast = self.reply_bytes == 0
         self.permit: Permit | None = ask.permit
         self.lane = lane_of(ask, self.effect)
@@ -73,8 +75,9 @@ class Job:
         return None
 
 
-Prepared = tuple[bytes, Effect, int, float, float]
-"""Bytes, effect, bytes of the normal reply, seconds to send, seconds to wait after our last bit."""
+Prepared = tuple[bytes, Effect, int, float, float, bool]
+"""Bytes, effect, bytes of the normal reply, seconds to send, seconds to wait after our last bit; and: is it a pure read
+that speaks to this very station, so that it need not be looked at again?"""
 REMEMBERED = 512
 """So many different reads of a station are kept prepared: a bus asks the same things again and again."""
 
@@ -87,7 +90,7 @@ def prepared(request: Any, station: Station, line: LineSettings) -> Prepared:
         return _prepare(request, station, line)
     if found is None:
         found = _prepare(request, station, line)
-        if found[1] is Effect.NONE and found[2]:
+        if found[5]:
             if len(station.prepared) >= REMEMBERED:
                 station.prepared.clear()
             station.prepared[request] = found
@@ -99,7 +102,9 @@ def _prepare(request: Any, station: Station, line: LineSettings) -> Prepared:
     data = codec.encode_request(request)
     reply_bytes = codec.reply_size(request)
     wait_s = timing.timeout_s(line, codec.largest_reply(request)) if reply_bytes else timing.turnaround_s
-    return data, station.link.effect(data), reply_bytes, line.seconds(len(data)), wait_s
+    effect = station.link.effect(data)
+    plain = effect is Effect.NONE and reply_bytes > 0 and codec.address_of(request) == station.address
+    return data, effect, reply_bytes, line.seconds(len(data)), wait_s, plain
 
 
 def lane_of(ask: Ask, effect: Effect) -> Lane:

@@ -167,7 +167,7 @@ class Bus:
 
         Cancelled while it waits in a queue, it is never sent; while its frame is out, its answer is dropped.
         """
-        future: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[Answer] = (self._loop or asyncio.get_running_loop()).create_future()
         self._perform(self.core.submit(ask, future, self.now()))
         try:
             return await future

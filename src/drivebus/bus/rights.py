@@ -34,6 +34,8 @@ def checked_job(ask: Ask, token: Any, stations: Mapping[int, Station], line: Lin
     job = Job(ask, token, station, line)
     if job.broadcast:
         return _broadcast(job, stations)
+    if job.remembered:
+        return job
     spoken_to = station.codec.address_of(ask.request)
     if spoken_to != ask.station:
         return NotPermitted("bus.other_station", station=ask.station, found=spoken_to)

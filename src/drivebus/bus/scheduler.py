@@ -88,8 +88,9 @@ class Scheduler:
             if isinstance(job, PollJob):
                 job.retrying = False
             self.lanes[job.lane].remove(job)
-        self._urgent = self._urgent + 1 if job.lane in (Lane.COMMAND, Lane.PARAMETER) else 0
-        self._polls = self._polls + 1 if job.lane is Lane.POLL else 0
+        lane = job.lane
+        self._urgent = self._urgent + 1 if lane is Lane.PARAMETER or lane is Lane.COMMAND else 0
+        self._polls = self._polls + 1 if lane is Lane.POLL else 0
 
     def withdraw(self, unwanted: Callable[[Job], bool]) -> list[Job]:
         """Take jobs out of the queues (not out of the plan)."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivebus.bus.listener import classify, request_in
 from drivebus.bus.trace import Kind, TraceEvent
-from drivebus.errors import AddressError
+from drivebus.errors import AddressError, ProtocolError
+from drivebus.message import Codec, Complete
 
 if TYPE_CHECKING:
     from drivebus.bus.core import BusCore
@@ -44,9 +45,23 @@ def overheard(core: BusCore, flight: Transaction, now: float) -> None:
     if not data or data == flight.job.data:
         return
     found = request_in(flight.job.codec, data)
-    if found is not None and data[: found[1]] != flight.job.data:
+    if found is None or data[: found[1]] == flight.job.data:
+        return
+    station, frame = flight.job.station, data[: found[1]]
+    if station.suspect and _mirrors(flight.job.codec, found[0], frame):
+        _note(core, Kind.LATE, station, frame, found[0], now, now)
+    else:
         core.listener.foreign_request(now)
-        _note(core, Kind.MASTER, None, data[: found[1]], found[0], now, now)
+        _note(core, Kind.MASTER, None, frame, found[0], now, now)
+
+
+def _mirrors(codec: Codec, request: Any, frame: bytes) -> bool:
+    """Would the answer to this request look the same (FC06, FC08)? From a station that owes us one it is the answer:
+    a late write reply must not block its drive as a foreign master's request would."""
+    try:
+        return isinstance(codec.decode_reply(request, frame), Complete)
+    except ProtocolError:
+        return False
 
 
 def _from_another(core: BusCore, data: bytes, error: AddressError, now: float) -> None:
