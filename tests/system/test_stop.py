@@ -1,0 +1,238 @@
+"""Stops against everything else: next on the wire (I3), never later than the bound (5.1, G06), never lost."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+
+import pytest
+
+from drivebus.bus import Poll
+from drivebus.drives import bus_stop
+from drivebus.drives.dialect import Stop
+from drivebus.errors import Superseded
+from drivebus.message import Ask, Lane, Permit, WriteClass
+from system.plant import (
+    C320,
+    DF800,
+    DZB100,
+    FAMILIES,
+    VC660,
+    Kind,
+    Plant,
+    ending,
+    every_drive,
+    every_family,
+    on_four_lines,
+    plant,
+    story,
+)
+from system.test_polling import request
+
+PATIENCE_CHARACTERS = 64
+"""A stop waits no longer than this for a line that babbles (a late answer may be on it)."""
+
+
+def stop_of(here: Plant, address: int) -> Ask:
+    """The family's plain stop."""
+    return Ask(address, here.drives[address].dialect.stop(Stop.STOP)[0], Lane.STOP, WriteClass.ABSOLUTE)
+
+
+def crowd(here: Plant) -> list[asyncio.Task[object]]:
+    """Polls as fast as they go, and queues that never empty: parameter reads of every drive."""
+    tasks: list[asyncio.Task[object]] = []
+
+    async def reads(address: int, lane: Lane) -> None:
+        dialect = here.drives[address].dialect
+        while True:
+            await here.bus.transact(Ask(address, dialect.plain_read(), lane))
+
+    for address in here.drives:
+        here.bus.watch(address, [Poll(request(here.kind, address), 0.0)], lambda answer: None)
+        tasks += [asyncio.ensure_future(reads(address, lane)) for lane in (Lane.PARAMETER, Lane.COMMAND)]
+    return tasks
+
+
+def bound_s(here: Plant, address: int, weather: str) -> float:
+    """5.1: the rest of what is on the wire, its whole time to answer, the gap, the stop frame."""
+    line, link = here.bus.line, here.link(address)
+    asks = [request(here.kind, address), here.drives[address].dialect.plain_read()]
+    fences = [link.fence(n) for n in range(8)]
+    longest = max(
+        line.seconds(len(link.codec.encode_request(ask))) + link.timing.timeout_s(line, link.codec.largest_reply(ask))
+        for ask in asks + fences
+    )
+    stop = len(link.codec.encode_request(stop_of(here, address).request))
+    babble = line.seconds(PATIENCE_CHARACTERS) if "late" in weather else 0.0
+    return longest + link.timing.gap_s(line) + line.seconds(stop) + babble
+
+
+@on_four_lines
+@every_family
+def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(kind: Kind, weather: str) -> None:
+    async def told() -> None:
+        chance = random.Random(3)
+        async with plant(kind, "1-5", weather) as here:
+            here.station(5).faults.silent = True
+            tasks = crowd(here)
+            await asyncio.sleep(3.0)
+            for _ in range(40):
+                await asyncio.sleep(chance.uniform(0.0, 0.4))
+                address, wished_at = chance.randrange(1, 6), here.bus.now()
+                ask = stop_of(here, address)
+                data = here.link(address).codec.encode_request(ask.request)
+                said = len(here.tap.asked)
+                answer = await here.bus.transact(ask)
+                after = [one for one in here.tap.asked[said:] if one.start >= wished_at]
+                assert after[0].data == data, "something else left first"
+                assert answer.sent == data
+                assert after[0].end - wished_at <= bound_s(here, address, weather) + 1e-3
+            for task in tasks:
+                task.cancel()
+            here.tap.check(kind)
+
+    story(told())
+
+
+@every_family
+def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Kind) -> None:
+    async def told() -> None:
+        async with plant(kind, "1-2") as here:
+            for address in here.drives:
+                await here.drives[address].status()
+            dialects = {address: drive.dialect for address, drive in here.drives.items()}
+            word = dialects[1].setpoint_word(10.0)
+            await here.bus.transact(Ask(1, dialects[1].plain_read(), Lane.COMMAND))
+            busy = asyncio.ensure_future(here.bus.transact(Ask(2, dialects[2].plain_read(), Lane.COMMAND)))
+            await asyncio.sleep(0)
+            wishes = {
+                address: asyncio.ensure_future(here.bus.transact(start_of(here, address, word))) for address in dialects
+            }
+            await asyncio.sleep(0)
+            stopped = await here.bus.transact(stop_of(here, 1))
+            assert stopped.error is None and (await busy).error is None
+            assert isinstance((await wishes[1]).error, Superseded)
+            assert (await wishes[2]).error is None
+            assert here.station(1).motor.starts == 0 and here.station(2).motor.starts == 1
+            await here.bus.transact(stop_of(here, 2))
+
+    story(told())
+
+
+def start_of(here: Plant, address: int, word: int) -> Ask:
+    """A start with a good permit, as the gate would give it."""
+    link, dialect = here.link(address), here.drives[address].dialect
+    frame = dialect.start(None, word)[0]
+    effect = link.effect(link.codec.encode_request(frame.request))
+    until = here.bus.now() + 2.0
+    permit = Permit(address, effect, frame.write_class, until, here.bus.generation(address), "story")
+    return Ask(address, frame.request, Lane.COMMAND, frame.write_class, permit, until)
+
+
+@every_drive
+def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: Kind) -> None:
+    async def told(weather: str, seed: int) -> None:
+        async with plant(kind, "1", "clean", seed=seed) as here:
+            assert (await ending(here.drive.run(20.0))).done
+            await asyncio.sleep(1.0)
+            here.bench.weather = weather
+            stopped = await ending(here.drive.stop())
+            if stopped.word == "confirmed":
+                assert not here.motor.energised
+            here.bench.weather = "clean"
+            await asyncio.sleep(5.0)
+            assert not here.motor.energised, "an unconfirmed stop is repeated until it is confirmed"
+            assert not kind.tells or not here.drive.stop_pending
+
+    for seed in range(4):
+        for weather in ("loss=0.3,flip=0.002,bytes", "late=0.3:0.15,bytes"):
+            story(told(weather, seed))
+
+
+@pytest.mark.parametrize("kind", FAMILIES, ids=lambda kind: kind.name)
+def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Kind) -> None:
+    """Broadcast first where the family has one (never DF800), then one by one, latched until released."""
+
+    async def told() -> None:
+        async with plant(kind, "1-6") as here:
+            for drive in here.drives.values():
+                assert (await ending(drive.run(15.0))).done
+            await asyncio.sleep(1.0)
+            assert all(station.motor.energised for station in here.bench.stations)
+            begun, asked = here.bus.now(), len(here.tap.asked)
+            report = await bus_stop(here.bus, list(here.drives.values()))
+            reported_at = here.bus.now()
+            if not kind.tells:
+                await asyncio.sleep(2.0)
+            here.bench.advance()
+            assert not any(station.motor.energised for station in here.bench.stations)
+            said = here.tap.asked[asked:]
+            assert len(report.broadcasts) == {"df800": 0, "vc660": 4}.get(kind.model, 2), "VC660: a pulse and its end"
+            for place, sent in enumerate(report.broadcasts):
+                assert said[place].data == sent.sent and said[place].start == sent.sent_at
+                assert sent.received == b""
+            words = {outcome.word for _, outcome in report.outcomes}
+            assert words == {"confirmed"} if kind.tells else words == {"acknowledged"}
+            assert report.confirmed is kind.tells and (report.unconfirmed == ()) is kind.tells
+            assert report.begun_at == begun and report.ended_at == reported_at
+            for address, outcome in report.outcomes:
+                stop = here.link(address).codec.encode_request(stop_of(here, address).request)
+                assert stop in [exchange.sent for exchange in outcome.evidence]
+                assert all(exchange.sent_at is not None and exchange.sent_at >= begun for exchange in outcome.evidence)
+            starts = sum(station.motor.starts for station in here.bench.stations)
+            refused = await ending(here.drive.run(10.0))
+            assert refused.key in ("drives.latched", "bus.latched")
+            assert sum(station.motor.starts for station in here.bench.stations) == starts
+            here.bus.release()
+            assert (await ending(here.drive.run(10.0))).done
+            await ending(here.drive.stop())
+
+    story(told())
+
+
+@pytest.mark.parametrize("kind", [C320, DZB100, VC660], ids=lambda kind: kind.name)
+def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(kind: Kind) -> None:
+    async def told() -> None:
+        async with plant(kind, "1-8") as here:
+            for drive in here.drives.values():
+                assert (await ending(drive.run(10.0))).done
+            stopping = asyncio.ensure_future(bus_stop(here.bus, list(here.drives.values())))
+            await asyncio.sleep(0.06 if kind is not DZB100 else 0.12)
+            here.bench.advance()
+            assert all(s.motor.stopping or not s.motor.energised for s in here.bench.stations)
+            assert (await stopping).confirmed
+
+    story(told())
+
+
+def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
+    """G07: unconfirmed and said so in bounded time; the others are stopped and confirmed."""
+
+    async def told() -> None:
+        async with plant(C320, "1-4") as here:
+            for drive in here.drives.values():
+                assert (await ending(drive.run(15.0))).done
+            here.station(3).faults.silent = True
+            report = await bus_stop(here.bus, list(here.drives.values()))
+            assert report.unconfirmed == (3,) and not report.confirmed
+            assert report.ended_at - report.begun_at <= 6.0
+            assert here.station(3).motor.energised, "it never heard the stop"
+            assert not any(here.station(n).motor.energised for n in (1, 2, 4))
+            here.station(3).faults.silent = False
+            await asyncio.sleep(15.0)
+            assert not here.station(3).motor.energised, "the stop goes on being repeated"
+
+    story(told())
+
+
+def test_a_drive_without_a_status_is_never_reported_stopped() -> None:
+    """T17: DF800 is told three times and acknowledged, not confirmed."""
+
+    async def told() -> None:
+        async with plant(DF800) as here:
+            await here.drive.run(10.0)
+            outcome = await here.drive.stop()
+            stop = here.link().codec.encode_request(stop_of(here, 1).request)
+            assert outcome.word == "acknowledged" and here.tap.requests(stop) == 3
+
+    story(told())
