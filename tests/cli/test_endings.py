@@ -44,7 +44,20 @@ class Plant:
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     link = tmp_path_factory.mktemp("plant") / "drive"
-    words = ("simulate", "--json", "--model", "c320", "--address", "1", "--ramp", "1", "--link", str(link))
+    words = (
+        "simulate",
+        "--json",
+        "--model",
+        "c320",
+        "--address",
+        "1",
+        "--ramp",
+        "1",
+        "--baud",
+        "19200",
+        "--link",
+        str(link),
+    )
     with child(*words) as process:
         assert process.stdout is not None
         yield Plant(json.loads(process.stdout.readline())["url"])
@@ -100,7 +113,20 @@ def test_a_detached_run_says_what_the_comm_loss_timer_will_do_and_leaves_the_dri
 
 def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand() -> None:
     """Somebody else's stop reaches the drive while our host is frozen; it sees a drive that no longer runs."""
-    words = ("simulate", "--json", "--model", "c320", "--address", "1", "--ramp", "1", "--listen", "tcp://127.0.0.1:0")
+    words = (
+        "simulate",
+        "--json",
+        "--model",
+        "c320",
+        "--address",
+        "1",
+        "--ramp",
+        "1",
+        "--baud",
+        "19200",
+        "--listen",
+        "tcp://127.0.0.1:0",
+    )
     with child(*words) as simulated:
         assert simulated.stdout is not None
         plant = Plant(json.loads(simulated.stdout.readline())["url"])
