@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 
+import pytest
+
 from buskit import CODEC, C, Station, ask_read, book, core, read
 from drivebus.bus import Kind
 from drivebus.protocols import modbus
@@ -118,3 +120,22 @@ def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
         play.hear(foreign, at=play.now + 0.03)
         play.answer(number)
     assert play.core.health(1, play.now).foreign_master
+
+
+@pytest.mark.parametrize("waiting", [True, False])
+def test_f01_a_late_mirrored_answer_is_late_and_no_foreign_master(waiting: bool) -> None:
+    """The answer of FC06 is a valid request: from a station that owes us one it is its answer, whenever it comes."""
+    play = Playbook(core(1))
+    late = CODEC.encode_reply(modbus.Written(1, 6, 0x2001, 1000))
+    play.ask(ask_read())
+    for _ in range(3):
+        play.core.stations[1].suspect = True
+        if waiting:
+            play.until(play.now + 1)
+            play.hear(late, at=play.now + 0.001)
+        else:
+            play.hear(late, at=play.now + 1)
+        play.until(play.now + 1)
+    assert not play.core.health(1, play.now).foreign_master
+    assert play.core.counters.kinds["late"] >= 2
+    assert "master" not in play.core.counters.kinds

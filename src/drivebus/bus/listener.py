@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.bus.trace import Kind
 from drivebus.errors import ProtocolError
-from drivebus.message import Incomplete
+from drivebus.message import Complete, Incomplete
 
 if TYPE_CHECKING:
     from drivebus.bus.job import Job
@@ -69,8 +69,21 @@ def classify(data: bytes, stations: Iterable[Station], after_master: bool) -> tu
             seen.append(station.codec)
             found = request_in(station.codec, data)
             if found is not None:
-                return Kind.MASTER, None, found[0], found[1]
+                debtor = next((one for one in known if owes(one, found[0], data[: found[1]])), None)
+                return Kind.MASTER if debtor is None else Kind.LATE, debtor, found[0], found[1]
     return Kind.UNSOLICITED, None, None, len(data)
+
+
+def owes(station: Station, request: Any, frame: bytes) -> bool:
+    """Is this the late answer of a station that owes us one? The answer of FC06 or FC08 is a valid request too, and
+    must not block its own drive as a foreign master's would."""
+    codec = station.codec
+    if not station.suspect or codec.address_of(request) != station.address:
+        return False
+    try:
+        return isinstance(codec.decode_reply(request, frame), Complete)
+    except ProtocolError:
+        return False
 
 
 def _answer(job: Job, data: bytes) -> tuple[Any, int] | None:

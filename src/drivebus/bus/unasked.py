@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drivebus.bus.listener import classify, request_in
+from drivebus.bus.listener import classify, owes, request_in
 from drivebus.bus.trace import Kind, TraceEvent
-from drivebus.errors import AddressError, ProtocolError
-from drivebus.message import Codec, Complete
+from drivebus.errors import AddressError
 
 if TYPE_CHECKING:
     from drivebus.bus.core import BusCore
@@ -48,20 +47,11 @@ def overheard(core: BusCore, flight: Transaction, now: float) -> None:
     if found is None or data[: found[1]] == flight.job.data:
         return
     station, frame = flight.job.station, data[: found[1]]
-    if station.suspect and _mirrors(flight.job.codec, found[0], frame):
+    if owes(station, found[0], frame):
         _note(core, Kind.LATE, station, frame, found[0], now, now)
     else:
         core.listener.foreign_request(now)
         _note(core, Kind.MASTER, None, frame, found[0], now, now)
-
-
-def _mirrors(codec: Codec, request: Any, frame: bytes) -> bool:
-    """Would the answer to this request look the same (FC06, FC08)? From a station that owes us one it is the answer:
-    a late write reply must not block its drive as a foreign master's request would."""
-    try:
-        return isinstance(codec.decode_reply(request, frame), Complete)
-    except ProtocolError:
-        return False
 
 
 def _from_another(core: BusCore, data: bytes, error: AddressError, now: float) -> None:
