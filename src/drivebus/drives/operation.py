@@ -56,11 +56,14 @@ class Talk:
     def ask(
         self,
         request: Any,
-        lane: Lane = Lane.COMMAND,
+        lane: Lane = Lane.PARAMETER,
         write_class: WriteClass = WriteClass.READ,
         permit: Permit | None = None,
     ) -> Conversation[Answer]:
-        """One transaction; what left is kept as evidence and tells the dialect's shadows."""
+        """One transaction; what left is kept as evidence and tells the dialect's shadows.
+
+        Reads go in the parameter lane: a stop takes queued commands away, and must not take away what confirms it.
+        """
         expires_at = permit.expires_at if permit is not None else None
         answer = yield from ask(Ask(self.dialect.address, request, lane, write_class, permit, expires_at))
         if answer.sent:
@@ -141,17 +144,26 @@ class Talk:
                 yield from self.read(request)
         return (self.dialect.judge(self.book) or verdict) if requests else verdict
 
-    def act(self, command: Command, frame: Frame) -> Conversation[Answer]:
-        """Send one frame that is neither a read nor a stop: with a permit, or not at all."""
+    def permit(self, command: Command, frame: Frame) -> Conversation[Permit | None]:
+        """The gate's leave for a frame that is neither a read nor a stop; None for a stop, which needs none.
+
+        Raises GateError, Expired, Superseded, NotPermitted: nothing is sent then.
+        """
         data = self.dialect.codec.encode_request(frame.request)
         effect = self.dialect.link.effect(data)
-        if effect is not Effect.STOP and not self.dialect.lawful(data):
+        if effect is Effect.STOP:
+            return None
+        if not self.dialect.lawful(data):
             raise NotPermitted("drives.not_listed", frame=data.hex(" ").upper())
         around = yield from look()
-        permit = gate.grant(
+        return gate.grant(
             command, self.dialect.address, effect, frame.write_class, around, self.evidence_for_gate(),
             self.dialect.profile.family,
         )  # fmt: skip
+
+    def act(self, command: Command, frame: Frame) -> Conversation[Answer]:
+        """Send one frame that is neither a read nor a stop: with a permit, or not at all."""
+        permit = yield from self.permit(command, frame)
         return (yield from self.ask(frame.request, Lane.COMMAND, frame.write_class, permit))
 
     def evidence_for_gate(self) -> Evidence:

@@ -6,9 +6,9 @@ from drivebus.drives.dialect import Frame
 from drivebus.drives.gate import Command, Kind
 from drivebus.drives.operation import ROUNDS, Talk
 from drivebus.drives.preflight import ensure
-from drivebus.drives.state import Outcome, OutcomeWord
+from drivebus.drives.state import DriveState, Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, GateError
 
 SHOW_TRIES = 4
 """A drive may take a moment to show a new set frequency …"""
@@ -20,10 +20,12 @@ def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or GateError before sending."""
     talk.memory.need("set_frequency")
     word, actual_hz = talk.check_frequency(frequency_hz)
-    yield from ensure(talk)
     yield from talk.judged()
-    if talk.dialect.carries_frequency:
-        yield from talk.fenced_reads(talk.dialect.state_reads())
+    preflight = talk.memory.preflight
+    if talk.verdict.state is DriveState.FAULT and (preflight is None or not preflight.passed):
+        raise GateError("drives.state_forbids", state=talk.verdict.state, kind=Kind.SETPOINT)
+    if (yield from ensure(talk)) is not preflight:
+        yield from talk.judged()
     around = yield from look()
     command = talk.memory.command(Kind.SETPOINT, around)
     return (yield from write_setpoint(talk, command, word, actual_hz))

@@ -87,6 +87,8 @@ def _from_standstill(
 ) -> Conversation[Outcome]:
     around = yield from look()
     if not talk.dialect.carries_frequency:
+        start = talk.memory.command(Kind.START, around)
+        yield from talk.permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
         setpoint = talk.memory.command(Kind.SETPOINT, around)
         outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
         if not outcome.done:
@@ -138,6 +140,7 @@ def confirm(
         word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
         return talk.outcome(word, "drives.start_acknowledged" if answered else "drives.start_unknown")
     sent_again = 0
+    told_before = talk.book.agreed("command")
     deadline = (yield from talk.still_wanted(command)) + CONFIRM_S
     talk.seen_turning = False
     while True:
@@ -149,6 +152,7 @@ def confirm(
             return _turning(talk, direction)
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
             return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state)
+        answered = answered or _told(talk, frames[0], told_before)
         may_resend = state is DriveState.STOPPED and not answered and not talk.seen_turning
         if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
             answer = yield from send(talk, command, frames)
@@ -157,6 +161,12 @@ def confirm(
             return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state)
         elif now > deadline:
             return _not_seen(talk, state, error is not None)
+
+
+def _told(talk: Talk, frame: Frame, before: int | None) -> bool:
+    """The drive repeats this command and did not before (DZB100, Q03's A): it was taken, whatever became of it."""
+    now = talk.book.agreed("command")
+    return None not in (before, now) and now != before and now == getattr(frame.request, "command", None)
 
 
 def _turning(talk: Talk, direction: Direction | None) -> Outcome:
