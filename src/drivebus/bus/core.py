@@ -10,92 +10,41 @@ followed by the gap in silence, from a station that owes no fence. What happens 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from drivebus.bus import aftermath, mixed, unasked
-from drivebus.bus.echo import EchoKeeper
-from drivebus.bus.effects import Act, Done, Traced, Transmit, WakeAt
+from drivebus.bus import aftermath, unasked
+from drivebus.bus.babble import BABBLE_S, Patience
+from drivebus.bus.effects import Act, Done, Transmit, WakeAt
 from drivebus.bus.job import Job
-from drivebus.bus.listener import Listener
 from drivebus.bus.planner import Poll, PollJob
-from drivebus.bus.rights import check_address, checked_job
-from drivebus.bus.scheduler import FOREVER, Scheduler
-from drivebus.bus.stations import Health, Presence, Station
-from drivebus.bus.statistics import Activity, BusStatistics, Counters, retire, snapshot
+from drivebus.bus.rights import checked_job
+from drivebus.bus.scheduler import FOREVER
+from drivebus.bus.state import BusState
+from drivebus.bus.statistics import retire
 from drivebus.bus.trace import Kind, TraceEvent
 from drivebus.bus.transaction import Transaction
 from drivebus.errors import LineFault, NoReply, PortLost, Superseded
 from drivebus.line import LineSettings
-from drivebus.message import Answer, Ask, Effect, Lane, StationLink
+from drivebus.message import Answer, Ask, Effect, Lane
 
-STOP_PATIENCE_CHARACTERS = 64
-"""A stop waits no longer than this for a babbling line to fall silent (I3): longer than any frame of these families."""
-DUPLICATE_HINTS = 2
-"""So many second answers mean two drives at one address (F15)."""
 STALL_S = 0.2
 """Where the host itself was late to look (``woke`` did not come at the deadline), bytes may have come in time: they
 are looked at up to so much later. It is still the one request outstanding; beyond, the value would be too old (I4)."""
 SERVED = -1.0
 """The last WakeAt has been served: the next one is said even if it is None again."""
-BABBLE_S = 1.0
-"""Everything else fails when the line has not been silent for this long."""
 
 
-class BusCore:
-    """One line and its stations. ``paced``: the port's bytes take their character time (ruling 9)."""
+class BusCore(BusState):
+    """The bus itself: what is wanted of it, what happens to it, and what it does then."""
 
-    def __init__(
-        self,
-        line: LineSettings,
-        *,
-        name: str = "",
-        paced: bool = False,
-        echo: str = "detect",
-        allow_mixed: bool = False,
-    ) -> None:
-        self.line = line
-        self.name = name
-        self.paced = paced
-        self.tracing = False
-        self.is_open = False
-        self.opened_at = 0.0
-        self.stations: dict[int, Station] = {}
-        self.scheduler = Scheduler(line)
-        self.listener = Listener()
-        self.echo = EchoKeeper(echo)
-        self.counters = Counters()
-        self.activity = Activity()
-        self.flight: Transaction | None = None
-        self._allow_mixed = allow_mixed
-        self._character_s = line.character_s
-        self._quiet_since = 0.0
-        self._wanted_at: float | None = None
-        self._wake: float | None = None
-        self._out: list[Act] = []
+    _quiet_since = 0.0
+    _wake: float | None = None
 
-    # --- configuration -----------------------------------------------------------------------------------------
-
-    def add(self, link: StationLink) -> None:
-        """Register a station. Raises ConfigurationError for an address taken or never answering, or mixed families."""
-        check_address(link, self.stations)
-        mixed.check(link, (station.link for station in self.stations.values()), self._allow_mixed)
-        self.stations[link.address] = Station(link, self.line)
-
-    def remove(self, address: int, now: float) -> list[Act]:
-        """Forget a station: its polls end, what is queued for it fails."""
-        station = self.stations.pop(address)
-        retire(self.counters, station.counters)
-        self.scheduler.forget(station)
-        gone = self.scheduler.withdraw(lambda job: job.station is station)
-        for job in gone:
-            self.finish(job, NoReply("bus.removed", station=address))
-        return self._go_on(now)
-
-    def latch(self, addresses: Iterable[int] | None, on: bool) -> None:
-        """While latched no frame that may move a motor leaves for these stations (None: all)."""
-        for address in self.stations if addresses is None else addresses:
-            self.stations[address].latched = on
+    def __init__(self, line: LineSettings, **options: Any) -> None:
+        """Options as ``BusState``: name, paced, echo, allow_mixed."""
+        super().__init__(line, **options)
+        self._patience = Patience(line)
 
     # --- wishes ------------------------------------------------------------------------------------------------
 
@@ -149,6 +98,16 @@ class BusCore:
             if isinstance(self.flight.job, PollJob):
                 self.flight.job.cancelled = True
 
+    def remove(self, address: int, now: float) -> list[Act]:
+        """Forget a station: its polls end, what is queued for it fails."""
+        station = self.stations.pop(address)
+        retire(self.counters, station.counters)
+        self.scheduler.forget(station)
+        gone = self.scheduler.withdraw(lambda job: job.station is station)
+        for job in gone:
+            self.finish(job, NoReply("bus.removed", station=address))
+        return self._go_on(now)
+
     # --- events ------------------------------------------------------------------------------------------------
 
     def opened(self, now: float) -> list[Act]:
@@ -166,7 +125,7 @@ class BusCore:
         self.is_open = False
         flight, self.flight = self.flight, None
         if flight is not None:
-            self._count(flight, now)
+            self.count(flight, now)
             self.finish(flight.job, error, flight)
         for job in self.scheduler.withdraw(lambda job: True):
             self.finish(job, error)
@@ -174,7 +133,7 @@ class BusCore:
             station.generation += 1
             station.doubt(now)
             self.scheduler.doubts(station)
-        self._wanted_at = None
+        self._patience.renew()
         return self._go_on(now)
 
     def received(self, data: bytes, now: float, marks: int = 0) -> list[Act]:
@@ -212,7 +171,7 @@ class BusCore:
             self._send_next(now)
         else:
             self._sleep(None)
-        out, self._out = self._out, []
+        out, self.out = self.out, []
         return out
 
     def _send_next(self, now: float) -> None:
@@ -223,33 +182,33 @@ class BusCore:
             self.finish(refused, error)
         heard = self.listener.buffer
         at = self._quiet_since + (job.gap_s if job is not None else self._longest_gap_s() if heard else 0.0)
-        if now < at and not (job is not None and self._patience_is_over(job, now)):
-            self._sleep(at if job is None else min(at, self._impatient_at(job)))
+        if now < at and (job is None or not self._patience.over(job, now)):
+            self._sleep(at if job is None else min(at, self._patience.until(job, now)))
             return
         if heard:
             unasked.sort_out(self, now)
             self._send_next(now)  # what was heard may have made a station suspect: choose again
         elif job is None:
-            self._wanted_at = None
+            self._patience.renew()
             self._sleep(None if self.scheduler.wake_at == FOREVER else self.scheduler.wake_at)
-        elif self._wanted_at is not None and now < at and job.lane is not Lane.STOP:
+        elif now < at and job.lane is not Lane.STOP:
             self._fail_unsent(job, LineFault("bus.no_silence", seconds=BABBLE_S), now)
         else:
             self._transmit(job, now)
 
     def _transmit(self, job: Job, now: float) -> None:
         self.scheduler.took(job, now)
-        self._wanted_at = None
+        self._patience.renew()
         job.attempts += 1
         station = job.station
         station.asked = job
         counters = station.counters
         counters.transactions += 1
         counters.bytes_sent += len(job.data)
-        flight = Transaction(job, now, self._character_s, paced=self.paced, echo=self.echo.filter_for(job))
+        flight = Transaction(job, now, self.character_s, paced=self.paced, echo=self.echo.filter_for(job))
         self.flight = flight
         self._quiet_since = flight.sent_end
-        self._out.append(Transmit(job.data))
+        self.out.append(Transmit(job.data))
         if self.tracing:
             self.trace(TraceEvent(now, Kind.SENT, job.data, station.address, job.request, attempt=job.attempts))
         self._sleep(flight.final_at)
@@ -257,7 +216,7 @@ class BusCore:
     def _conclude(self, flight: Transaction, now: float) -> None:
         """The transaction is over: believe its reply, or see what is wrong and go on from there."""
         self.flight = None
-        self._count(flight, now)
+        self.count(flight, now)
         if flight.early or flight.foreign:
             unasked.during(self, flight, now)
         error = flight.outcome()
@@ -287,54 +246,6 @@ class BusCore:
             )
         self.finish(job, None, flight)
 
-    # --- shared with aftermath and unasked ---------------------------------------------------------------------
-
-    def believe(self, station: Station, now: float, *, really: bool) -> None:
-        """The station's replies are current again."""
-        station.revive(really=really)
-        self.scheduler.trusts(station, now)
-
-    def finish(self, job: Job, error: Exception | None, flight: Transaction | None = None) -> None:
-        """Tell whoever waits for this job what became of it; nobody waits for a fence."""
-        if job.token is None:
-            return
-        if flight is None:
-            answer = Answer(job.ask, None, error, b"", b"", None, None, job.attempts)
-        else:
-            received, message = bytes(flight.buffer), flight.message if error is None else None
-            answer = Answer(
-                job.ask, message, error, job.data, received, flight.sent_at, flight.heard_at, job.attempts
-            )  # fmt: skip
-        if isinstance(job, PollJob):
-            job.attempts = 0
-            if job.cancelled:
-                return
-        self._out.append(Done(job.token, answer))
-
-    def trace(self, event: TraceEvent) -> None:
-        self._out.append(Traced(event))
-
-    def health(self, address: int, now: float) -> Health:
-        """Raises KeyError for an address that is not registered."""
-        station = self.stations[address]
-        return Health(
-            self.presence(address), station.suspect, self.listener.foreign_master(now),
-            station.duplicates >= DUPLICATE_HINTS, station.counters.window.rate(now), station.last_heard_at,
-        )  # fmt: skip
-
-    def statistics(self, now: float) -> BusStatistics:
-        """What this bus has done since it was opened."""
-        stations = {address: station.counters for address, station in self.stations.items()}
-        return snapshot(
-            self.name, self.counters, self.activity, stations,
-            now=now, since=self.opened_at, queued=len(self.scheduler), echoes=self.echo.count,
-        )  # fmt: skip
-
-    def presence(self, address: int) -> Presence:
-        """Raises KeyError for an address that is not registered."""
-        found = self.stations[address].presence
-        return Presence.SILENT if found is Presence.ONLINE and not self.is_open else found
-
     # --- small things ------------------------------------------------------------------------------------------
 
     def _refuse(self, ask: Ask, token: Any, error: Exception) -> list[Act]:
@@ -343,7 +254,7 @@ class BusCore:
     def _fail_unsent(self, job: Job, error: Exception, now: float) -> None:
         """The line babbles: this frame is not sent, whoever waits is told, the next one gets its turn."""
         self.scheduler.took(job, now)
-        self._wanted_at = None
+        self._patience.renew()
         self.counters.kind("no_silence")
         self.finish(job, error)
         if job.fence:
@@ -352,27 +263,10 @@ class BusCore:
                 self.finish(waiting, error)
         self._sleep(now + job.gap_s)
 
-    def _patience_is_over(self, job: Job, now: float) -> bool:
-        """A line that never falls silent must not hold back a stop, nor anybody for ever."""
-        if self._wanted_at is None:
-            self._wanted_at = now
-        return now >= self._impatient_at(job)
-
-    def _impatient_at(self, job: Job) -> float:
-        assert self._wanted_at is not None
-        patience_s = job.gap_s + STOP_PATIENCE_CHARACTERS * self._character_s if job.lane is Lane.STOP else BABBLE_S
-        return self._wanted_at + patience_s
-
     def _longest_gap_s(self) -> float:
-        return max((station.gap_s for station in self.stations.values()), default=3.5 * self._character_s)
+        return max((station.gap_s for station in self.stations.values()), default=3.5 * self.character_s)
 
     def _sleep(self, when: float | None) -> None:
         if when != self._wake:
             self._wake = when
-            self._out.append(WakeAt(when))
-
-    def _count(self, flight: Transaction, now: float) -> None:
-        """The wire was used by both frames, and kept from everybody until now."""
-        wire_s = flight.job.send_s + (flight.heard + len(flight.early)) * self._character_s
-        self.activity.add(now, wire_s, now - flight.sent_at)
-        flight.job.station.counters.bytes_received += flight.heard
+            self.out.append(WakeAt(when))
