@@ -132,6 +132,37 @@ def test_unplugging_fails_what_is_pending_and_replays_nothing() -> None:
     run(story())
 
 
+def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
+    """The device comes back, dies at the first write, and comes back for good."""
+
+    async def story() -> None:
+        station = Station()
+        bus, port = bus_with(station)
+        deaths = [0]
+        write = port.write
+
+        def dying(data: bytes, /) -> None:
+            if deaths[0] > 0:
+                deaths[0] -= 1
+                port._receiver = None
+                raise PortLost("ports.lost", port="scripted", reason="again")
+            write(data)
+
+        port.write = dying  # type: ignore[method-assign]
+        seen: list[Answer] = []
+        async with bus:
+            bus.watch(1, [Poll(read(), 0.1)], seen.append)
+            await asyncio.sleep(1)
+            deaths[0] = 3
+            port.unplug()
+            port.plugged = True
+            await asyncio.sleep(6)
+            assert bus.is_open and deaths[0] == 0
+            assert seen[-1].error is None and (seen[-1].sent_at or 0) > 6
+
+    run(story())
+
+
 def test_a_port_that_cannot_be_opened_says_why() -> None:
     async def story() -> None:
         bus, port = bus_with(Station())

@@ -1,7 +1,8 @@
 """Who speaks when on one line: ``Bus`` is the master; everything that it decides is decided in the pure ``core``."""
 
-from drivebus.bus.master import Bus, Watch
+from drivebus.bus.master import Bus
 from drivebus.bus.planner import BusArithmetic, DriveArithmetic, Poll, arithmetic
+from drivebus.bus.shell import Watch
 from drivebus.bus.stations import Health, Presence
 from drivebus.bus.statistics import BusStatistics, StationStatistics
 from drivebus.bus.trace import Kind, TraceEvent

@@ -1,74 +1,29 @@
-"""The asyncio shell around the pure core: owns one port, tells the core what happened, does what the core says.
-
-No rule of the bus lives here. What does: the port's life (open, lost, open again), futures, sinks and time.
-"""
+"""``Bus``: what a program calls. Owns one port through ``shell``; every rule of the bus is in the pure ``core``."""
 
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from math import inf
 from types import TracebackType
-from typing import Any
 
 from drivebus.bus import timer as timers
-from drivebus.bus.core import BusCore
-from drivebus.bus.effects import Act, Done, Traced, Transmit
 from drivebus.bus.planner import Poll
+from drivebus.bus.shell import Shell, Watch
 from drivebus.bus.stations import Health, Presence
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
-from drivebus.errors import DrivebusError, PortLost
+from drivebus.errors import PortLost
 from drivebus.line import LineSettings
 from drivebus.message import Answer, Ask, StationLink
-from drivebus.ports.port import Port, Quietable
+from drivebus.ports.port import Port
 from drivebus.seams import Clock
 
-REOPEN_S = 0.4
-"""Pause between attempts to open a lost port: polling is back within 2 s of the device (G09)."""
-STAY_S = 40e-6
-"""A wait shorter than this is waited out on the spot: setting a timer and sleeping takes longer."""
-FAST_CHARACTER_S = 30e-6
-"""Lines faster than this (350,000 baud) have gaps that are waited out; on slower ones the reader is put to sleep."""
-WORTH_WAITING_S = 0.001
-"""A reader is put to sleep only where it saves more than this: falling quiet costs a system call."""
 
-
-class Watch:
-    """A set of polls of one station; ``cancel`` ends it."""
-
-    __slots__ = ("_bus", "sink")
-
-    def __init__(self, bus: Bus, sink: Callable[[Answer], None]) -> None:
-        self._bus = bus
-        self.sink = sink
-
-    def cancel(self) -> None:
-        """No more polls, no more answers. Idempotent."""
-        self._bus._unwatch(self)
-
-
-class Bus:
+class Bus(Shell):
     """One master on one port. Belongs to one event loop; every method is called from it."""
 
     def __init__(self, port: Port, *, name: str = "", allow_mixed: bool = False, clock: Clock | None = None) -> None:
-        self.port = port
-        self.name = name or port.url
-        echo = getattr(port, "echo", "detect")
-        self.core = BusCore(port.settings, name=self.name, echo=echo, allow_mixed=allow_mixed)
-        self._clock = clock
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._alarm: timers.Alarm | None = None
-        self._acts: deque[Act] = deque()
-        self._performing = False
-        self._tracers: list[Callable[[TraceEvent], None]] = []
-        self._reopening: asyncio.Task[None] | None = None
-        self._quiet = port if isinstance(port, Quietable) else None
-        self._listen_at = inf
-        self._wake_at: float | None = None
-        self._stays = self._staying = False
-        self._hushes = False
+        super().__init__(port, name, allow_mixed, clock)
 
     # --- life --------------------------------------------------------------------------------------------------
 
@@ -83,13 +38,7 @@ class Bus:
         except BaseException:
             timers.release(loop)
             raise
-        self._loop = loop
-        self._clock = self._clock or timer.now
-        self._alarm = timer.alarm(self._woke)
-        fast = self.line.character_s < FAST_CHARACTER_S
-        self._stays = timer.precise and self._quiet is not None and fast
-        self._hushes = self._quiet is not None and not fast
-        self._opened()
+        self._begin(loop, timer)
 
     async def close(self) -> None:
         """End everything: what is pending fails with PortLost, the port is let go. Idempotent."""
@@ -177,7 +126,7 @@ class Bus:
 
     def watch(self, address: int, polls: Sequence[Poll], sink: Callable[[Answer], None]) -> Watch:
         """Send these polls again and again; ``sink`` gets each answer, errors too. Raises KeyError, ValueError."""
-        watch = Watch(self, sink)
+        watch = Watch(self._unwatch, sink)
         self._perform(self.core.watch(address, polls, watch, self.now()))
         return watch
 
@@ -198,140 +147,3 @@ class Bus:
         if sink in self._tracers:
             self._tracers.remove(sink)
         self.core.tracing = bool(self._tracers)
-
-    # --- Receiver ----------------------------------------------------------------------------------------------
-
-    def data_received(self, data: bytes, marks: int = 0) -> None:
-        """From the port: bytes came."""
-        assert self._clock is not None
-        self._perform(self.core.received(data, self._clock(), marks))
-
-    def port_lost(self, error: PortLost) -> None:
-        """From the port: it is gone. Everything pending fails; opening it again begins at once."""
-        if self._loop is None or not self.core.is_open:
-            return
-        self._perform(self.core.lost(error, self.now()))
-        if self._reopening is None or self._reopening.done():
-            self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
-
-    async def _reopen(self) -> None:
-        while True:
-            try:
-                await self.port.open(self)
-            except DrivebusError:  # not there yet, or not ours yet: why is the next opener's to read
-                await asyncio.sleep(REOPEN_S)
-            else:
-                break
-        self._opened()
-
-    def _opened(self) -> None:
-        self.core.paced = self.port.capabilities.paced
-        self._perform(self.core.opened(self.now()))
-
-    # --- time --------------------------------------------------------------------------------------------------
-
-    def _woke(self) -> None:
-        """The alarm: hear first what the port still holds, so that no byte in the kernel is overlooked."""
-        assert self._clock is not None
-        if self._quiet is not None:
-            self._listen_at = inf
-            self._quiet.quiet_until(0.0)
-        now = self._clock()
-        if self._wake_at is not None and now >= self._wake_at:
-            if self._quiet is None and self.core.flight is not None:
-                self._loop.call_soon(self._woke_after_readers)  # type: ignore[union-attr]
-                return
-            self._perform(self.core.woke(now))
-        else:
-            self._set_alarm()
-
-    def _soon(self) -> None:
-        """A gap of a few characters on a fast line is over before a timer could be set: stay for it."""
-        assert self._clock is not None and self._quiet is not None
-        self._staying = True
-        while (when := self._wake_at) is not None and when <= self._clock() + STAY_S:
-            timers.spin(self._clock, when)
-            self._quiet.quiet_until(0.0)
-            if self._wake_at == when:
-                self._perform(self.core.woke(self._clock()))
-        self._staying = False
-
-    def _woke_after_readers(self) -> None:
-        """Readers that were ready when the alarm rang have run by now."""
-        assert self._clock is not None
-        if self._wake_at is not None and self._clock() >= self._wake_at:
-            self._perform(self.core.woke(self._clock()))
-        else:
-            self._set_alarm()
-
-    def _hush(self) -> None:
-        """No byte that comes before ``useful_at`` can complete the reply: let them wait in the kernel."""
-        flight = self.core.flight
-        if flight is None:
-            return
-        useful_at = flight.useful_at()
-        if useful_at is not None and self._quiet is not None and useful_at > self.now() + WORTH_WAITING_S:
-            self._listen_at = useful_at
-            self._quiet.quiet_until(inf)
-
-    def _set_alarm(self) -> None:
-        if self._alarm is None:
-            return
-        when = self._listen_at if self._wake_at is None else min(self._wake_at, self._listen_at)
-        if when != self._alarm.when:
-            self._alarm.set(None if when == inf else when)
-
-    # --- effects -----------------------------------------------------------------------------------------------
-
-    def _perform(self, acts: list[Act]) -> None:
-        """Do what the core says, in order, also where doing it makes the core say more."""
-        if self._performing:
-            self._acts.extend(acts)
-            return
-        self._performing = True
-        try:
-            for act in acts:
-                self._do(act)
-            while self._acts:
-                self._do(self._acts.popleft())
-        finally:
-            self._performing = False
-        if not self._staying:
-            self._settle()
-
-    def _settle(self) -> None:
-        """All has been done: now the next moment to look."""
-        if self._stays:
-            self._soon()
-        elif self._hushes:
-            self._hush()
-        self._set_alarm()
-
-    def _do(self, act: Act) -> None:
-        kind = type(act)
-        if kind is Transmit:
-            try:
-                self.port.write(act.data)  # type: ignore[union-attr]
-            except PortLost as error:
-                self.port_lost(error)
-        elif kind is Done:
-            self._answer(act.token, act.answer)  # type: ignore[union-attr]
-        elif kind is Traced:
-            for tracer in tuple(self._tracers):
-                self._tell(tracer, act.event)  # type: ignore[union-attr]
-        else:
-            self._wake_at = act.when  # type: ignore[union-attr]
-
-    def _answer(self, token: Any, answer: Answer) -> None:
-        if type(token) is Watch:
-            self._tell(token.sink, answer)
-        elif not token.done():
-            token.set_result(answer)
-
-    def _tell(self, sink: Callable[[Any], None], value: Any) -> None:
-        """A sink that fails is the sink's problem: the bus goes on, the loop's handler is told."""
-        try:
-            sink(value)
-        except Exception as error:
-            loop = self._loop or asyncio.get_running_loop()
-            loop.call_exception_handler({"message": f"a sink of bus {self.name} failed", "exception": error})
