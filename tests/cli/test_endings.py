@@ -89,6 +89,17 @@ def test_a_terminal_that_hangs_up_stops_the_drive(plant: Plant) -> None:
     assert plant.state() == "stopped"
 
 
+def test_a_pipe_that_nobody_reads_any_more_stops_the_drive(plant: Plant) -> None:
+    """``drivebus run … | head -1``: the first word that can't be printed ends the run, and the run ends with a stop."""
+    with child(*run_words(plant)) as process:
+        lines_until(process, lambda line: line.startswith("running"))
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.wait(PATIENCE_S) == 130
+        process.stdout = None
+    assert plant.state() == "stopped"
+
+
 def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_stop_short(plant: Plant) -> None:
     with Terminal(*run_words(plant)) as terminal:
         terminal.wait_for("running")

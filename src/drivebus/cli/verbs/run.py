@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive
     from drivebus.drives.dialect import Dialect
     from drivebus.drives.state import Direction, DriveStatus
-    from drivebus.errors import DrivebusError
 
 PERIOD_S = 0.5
 """Between two looks at the drive; each look is a few frames."""
@@ -29,18 +29,35 @@ OFF_TWICE = 2
 
 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> Exit:
-    from drivebus.cli.ending import listening
+    from drivebus.cli.ending import listening, mute
 
     with listening() as ending:
         async with connect.drive(target) as (bus, drive):
             if detach:
                 await _say_comm_loss(drive)
-            started = await _start(bus, drive, ending, frequency, _direction(reverse), wait)
-            if detach and started is Exit.DONE and not ending.come:
-                voice.tell("run.detached")
-                return started
-            ended = await _watch(bus, drive, ending) if started is Exit.DONE else started
+            try:
+                ended = await _attached(bus, drive, ending, frequency, _direction(reverse), wait, detach)
+            except OSError:  # nobody reads what we print any more: the terminal or the pipe is gone
+                mute()
+                ended = Exit.INTERRUPTED
+            except BaseException as error:
+                if not nothing_moved(error):
+                    await drive.stop()
+                raise
+            if ended is None:
+                return Exit.DONE
             return await _stop(bus, drive, Exit.INTERRUPTED if ending.come else ended)
+
+
+async def _attached(
+    bus: Bus, drive: Drive, ending: Ending, frequency_hz: float, direction: Direction | None, wait: bool, detach: bool
+) -> Exit | None:
+    """Start and show. Returns why it ended; None where the drive is left running on purpose."""
+    started = await _start(bus, drive, ending, frequency_hz, direction, wait)
+    if detach and started is Exit.DONE and not ending.come:
+        voice.tell("run.detached")
+        return None
+    return await _watch(bus, drive, ending) if started is Exit.DONE else started
 
 
 def _direction(reverse: bool) -> Direction | None:
@@ -70,7 +87,7 @@ async def _start(
     return code
 
 
-def nothing_moved(error: DrivebusError) -> bool:
+def nothing_moved(error: BaseException) -> bool:
     """Nothing left the host that may move a motor, or the drive itself said no: there is nothing to stop."""
     from drivebus import errors
 
@@ -135,11 +152,18 @@ def _show_text(text: str) -> None:
 
 
 async def _stop(bus: Bus, drive: Drive, code: Exit) -> Exit:
-    """Stop and confirm; an unconfirmed stop outweighs every other ending."""
-    if sys.stdout.isatty() and not voice.as_json():
-        click.echo()
-    voice.tell("run.stopping")
-    outcome = await drive.stop(wait=True)
+    """Stop and confirm; an unconfirmed stop outweighs every other ending. Words never come before the stop."""
+    from drivebus.cli.ending import mute
+
+    stopping = asyncio.ensure_future(drive.stop(wait=True))
+    await asyncio.sleep(0)
+    try:
+        if sys.stdout.isatty() and not voice.as_json():
+            click.echo()
+        voice.tell("run.stopping")
+    except OSError:
+        mute()
+    outcome = await stopping
     stopped = tell(outcome, bus.now(), event="stopped", stream=True)
     return code if stopped is Exit.DONE else stopped
 
