@@ -9,8 +9,9 @@ import pytest
 
 from drivebus import ports, profiles
 from drivebus.bus import Bus
-from drivebus.commissioning import scan
-from drivebus.commissioning.scan import Found, Pass, Progress
+from drivebus.commissioning import scan, scan_plan
+from drivebus.commissioning.scan import Found, Progress
+from drivebus.commissioning.scan_plan import Pass
 from drivebus.drives.make import make_dialect
 from drivebus.line import LineSettings
 from drivebus.message import Effect
@@ -27,7 +28,7 @@ def benches() -> Any:
 
 
 def plan(*models: str, **options: Any) -> list[Pass]:
-    return scan.plan([profiles.load(model) for model in models or ALL], **options)
+    return scan_plan.plan([profiles.load(model) for model in models or ALL], **options)
 
 
 def walk(link: str, passes: list[Pass], **options: Any) -> tuple[list[Found], Progress]:
@@ -115,7 +116,7 @@ def test_the_question_is_a_pure_read_of_every_model_in_every_encoding(model: str
     profile = profiles.load(model)
     for encoding in profile.encodings:
         dialect = make_dialect(profile, max(1, profile.addresses[0]), encoding=encoding)
-        assert dialect.link.effect(dialect.link.codec.encode_request(scan.probe(dialect))) is Effect.NONE
+        assert dialect.link.effect(dialect.link.codec.encode_request(scan_plan.probe(dialect))) is Effect.NONE
 
 
 def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:

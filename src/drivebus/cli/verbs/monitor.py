@@ -94,8 +94,8 @@ def _dry(
     from drivebus.cli import dry
     from drivebus.cli.connect import Target
     from drivebus.cli.live.model import SIGNALS
+    from drivebus.cli.scan_page import show_plan as show_scan
     from drivebus.cli.verbs.scan import make_plan
-    from drivebus.cli.verbs.scan import show_plan as show_scan
 
     if link.endswith(".dbcap"):
         return dry.show([], _line_of(link))
@@ -128,7 +128,8 @@ async def _scanned(
 ) -> tuple[Known, int | None, str | None]:
     """Find out who is there; reads only, after listening. Another master ends it: nothing is found."""
     from drivebus import ports, profiles
-    from drivebus.cli.verbs.scan import Meter, make_plan
+    from drivebus.cli.scan_page import Meter
+    from drivebus.cli.verbs.scan import make_plan
     from drivebus.commissioning import scan
 
     models = (model,) if model else DEFAULT_MODELS
