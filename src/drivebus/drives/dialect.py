@@ -111,6 +111,10 @@ class Dialect(Protocol):
         """Whatever else the family shows of a stop command, the last two readings show it (DZB100: Q03's A)."""
         ...
 
+    def start_seen(self, book: Book) -> bool:
+        """The last two readings show that a start was the last command the drive took (DZB100: Q03's A)."""
+        ...
+
     def refusal(self, reply: Any) -> Refusal | None:
         """Whether this reply is the drive's own no."""
         ...

@@ -40,7 +40,7 @@ from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.drives.store import FileStore, MemoryStore, default_path
 from drivebus.drives.talk import Conversation
 from drivebus.drives.wear import Wear
-from drivebus.errors import CapabilityError
+from drivebus.errors import CapabilityError, Expired
 from drivebus.message import StationTiming
 from drivebus.profiles.model import DriveProfile
 from drivebus.reading import Reading
@@ -94,17 +94,28 @@ class Drive:
     async def _talk(self, conversation: Conversation[T]) -> T:
         return await converse(conversation, self.bus, self.address, self._store)
 
-    async def _command(self, conversation: Conversation[Outcome]) -> Outcome:
-        """One command at a time; a stop never waits for this."""
+    def _wish(self) -> Talk:
+        """A command wished for now: a stop from now on takes it away, whatever it still waits for (6.5)."""
+        return Talk(self._memory, self.bus.generation(self.address))
+
+    async def _in_turn(self, conversation: Conversation[T]) -> T:
+        """One command at a time; a stop never waits for this. Raises Expired for one that waited too long."""
+        wished_at = self.bus.now()
         async with self._lock:
-            return settled(await self._talk(conversation))
+            waited_s = self.bus.now() - wished_at
+            if waited_s > start.PREPARE_S:
+                conversation.close()
+                raise Expired("drives.turn_too_late", age_s=round(waited_s, 2), limit_s=start.PREPARE_S)
+            return await self._talk(conversation)
+
+    async def _command(self, conversation: Conversation[Outcome]) -> Outcome:
+        return settled(await self._in_turn(conversation))
 
     async def _motion(self, conversation: Conversation[T]) -> T:
         """A command that begins motion ends the repetition of an old stop; where it does not end well, that goes on."""
         old = self._give_in()
         try:
-            async with self._lock:
-                return await self._talk(conversation)
+            return await self._in_turn(conversation)
         except BaseException:
             if old is not None and self._insisting is None:
                 self._insist_on(old)
@@ -149,13 +160,13 @@ class Drive:
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
         """
         way = None if direction is None else Direction(direction)
-        talk = Talk(self._memory)
+        talk = self._wish()
         outcome = settled(await self._motion(start.run(talk, frequency_hz, way, will_wait=wait)))
         return settled(await self._talk(reach(talk, frequency_hz, outcome, timeout_s))) if wait else outcome
 
     async def set_frequency(self, frequency_hz: float) -> Outcome:
         """Change the set frequency; absolute, read back where the model shows it."""
-        return await self._command(setpoint.set_frequency(Talk(self._memory), frequency_hz))
+        return await self._command(setpoint.set_frequency(self._wish(), frequency_hz))
 
     def jog(
         self,
@@ -171,7 +182,7 @@ class Drive:
         way = Direction(direction)
 
         async def begin() -> Outcome:
-            return settled(await self._motion(jogging.begin(Talk(self._memory), frequency_hz, way)))
+            return settled(await self._motion(jogging.begin(self._wish(), frequency_hz, way)))
 
         async def end() -> Outcome:
             return settled(await self._talk(jogging.end(Talk(self._memory))), stop=True)
@@ -228,7 +239,7 @@ class Drive:
 
     async def reset_fault(self) -> Outcome:
         """Reset a fault, once, while the drive reports one."""
-        return await self._command(reset.reset_fault(Talk(self._memory)))
+        return await self._command(reset.reset_fault(self._wish()))
 
     # --- parameters ---------------------------------------------------------------------------------------------
 
@@ -252,14 +263,14 @@ class Drive:
     async def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
         """DZB100: runs at 5 Hz or less, a person watching, until one setpoint coding is left, which is then kept."""
         way = None if direction is None else Direction(direction)
-        found = await self._motion(proofs.setpoint_coding(Talk(self._memory), way))
+        found = await self._motion(proofs.setpoint_coding(self._wish(), way))
         if found.settled is not None:
             await self._prove("setpoint_coding", found.settled)
         return found
 
     async def prove_direction(self, frequency_hz: float, watched: Callable[[], Awaitable[Direction | None]]) -> Outcome:
         """DF800: one jog of 0.5 s; ``watched`` asks the person which way it turned (None: could not tell)."""
-        outcome = settled(await self._motion(proofs.direction_jog(Talk(self._memory), frequency_hz)))
+        outcome = settled(await self._motion(proofs.direction_jog(self._wish(), frequency_hz)))
         seen = await watched()
         if seen is not None:
             await self._prove("direction_field", proofs.direction_field(seen))

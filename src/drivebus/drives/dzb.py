@@ -210,6 +210,10 @@ class DzbDialect:
         """Q03's A echoes the last command: stop, twice (RELIABILITY 6.4)."""
         return book.agreed("command") in STOP_DIGITS
 
+    def start_seen(self, book: Book) -> bool:
+        """Also where it stands by now: then somebody has stopped it at the keypad (ruling 6)."""
+        return book.agreed("command") in (Command.FORWARD, Command.REVERSE)
+
     def refusal(self, reply: Reply) -> Refusal | None:
         return Refusal("drives.dzb_refused", 7) if reply.accepted is False else None
 

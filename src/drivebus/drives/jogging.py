@@ -40,7 +40,7 @@ def begin(talk: Talk, frequency_hz: float | None, direction: Direction) -> Conve
 def send_jog(talk: Talk, frames: tuple[Frame, ...]) -> Conversation[Outcome]:
     """The jog frame, once; whatever does not end in a yes is stopped."""
     around = yield from look()
-    command = talk.memory.command(Kind.JOG, around)
+    command = talk.command(Kind.JOG, around)
     answer = yield from send(talk, command, frames)
     if not answer.sent and answer.error is not None:
         raise answer.error

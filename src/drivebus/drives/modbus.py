@@ -250,6 +250,9 @@ class ModbusDialect:
     def stop_seen(self, book: Book) -> bool:
         return True
 
+    def start_seen(self, book: Book) -> bool:
+        return False
+
     def setpoint_reads(self) -> tuple[Any, ...]:
         signal = self.profile.signals.get("set_frequency")
         return () if signal is None else (ReadRegisters(self.address, signal.locator[1], 1),)

@@ -12,10 +12,10 @@ from typing import Any
 from drivebus.drives import gate
 from drivebus.drives.book import Book
 from drivebus.drives.dialect import Frame, fault_of
-from drivebus.drives.gate import Command, Evidence
+from drivebus.drives.gate import Command, Evidence, Kind
 from drivebus.drives.memory import Memory
 from drivebus.drives.state import UNKNOWN, DriveState, DriveStatus, Exchange, Outcome, OutcomeWord, Verdict
-from drivebus.drives.talk import Conversation, ask, look
+from drivebus.drives.talk import Conversation, Surroundings, ask, look
 from drivebus.errors import DrivebusError, NotPermitted, Superseded
 from drivebus.message import Answer, Ask, Effect, Lane, Permit, WriteClass
 from drivebus.reading import Reading
@@ -33,8 +33,10 @@ KEPT_COMMANDS, KEPT_READS = 64, 24
 class Talk:
     """The state of one conversation."""
 
-    def __init__(self, memory: Memory) -> None:
+    def __init__(self, memory: Memory, generation: int | None = None) -> None:
         self.memory = memory
+        self.generation = generation
+        """Stop generation when the user wished for this; None: when the command is made. Our own stops count on."""
         self.dialect = memory.dialect
         self.book = Book()
         self.verdict: Verdict = UNKNOWN
@@ -65,6 +67,8 @@ class Talk:
         Reads go in the parameter lane: a stop takes queued commands away, and must not take away what confirms it.
         """
         expires_at = permit.expires_at if permit is not None else None
+        if self.generation is not None and self._effect(request) is Effect.STOP:
+            self.generation += 1
         answer = yield from ask(Ask(self.dialect.address, request, lane, write_class, permit, expires_at))
         if answer.sent:
             self.dialect.noted(request)
@@ -73,6 +77,14 @@ class Talk:
             if answer.sent_at is not None and answer.received_at is not None:
                 self.pace_s = min(self.pace_s, answer.received_at - answer.sent_at)
         return answer
+
+    def _effect(self, request: Any) -> Effect:
+        return self.dialect.link.effect(self.dialect.codec.encode_request(request))
+
+    def command(self, kind: Kind, around: Surroundings) -> Command:
+        """The user's wish: made now, but a stop since this conversation was wished for takes it away (6.5)."""
+        generation = around.generation if self.generation is None else self.generation
+        return self.memory.command(kind, replace(around, generation=generation))
 
     def read(self, request: Any) -> Conversation[Answer]:
         """One read, taken into the book."""

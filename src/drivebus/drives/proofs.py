@@ -88,7 +88,7 @@ def _run_and_look(talk: Talk, dialect: DzbDialect, word: int, direction: Directi
     if error is not None:
         raise error
     around = yield from look()
-    command = talk.memory.command(Kind.START, around)
+    command = talk.command(Kind.START, around)
     frames = dialect.start(direction, word)
     answer = yield from send(talk, command, frames)
     if not answer.sent and answer.error is not None:
@@ -166,7 +166,7 @@ def direction_jog(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     word, actual_hz = talk.check_frequency(frequency_hz)
     yield from ensure(talk)
     around = yield from look()
-    command = talk.memory.command(Kind.JOG, around)
+    command = talk.command(Kind.JOG, around)
     outcome = yield from write_setpoint(talk, command, word, actual_hz)
     if not outcome.done:
         return outcome

@@ -25,8 +25,12 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
             raise GateError("drives.reset_while_turning", state=talk.verdict.state)
         if talk.verdict.state not in FAULTY and talk.verdict.fault_code is None:
             return talk.outcome(OutcomeWord.CONFIRMED, "drives.no_fault", state=talk.verdict.state)
+    else:  # it must answer at all; and a first reply that equals its request would not be believed (F03)
+        error = yield from talk.fence()
+        if error is not None:
+            raise error
     around = yield from look()
-    command = talk.memory.command(Kind.RESET, around)
+    command = talk.command(Kind.RESET, around)
     frames = talk.dialect.reset()
     answer = yield from send(talk, command, frames)
     if not answer.sent and answer.error is not None:

@@ -20,14 +20,16 @@ def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or GateError before sending."""
     talk.memory.need("set_frequency")
     word, actual_hz = talk.check_frequency(frequency_hz)
-    yield from talk.judged()
+    error = yield from talk.judged()
+    if error is not None and talk.dialect.carries_frequency:
+        raise error
     preflight = talk.memory.preflight
     if talk.verdict.state is DriveState.FAULT and (preflight is None or not preflight.passed):
         raise GateError("drives.state_forbids", state=talk.verdict.state, kind=Kind.SETPOINT)
     if (yield from ensure(talk)) is not preflight:
         yield from talk.judged()
     around = yield from look()
-    command = talk.memory.command(Kind.SETPOINT, around)
+    command = talk.command(Kind.SETPOINT, around)
     return (yield from write_setpoint(talk, command, word, actual_hz))
 
 

@@ -216,6 +216,9 @@ class SifangDialect:
     def stop_seen(self, book: Book) -> bool:
         return True
 
+    def start_seen(self, book: Book) -> bool:
+        return False
+
     def refusal(self, reply: Reply) -> Refusal | None:
         """Response codes 1 to 8 (manual 2.4.3)."""
         key = RESPONSES.get(int(reply.response))

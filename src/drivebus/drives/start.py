@@ -87,9 +87,9 @@ def _from_standstill(
 ) -> Conversation[Outcome]:
     around = yield from look()
     if not talk.dialect.carries_frequency:
-        start = talk.memory.command(Kind.START, around)
+        start = talk.command(Kind.START, around)
         yield from talk.permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
-        setpoint = talk.memory.command(Kind.SETPOINT, around)
+        setpoint = talk.command(Kind.SETPOINT, around)
         outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
         if not outcome.done:
             return outcome if outcome.word is OutcomeWord.REFUSED else _not_started(outcome)
@@ -100,7 +100,7 @@ def _from_standstill(
     limit_s = max(PREPARE_S, PREPARE_TRANSACTIONS * talk.pace_s if isfinite(talk.pace_s) else 0.0)
     if around.now - begun > limit_s:
         raise Expired("drives.prepare_too_long", age_s=round(around.now - begun, 2), limit_s=round(limit_s, 1))
-    command = talk.memory.command(Kind.START, around)
+    command = talk.command(Kind.START, around)
     frames = talk.dialect.start(direction, word)
     answer = yield from send(talk, command, frames)
     if not answer.sent and answer.error is not None:
@@ -153,7 +153,8 @@ def confirm(
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
             return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state)
         answered = answered or _told(talk, frames[0], told_before)
-        may_resend = state is DriveState.STOPPED and not answered and not talk.seen_turning
+        taken = talk.seen_turning or talk.dialect.start_seen(talk.book)
+        may_resend = state is DriveState.STOPPED and not answered and not taken
         if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
             answer = yield from send(talk, command, frames)
             answered, sent_again = answer.error is None, sent_again + 1
