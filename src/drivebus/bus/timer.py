@@ -24,8 +24,15 @@ SLACK_S = 20e-6
 """An alarm that is due within this time is served now: arming the timer again would take as long."""
 
 
+NEAR_S = 0.01
+"""Setting a kernel timer costs as much as a whole transaction. Deadlines are far and seldom reached, gaps are near:
+each has a waker of its own, so that a gap does not cost the deadline its setting."""
+
+
 class Waker(Protocol):
-    """Something that calls back at one moment."""
+    """Something that calls back at one moment. ``armed``: when, NEVER if not at all (as while it calls back)."""
+
+    armed: float
 
     def arm(self, when: float) -> None: ...
     def close(self) -> None: ...
@@ -51,25 +58,25 @@ class Alarm:
 
 
 class PreciseTimer:
-    """All alarms of one loop in one heap, one waker beneath."""
+    """All alarms of one loop in one heap, and what wakes the loop for them."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._heap: list[tuple[float, int, Alarm]] = []
         self._count = 0
-        self._armed = NEVER
         self._firing = False
         self.precise = False
         self.now: Callable[[], float] = loop.time
-        self._waker: Waker = self._best(loop)
+        self._near, self._far = self._wakers(loop)
 
-    def _best(self, loop: asyncio.AbstractEventLoop) -> Waker:
+    def _wakers(self, loop: asyncio.AbstractEventLoop) -> tuple[Waker, Waker]:
         if sys.platform == "linux":
             with contextlib.suppress(OSError, NotImplementedError, AttributeError):
-                waker = _FdWaker(loop, self._fire)
+                near, far = _FdWaker(loop, self._fire), _FdWaker(loop, self._fire)
                 self.precise = True
                 self.now = time.monotonic
-                return waker
-        return _LoopWaker(loop, self._fire)
+                return near, far
+        waker = _LoopWaker(loop, self._fire)
+        return waker, waker
 
     def alarm(self, callback: Callable[[], None]) -> Alarm:
         return Alarm(self, callback)
@@ -79,20 +86,26 @@ class PreciseTimer:
         alarm.queued.append(when)
         self._count += 1
         heappush(self._heap, (when, self._count, alarm))
-        if when < self._armed and not self._firing:
-            self._armed = when
-            self._waker.arm(when)
+        if not self._firing:
+            self._arm(when)
 
     def close(self) -> None:
-        self._waker.close()
+        self._near.close()
+        self._far.close()
         self._heap.clear()
+
+    def _arm(self, when: float) -> None:
+        """Wake at ``when`` or before."""
+        if when < self._near.armed and when < self._far.armed:
+            near = when < self.now() + NEAR_S
+            (self._near if near else self._far).arm(when)
 
     def _fire(self) -> None:
         """Call whoever is due, then arm for the next one. An alarm that was moved since is looked at again then."""
         heap = self._heap
         self._firing = True
+        now = self.now()
         try:
-            now = self.now()
             while heap:
                 at, _, alarm = heap[0]
                 if at > now and not (self.precise and at <= (now := self.now()) + SLACK_S):
@@ -109,8 +122,8 @@ class PreciseTimer:
                     self.look_at(alarm, when)
         finally:
             self._firing = False
-            self._armed = heap[0][0] if heap else NEVER
-            self._waker.arm(self._armed)
+            if heap:
+                self._arm(heap[0][0])
 
 
 def spin(now: Callable[[], float], when: float) -> None:
@@ -122,20 +135,28 @@ def spin(now: Callable[[], float], when: float) -> None:
 class _FdWaker:
     """A kernel timer on CLOCK_MONOTONIC, watched by the loop's selector."""
 
-    __slots__ = ("_fd", "_loop")
+    __slots__ = ("_callback", "_fd", "_loop", "armed")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self.armed = NEVER
+        self._callback = callback
         self._fd = timerfd.create()
         self._loop = loop
         try:
-            loop.add_reader(self._fd, callback)
+            loop.add_reader(self._fd, self._rang)
         except BaseException:
             os.close(self._fd)
             raise
 
     def arm(self, when: float) -> None:
-        """Arming (or disarming, at NEVER) also takes back an expiry that nobody has read."""
-        timerfd.set_at(self._fd, 0.0 if when == NEVER else when)
+        self.armed = when
+        timerfd.set_at(self._fd, when)
+
+    def _rang(self) -> None:
+        self.armed = NEVER
+        with contextlib.suppress(BlockingIOError):  # armed anew since it expired
+            os.read(self._fd, 8)
+        self._callback()
 
     def close(self) -> None:
         if not self._loop.is_closed():
@@ -146,19 +167,26 @@ class _FdWaker:
 class _LoopWaker:
     """The loop's own timer."""
 
-    __slots__ = ("_callback", "_handle", "_loop")
+    __slots__ = ("_callback", "_handle", "_loop", "armed")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self.armed = NEVER
         self._loop = loop
         self._callback = callback
         self._handle: asyncio.TimerHandle | None = None
 
     def arm(self, when: float) -> None:
         self.close()
-        if when != NEVER:
-            self._handle = self._loop.call_at(when, self._callback)
+        self.armed = when
+        self._handle = self._loop.call_at(when, self._rang)
+
+    def _rang(self) -> None:
+        self.armed = NEVER
+        self._handle = None
+        self._callback()
 
     def close(self) -> None:
+        self.armed = NEVER
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
