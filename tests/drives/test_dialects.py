@@ -11,7 +11,8 @@ from drivebus import profiles
 from drivebus.drives import make_dialect
 from drivebus.drives.book import Book
 from drivebus.drives.dialect import UNNAMED, Dialect, Stop, fault_of
-from drivebus.drives.dzb import CODINGS, DzbDialect, candidates, cap_word, decoded, within_cap
+from drivebus.drives.dzb import DzbDialect
+from drivebus.drives.dzb_coding import CODINGS, candidates, cap_word, decoded, within_cap
 from drivebus.drives.state import Direction, DriveState, Verdict
 from drivebus.errors import ConfigurationError, LimitError
 from drivebus.protocols import dzb, modbus, sifang

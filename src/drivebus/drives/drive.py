@@ -31,7 +31,7 @@ from drivebus.drives.lease import JogLease
 from drivebus.drives.make import make_dialect
 from drivebus.drives.memory import DriveLimits, Memory, Preflight
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operation import Talk
+from drivebus.drives.operation import PREPARE_S, Talk
 from drivebus.drives.proofs import CodingFound
 from drivebus.drives.reach import reach
 from drivebus.drives.settle import settled
@@ -103,9 +103,9 @@ class Drive:
         wished_at = self.bus.now()
         async with self._lock:
             waited_s = self.bus.now() - wished_at
-            if waited_s > start.PREPARE_S:
+            if waited_s > PREPARE_S:
                 conversation.close()
-                raise Expired("drives.turn_too_late", age_s=round(waited_s, 2), limit_s=start.PREPARE_S)
+                raise Expired("drives.turn_too_late", age_s=round(waited_s, 2), limit_s=PREPARE_S)
             return await self._talk(conversation)
 
     async def _command(self, conversation: Conversation[Outcome]) -> Outcome:

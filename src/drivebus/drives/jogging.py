@@ -33,7 +33,9 @@ def begin(talk: Talk, frequency_hz: float | None, direction: Direction) -> Conve
     word = None if frequency_hz is None else talk.check_frequency(frequency_hz)[0]
     talk.within_limits = True  # without a frequency it is the drive's own, set on its keypad
     frames = dialect.jog(direction, word)
+    yield from talk.begin()
     yield from prepare(talk)
+    yield from talk.in_time()
     return (yield from send_jog(talk, frames))
 
 

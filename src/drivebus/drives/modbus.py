@@ -20,8 +20,10 @@ from drivebus.drives.dialect import (
     shows,
     signals_in,
 )
-from drivebus.drives.state import Direction, DriveState, Verdict
-from drivebus.errors import CapabilityError, ConfigurationError, GateError, ProtocolError
+from drivebus.drives.modbus_reads import FENCE_COUNT, merged, wanted_pairs
+from drivebus.drives.modbus_status import direction_of, state_of
+from drivebus.drives.state import Direction, Verdict
+from drivebus.errors import CapabilityError, GateError, ProtocolError
 from drivebus.message import Codec, Effect, StationLink, StationTiming, WriteClass
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusRule, Parameter, StatusMap
 from drivebus.protocols.modbus import (
@@ -37,12 +39,8 @@ from drivebus.protocols.modbus import (
 )
 from drivebus.reading import Quality, Reading, missing
 
-FENCE_COUNT = 2
-"""Without FC08 a fence is told by its count (ruling 2), so no other read ever has this count."""
 END_SILENCE = 3.5
 """Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
-MERGE_RATIO = 4.0
-"""Registers whose periods differ by more are read apart."""
 NONCE_STEP, NONCE_START = 0x9E37, 0x5AA5
 """An odd step visits all 65,536 nonces before one comes again."""
 
@@ -59,7 +57,7 @@ class ModbusDialect:
         self.codec: Codec = kind(error_form=self._rule.error_form, max_read=self._rule.max_read)
         self.status: StatusMap | None = profile.status
         self.word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
-        self._pairs = () if self._rule.loopback else _wanted_pairs(profile)
+        self._pairs = () if self._rule.loopback else wanted_pairs(profile)
         self._count = 0
         self.link = StationLink(
             address, self.codec, _with_silence(timing, encoding), self.effect, self._bus_fence, profile.model
@@ -176,26 +174,7 @@ class ModbusDialect:
         return self._merged(wanted)
 
     def _merged(self, wanted: dict[int, float]) -> tuple[tuple[ReadRegisters, float], ...]:
-        """Runs of touching registers within the model's limit, at the shortest period of the run."""
-        runs: list[tuple[ReadRegisters, float]] = []
-        for register, period in sorted(wanted.items()):
-            last = runs[-1] if runs else None
-            if last is not None and self._joins(last, register, period):
-                runs[-1] = replace(last[0], count=last[0].count + 1), min(last[1], period)
-            else:
-                runs.append((ReadRegisters(self.address, register, 1), period))
-        return tuple((part, period) for request, period in runs for part in self._without_fence_count(request))
-
-    def _joins(self, run: tuple[ReadRegisters, float], register: int, period: float) -> bool:
-        """Two more bytes cost less than a frame of their own, unless they are wanted far less often."""
-        request, shortest = run
-        touches = register == request.register + request.count and request.count < self._rule.max_read
-        return touches and max(period, shortest) <= MERGE_RATIO * min(period, shortest)
-
-    def _without_fence_count(self, request: ReadRegisters) -> tuple[ReadRegisters, ...]:
-        if self._rule.loopback or request.count != FENCE_COUNT:
-            return (request,)
-        return replace(request, count=1), replace(request, register=request.register + 1, count=1)
+        return merged(self.address, wanted, self._rule.max_read, keep_fence_count=not self._rule.loopback)
 
     def facts(self, request: Any, reply: Any, at: float | None) -> Facts:
         if not isinstance(request, ReadRegisters):
@@ -232,11 +211,11 @@ class ModbusDialect:
         pair = book.raw_pair("state")
         if self.status is None or pair is None:
             return None
-        older, newer = (_state_of(self.status, raw) for raw in pair)
+        older, newer = (state_of(self.status, raw) for raw in pair)
         if older is not newer and not (older.turning and newer.turning):
             return None
         fault = self._fault(book) if pair[1] & self.status.bits.get("fault", 0) else None
-        return Verdict(newer, _direction_of(self.status, pair[1]) if newer.turning else None, fault)
+        return Verdict(newer, direction_of(self.status, pair[1]) if newer.turning else None, fault)
 
     def _fault(self, book: Book) -> int:
         """The lowest bit that is set in the fault words; -1 where the drive names none (yet)."""
@@ -357,48 +336,3 @@ def _with_silence(timing: StationTiming, encoding: str) -> StationTiming:
     if encoding != "rtu":
         return timing
     return replace(timing, reply_delay_characters=max(timing.reply_delay_characters, END_SILENCE))
-
-
-def _state_of(status: StatusMap, raw: int) -> DriveState:
-    """What the bits say, motion first: a drive that still turns is not "in fault" but turning, with a fault."""
-    for name, state in _STATE_BITS:
-        if raw & status.bits.get(name, 0):
-            return state
-    ready = status.bits.get("ready", 0)
-    return DriveState.STOPPED if not ready or raw & ready else DriveState.NOT_READY
-
-
-_STATE_BITS = (
-    ("emergency_stopping", DriveState.BRAKING),
-    ("dc_braking", DriveState.BRAKING),
-    ("jogging", DriveState.JOGGING),
-    ("speed_search", DriveState.RESTARTING),
-    ("paused", DriveState.PAUSED),
-    ("running", DriveState.RUNNING),
-    ("fault", DriveState.FAULT),
-    ("under_voltage", DriveState.NOT_READY),
-)
-"""In order of precedence."""
-
-
-def _direction_of(status: StatusMap, raw: int) -> Direction | None:
-    bit = status.bits.get("output_reverse") or status.bits.get("set_reverse")
-    if not bit:
-        return None
-    return Direction.REVERSE if raw & bit else Direction.FORWARD
-
-
-def _wanted_pairs(profile: DriveProfile) -> tuple[int, ...]:
-    """First registers of touching pairs that are read anyway: around preconditions and ramps (ruling 2)."""
-    named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
-    wanted = {profile.parameters[n].locator[1] for n in named if n in profile.parameters}
-    wanted |= set(signals_in(profile, "holding"))
-    known = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == "holding"} | wanted
-    pairs: list[int] = []
-    for index in sorted(known):
-        touches = index + 1 in known and (index in wanted or index + 1 in wanted)
-        if touches and (not pairs or index > pairs[-1] + 1):
-            pairs.append(index)
-    if not pairs:
-        raise ConfigurationError("drives.no_fence", model=profile.model)
-    return tuple(pairs)

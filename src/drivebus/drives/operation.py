@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from math import inf, isfinite
 from typing import Any
 
 from drivebus.drives import gate
@@ -16,7 +17,7 @@ from drivebus.drives.gate import Command, Evidence, Kind
 from drivebus.drives.memory import Memory
 from drivebus.drives.state import UNKNOWN, DriveState, DriveStatus, Exchange, Outcome, OutcomeWord, Verdict
 from drivebus.drives.talk import Conversation, Surroundings, ask, look
-from drivebus.errors import DrivebusError, NotPermitted, Superseded
+from drivebus.errors import DrivebusError, Expired, NotPermitted, Superseded
 from drivebus.message import Answer, Ask, Effect, Lane, Permit, WriteClass
 from drivebus.reading import Reading
 
@@ -26,6 +27,10 @@ EXTRA_ROUNDS = 3
 """A drive that changes its state between two reads gets these to settle."""
 MIRRORED = "bus.mirrored"
 """A loop-back's reply equals its request: believed only once this port has shown that it has no echo (F03)."""
+PREPARE_S = 5.0
+"""From the user's act to the gate; longer is another wish …"""
+PREPARE_TRANSACTIONS = 40
+"""… but on a line so slow that the checks themselves take longer, as long as so many transactions (300 baud: 25 s)."""
 KEPT_COMMANDS, KEPT_READS = 64, 24
 """Evidence is bounded (I12)."""
 
@@ -42,7 +47,9 @@ class Talk:
         self.verdict: Verdict = UNKNOWN
         self.seen_turning = False
         """Running was seen at least once, be it in a single read (ruling 6)."""
-        self.pace_s = float("inf")
+        self.begun: float | None = None
+        """When the checks before a frame that may move began."""
+        self.pace_s = inf
         """The shortest transaction so far: how fast this line is."""
         self.within_limits = False
         """Frequency and direction of this command were checked against drive and user."""
@@ -80,6 +87,20 @@ class Talk:
 
     def _effect(self, request: Any) -> Effect:
         return self.dialect.link.effect(self.dialect.codec.encode_request(request))
+
+    def begin(self) -> Conversation[None]:
+        """The checks begin now, unless they began in an operation around this one."""
+        if self.begun is None:
+            self.begun = (yield from look()).now
+
+    def in_time(self) -> Conversation[Surroundings]:
+        """The surroundings after the checks. Raises Expired where they took so long that this is another wish (I1)."""
+        around = yield from look()
+        limit_s = max(PREPARE_S, PREPARE_TRANSACTIONS * self.pace_s if isfinite(self.pace_s) else 0.0)
+        age_s = 0.0 if self.begun is None else around.now - self.begun
+        if age_s > limit_s:
+            raise Expired("drives.prepare_too_long", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
+        return around
 
     def command(self, kind: Kind, around: Surroundings) -> Command:
         """The user's wish: made now, but a stop since this conversation was wished for takes it away (6.5)."""

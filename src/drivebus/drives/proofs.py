@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivebus.drives.dialect import Stop
-from drivebus.drives.dzb import CAP_HZ, CODINGS, DzbDialect, candidates, cap_word, decoded
+from drivebus.drives.dzb import DzbDialect
+from drivebus.drives.dzb_coding import CAP_HZ, CODINGS, candidates, cap_word, decoded
 from drivebus.drives.gate import Kind
 from drivebus.drives.jogging import send_jog
 from drivebus.drives.modbus import ModbusDialect

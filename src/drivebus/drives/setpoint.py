@@ -7,7 +7,7 @@ from drivebus.drives.gate import Command, Kind
 from drivebus.drives.operation import ROUNDS, Talk
 from drivebus.drives.preflight import ensure
 from drivebus.drives.state import DriveState, Outcome, OutcomeWord
-from drivebus.drives.talk import Conversation, look, wait
+from drivebus.drives.talk import Conversation, wait
 from drivebus.errors import DrivebusError, GateError
 
 SHOW_TRIES = 4
@@ -20,6 +20,7 @@ def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or GateError before sending."""
     talk.memory.need("set_frequency")
     word, actual_hz = talk.check_frequency(frequency_hz)
+    yield from talk.begin()
     error = yield from talk.judged()
     if error is not None and talk.dialect.carries_frequency:
         raise error
@@ -28,7 +29,7 @@ def set_frequency(talk: Talk, frequency_hz: float) -> Conversation[Outcome]:
         raise GateError("drives.state_forbids", state=talk.verdict.state, kind=Kind.SETPOINT)
     if (yield from ensure(talk)) is not preflight:
         yield from talk.judged()
-    around = yield from look()
+    around = yield from talk.in_time()
     command = talk.command(Kind.SETPOINT, around)
     return (yield from write_setpoint(talk, command, word, actual_hz))
 

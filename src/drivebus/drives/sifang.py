@@ -5,7 +5,6 @@ A reply does not say which class it answers, so nothing here takes a command's o
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from typing import Any
 
 from drivebus.drives.book import Book, Facts
@@ -20,8 +19,9 @@ from drivebus.drives.dialect import (
     shows,
     signals_in,
 )
+from drivebus.drives.sifang_maps import RESPONSES, STATES, STOPS, effect_of, fence_keys
 from drivebus.drives.state import Direction, DriveState, Verdict
-from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError
+from drivebus.errors import CapabilityError, ProtocolError
 from drivebus.message import Codec, Complete, Effect, StationLink, StationTiming, WriteClass
 from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.protocols.sifang import (
@@ -32,49 +32,10 @@ from drivebus.protocols.sifang import (
     ReadParameter,
     Reply,
     SifangCodec,
-    State,
     WriteParameter,
 )
 from drivebus.reading import Quality, Reading, missing
 
-_F, _R = Direction.FORWARD, Direction.REVERSE
-STATES: dict[int, tuple[DriveState, Direction | None]] = {
-    State.NOT_READY: (DriveState.NOT_READY, None),
-    State.RUNNING_FORWARD: (DriveState.RUNNING, _F),
-    State.RUNNING_REVERSE: (DriveState.RUNNING, _R),
-    State.STOPPED: (DriveState.STOPPED, None),
-    State.JOGGING_FORWARD: (DriveState.JOGGING, _F),
-    State.JOGGING_REVERSE: (DriveState.JOGGING, _R),
-    State.ACCELERATING_FORWARD: (DriveState.ACCELERATING, _F),
-    State.ACCELERATING_REVERSE: (DriveState.ACCELERATING, _R),
-    State.RESTARTING: (DriveState.RESTARTING, None),
-    State.DECELERATING_FORWARD: (DriveState.DECELERATING, _F),
-    State.DECELERATING_REVERSE: (DriveState.DECELERATING, _R),
-    State.DC_BRAKING: (DriveState.BRAKING, None),
-    State.FAULT: (DriveState.FAULT, None),
-    State.EMERGENCY_STOP: (DriveState.EMERGENCY_STOPPED, None),
-}
-"""Manual 2.4.6."""
-
-STOPS = {Stop.STOP: Operation.STOP, Stop.QUICK_STOP: Operation.EMERGENCY_STOP, Stop.JOG_STOP: Operation.JOG_STOP}
-STOP_OPERATIONS = frozenset(STOPS.values())
-MOVING = frozenset(
-    {
-        Operation.RUN_FORWARD, Operation.RUN_REVERSE, Operation.JOG_FORWARD, Operation.JOG_REVERSE,
-        Operation.RUN_FORWARD_AT, Operation.RUN_REVERSE_AT, Operation.JOG_FORWARD_AT, Operation.JOG_REVERSE_AT,
-    }
-)  # fmt: skip
-
-RESPONSES = {
-    1: "drives.sifang_response_1",
-    2: "drives.sifang_response_2",
-    3: "drives.sifang_response_3",
-    4: "drives.sifang_response_4",
-    6: "drives.sifang_response_6",
-    7: "drives.sifang_response_7",
-    8: "drives.sifang_response_8",
-}
-"""Manual 2.4.5; the codec lets no other code through."""
 ENOUGH = 4
 """With so many fence tags the bus and our conversations have their own; draft profiles list fewer and share them."""
 
@@ -91,7 +52,7 @@ class SifangDialect:
         self.profile, self.address, self.settings = profile, address, settings
         digits, nibble = settings.get("digits", "strict"), bool(settings.get("nibble", False))
         self.codec: Codec = SifangCodec(encoding=encoding, digits=digits, nibble=nibble)
-        self._tags = _fence_keys(profile)
+        self._tags = fence_keys(profile)
         self._count = 0
         self._last_read: ReadParameter | None = None
         self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
@@ -104,7 +65,7 @@ class SifangDialect:
             return Effect.MOTION
         if not isinstance(verdict, Complete) or verdict.size != len(frame):
             return Effect.MOTION
-        return _effect(verdict.message.request, verdict.message.operation)
+        return effect_of(verdict.message.request, verdict.message.operation)
 
     def _bus_fence(self, n: int) -> ReadParameter:
         tags = self._tags[0::2] if len(self._tags) >= ENOUGH else self._tags
@@ -305,29 +266,6 @@ class SifangDialect:
     def identity_reads(self) -> tuple[ReadIdentity, ...]:
         """Class 0, groups 0 to 3."""
         return tuple(ReadIdentity(self.address, group) for group in range(4))
-
-
-def _effect(request: Any, operation: Operation) -> Effect:
-    if operation in MOVING:
-        return Effect.MOTION
-    if operation is Operation.NONE:
-        return Effect.SETTING if isinstance(request, (WriteParameter, Control)) else Effect.NONE
-    pure_stop = isinstance(request, Control) and operation in STOP_OPERATIONS and request.data == 0
-    return Effect.STOP if pure_stop else Effect.SETTING
-
-
-def _fence_keys(profile: DriveProfile) -> list[tuple[int, int]]:
-    """Readable parameters of groups other than 0, neighbours in different groups: a fault hides the item (ruling 2)."""
-    groups: dict[int, list[tuple[int, int]]] = {}
-    for parameter in profile.parameters.values():
-        group, item = parameter.locator[1] >> 8, parameter.locator[1] & 0xFF
-        if parameter.locator[0] == "parameter" and group and parameter.readable:
-            groups.setdefault(group, []).append((group, item))
-    rounds = zip_longest(*(sorted(keys) for _, keys in sorted(groups.items())))
-    tags = [key for turn in rounds for key in turn if key is not None]
-    if not tags:
-        raise ConfigurationError("drives.no_fence", model=profile.model)
-    return tags
 
 
 def _unechoed(reading: Reading) -> Reading:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import isfinite
 
 from drivebus.drives.dialect import Frame, Refusal
 from drivebus.drives.gate import EXPIRY_S, Command, Kind
@@ -12,7 +11,7 @@ from drivebus.drives.preflight import ensure
 from drivebus.drives.setpoint import set_frequency, shown, write_setpoint
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
-from drivebus.errors import CapabilityError, Expired, GateError, NotReached
+from drivebus.errors import CapabilityError, GateError, NotReached
 from drivebus.message import Answer
 
 SETTLE_S = 0.15
@@ -21,10 +20,6 @@ CONFIRM_S = 3.0
 """A drive that accepted a start and still stands after this did not obey it."""
 RESENDS = 2
 """6.5, class A and B alike: at most twice, while the command lives."""
-PREPARE_S = 5.0
-"""From the user's act to the gate; longer is another wish …"""
-PREPARE_TRANSACTIONS = 40
-"""… but on a line so slow that the checks themselves take longer, as long as so many transactions (300 baud: 25 s)."""
 
 
 def run(
@@ -41,12 +36,12 @@ def run(
     dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
     if will_wait and not dialect.can_wait():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
-    begun = (yield from look()).now
+    yield from talk.begin()
     yield from prepare(talk)
     if talk.verdict.state.turning:
         outcome = yield from _already_turning(talk, frequency_hz, direction)
     else:
-        outcome = yield from _from_standstill(talk, actual_hz, direction, word, begun)
+        outcome = yield from _from_standstill(talk, actual_hz, direction, word)
     return _with_unread(talk, outcome)
 
 
@@ -82,9 +77,7 @@ def _already_turning(talk: Talk, frequency_hz: float, direction: Direction | Non
     return (yield from set_frequency(talk, frequency_hz))
 
 
-def _from_standstill(
-    talk: Talk, frequency_hz: float, direction: Direction | None, word: int, begun: float
-) -> Conversation[Outcome]:
+def _from_standstill(talk: Talk, frequency_hz: float, direction: Direction | None, word: int) -> Conversation[Outcome]:
     around = yield from look()
     if not talk.dialect.carries_frequency:
         start = talk.command(Kind.START, around)
@@ -96,10 +89,7 @@ def _from_standstill(
         yield from talk.still_wanted(setpoint)
         if talk.dialect.can_tell:
             yield from _status_now(talk)
-    around = yield from look()
-    limit_s = max(PREPARE_S, PREPARE_TRANSACTIONS * talk.pace_s if isfinite(talk.pace_s) else 0.0)
-    if around.now - begun > limit_s:
-        raise Expired("drives.prepare_too_long", age_s=round(around.now - begun, 2), limit_s=round(limit_s, 1))
+    around = yield from talk.in_time()
     command = talk.command(Kind.START, around)
     frames = talk.dialect.start(direction, word)
     answer = yield from send(talk, command, frames)
