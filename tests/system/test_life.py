@@ -10,7 +10,7 @@ import pytest
 
 from drivebus.bus import Poll
 from drivebus.drives import bus_stop
-from drivebus.errors import DrivebusError, WearBudget
+from drivebus.errors import DrivebusError, OutcomeUnknown, PortLost, WearBudget
 from drivebus.protocols import sifang
 from drivebus.sim.motor import Trip
 from system.plant import (
@@ -86,6 +86,28 @@ def test_polling_is_back_within_two_seconds_of_the_replug_every_time(kind: Kind)
                 await asyncio.sleep(2.0)
                 assert len(heard) > count and heard[count] - at <= 2.0
             here.tap.check(kind)
+
+    story(told())
+
+
+@every_family
+def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: Kind) -> None:
+    async def told() -> None:
+        async with plant(kind) as here:
+            await here.drive.run(10.0)
+            here.bench.unplug()
+            for wish in (here.drive.set_frequency(5.0), here.drive.run(5.0), here.drive.status()):
+                begun = here.bus.now()
+                with pytest.raises(DrivebusError) as caught:
+                    await wish
+                assert isinstance(caught.value, PortLost | OutcomeUnknown) or isinstance(
+                    caught.value.__cause__, PortLost
+                )
+                assert here.bus.now() - begun < 0.5
+            here.bench.replug()
+            await asyncio.sleep(2.0)
+            stopped = await ending(here.drive.stop())
+            assert stopped.done and (not kind.tells or not here.motor.energised)
 
     story(told())
 

@@ -190,6 +190,17 @@ def test_a_tripped_drive_is_named_reset_and_started_again(kind: Kind) -> None:
     story(told())
 
 
+@every_drive
+def test_a_reset_without_a_fault_moves_nothing(kind: Kind) -> None:
+    async def told() -> None:
+        async with plant(kind) as here:
+            assert (await ending(here.drive.reset_fault())).word == said(kind)
+            await asyncio.sleep(1.0)
+            assert here.motor.starts == 0
+
+    story(told())
+
+
 def once(station: Any, acts: Callable[[Any], bool], deed: Callable[[], None], *, hears: bool) -> list[int]:
     """The first request that ``acts``: it is heard or not, its reply is lost, and ``deed`` is done."""
     answer, lost = station.answer, []
@@ -255,6 +266,24 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
             assert here.motor.starts == (1 if kind.tells else 0)
             assert starts_sent(here) == (2 if kind.tells else 1)
             assert outcome.word == ("confirmed" if kind.tells else "unknown")
+
+    story(told())
+
+
+@pytest.mark.parametrize("after_s", [0.45, 0.6, 0.8, 1.2, 1.8])
+@every_drive
+def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: Kind, after_s: float) -> None:
+    """Ruling 6: the start was executed and its reply lost; once running was seen nobody sends it again."""
+
+    async def told() -> None:
+        async with plant(kind, ramp=6) as here:
+            loop = asyncio.get_running_loop()
+            station = here.station()
+            lost = once(station, is_start(here), lambda: void(loop.call_later(after_s, station.press_stop)), hears=True)
+            await ending(here.drive.run(20.0))
+            await asyncio.sleep(8.0)
+            assert lost and here.motor.starts == 1 and starts_sent(here) == 1
+            assert not here.motor.energised
 
     story(told())
 

@@ -130,6 +130,35 @@ def start_of(here: Plant, address: int, word: int) -> Ask:
 
 
 @every_drive
+def test_a_stop_at_any_moment_of_a_start_wins(kind: Kind) -> None:
+    """6.5: whatever the start was waiting for, after the stop the motor stands and nothing starts it again."""
+
+    async def told(after_s: float) -> None:
+        async with plant(kind) as here:
+            starting = asyncio.ensure_future(ending(here.drive.run(20.0)))
+            await asyncio.sleep(after_s)
+            stopped = await ending(here.drive.stop())
+            asked = len(here.tap.asked)
+            started = await starting
+            await asyncio.sleep(10.0)
+            assert not here.motor.energised and here.motor.output_hz == 0.0
+            assert here.motor.starts <= 1
+            assert stopped.word == ("confirmed" if kind.tells else "acknowledged")
+            late = [one.data for one in here.tap.asked[asked:]]
+            start = here.link().codec.encode_request(
+                here.drive.dialect.start(None, here.drive.dialect.setpoint_word(20.0))[0].request
+            )
+            assert start not in late
+            if isinstance(started, Exception):
+                assert isinstance(started, Superseded)
+            else:
+                assert started.word in ("confirmed", "acknowledged", "unknown", "failed")
+
+    for step in range(14):
+        story(told(0.07 * step + 0.003))
+
+
+@every_drive
 def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: Kind) -> None:
     async def told(weather: str, seed: int) -> None:
         async with plant(kind, "1", "clean", seed=seed) as here:

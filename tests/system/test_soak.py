@@ -1,0 +1,184 @@
+"""Everything at once, seeded: drives that fall silent, trip and lose power, adapters pulled, weather changing, people who
+start and stop; and the invariants asserted all the way (I1, I2, I4, I6, I10)."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from typing import Any
+
+import pytest
+
+from drivebus.drives import Monitor
+from drivebus.errors import DrivebusError
+from drivebus.reading import Quality
+from drivebus.sim.motor import Trip
+from system.plant import WEATHERS, Kind, Plant, every_family, plant, story
+
+MINUTES = 5
+LONGEST_PREPARATION_S = 5.0
+EXPIRY_S = 2.0
+"""A frame that moves leaves no later than this after the command, and the command no later than that after the wish."""
+SETTLED_S = 6.0
+"""What has been so for this long must not be reported otherwise."""
+
+
+class Person:
+    """Wishes at random instants, and remembers them: each start or new frequency, and each stop."""
+
+    def __init__(self, here: Plant, chance: random.Random) -> None:
+        self.here, self.chance = here, chance
+        self.wishes: dict[int, list[tuple[float, float]]] = {address: [] for address in here.drives}
+        """When a motion was wished for, and when that wish had ended."""
+        self.runs = dict.fromkeys(here.drives, 0)
+        self.tasks: set[asyncio.Task[None]] = set()
+
+    def act(self) -> None:
+        """One more wish, whatever becomes of the older ones."""
+        task = asyncio.ensure_future(self._act(self.chance.choice(list(self.here.drives))))
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+    async def _act(self, address: int) -> None:
+        drive, begun = self.here.drives[address], self.here.bus.now()
+        wish = self.chance.choice(("run", "run", "stop", "stop", "set", "reset"))
+        try:
+            if wish == "run":
+                self.runs[address] += 1
+                await drive.run(self.chance.choice((5.0, 12.0, 20.0)))
+            elif wish == "stop":
+                await drive.stop(wait=self.chance.random() < 0.5)
+            elif wish == "set":
+                await drive.set_frequency(self.chance.choice((5.0, 12.0, 20.0)))
+            else:
+                await drive.reset_fault()
+        except DrivebusError:
+            pass
+        if wish in ("run", "set"):
+            self.wishes[address].append((begun, self.here.bus.now()))
+
+
+def spoil(here: Plant, chance: random.Random) -> None:
+    """One more thing goes wrong, or right again."""
+    station = here.station(chance.choice(list(here.drives)))
+    match chance.randrange(9):
+        case 0 | 1:
+            station.faults.silent = not station.faults.silent
+        case 2:
+            station.faults.mute = not station.faults.mute
+        case 3:
+            station.trip(chance.choice(list(Trip)))
+        case 4:
+            station.power_cycle(chance.uniform(0.5, 5.0))
+        case 5:
+            here.bench.weather = chance.choice(list(WEATHERS.values()))
+        case 6:
+            station.press_stop()
+        case 7:
+            here.bench.unplug()
+        case _:
+            here.bench.replug()
+
+
+class Truth:
+    """Since when each motor has been on or off."""
+
+    def __init__(self, here: Plant) -> None:
+        self.here = here
+        self.since: dict[int, tuple[bool, float]] = {}
+
+    def look(self) -> None:
+        now = self.here.bus.now()
+        for address in self.here.drives:
+            on = self.here.station(address).motor.energised
+            if self.since.get(address, (not on, 0.0))[0] is not on:
+                self.since[address] = (on, now)
+
+    def check(self, address: int, monitor: Monitor) -> None:
+        """I4: nothing good is old; and no state that has been untrue for long."""
+        status, now = monitor.status(), self.here.bus.now()
+        signals = self.here.drives[address].profile.signals
+        for name, reading in status.readings.items():
+            if reading.quality is Quality.GOOD:
+                age = reading.age_s(now)
+                assert age is not None and age <= max(3 * signals[name].period_s, 1.0) + 0.4
+        on, since = self.since[address]
+        if now - since > SETTLED_S:
+            assert status.state != ("stopped" if on else "running")
+
+
+def moved(here: Plant, person: Person) -> None:
+    """I1, I10: every frame that may start or speed up a motor lies within a wish, and soon after it."""
+    for one in here.tap.asked:
+        address = address_in(here.kind, one.data)
+        if not moves(here.kind, one.data):
+            continue
+        assert any(
+            begun - 1e-9 <= one.start <= min(ended, begun + LONGEST_PREPARATION_S + EXPIRY_S) + 0.1
+            for begun, ended in person.wishes[address]
+        ), f"nobody wished for {one}"
+
+
+def address_in(kind: Kind, frame: bytes) -> int:
+    """By the manuals' tables."""
+    if kind.encoding == "hex":
+        return frame[2]
+    if kind.encoding == "rtu":
+        return frame[0]
+    if kind.model == "dzb100":
+        return int(frame[3:5])
+    return int(frame[1:3], 16)
+
+
+def moves(kind: Kind, frame: bytes) -> bool:
+    """Does this frame start or jog? Starts by the manuals' tables, with no codec."""
+    if kind.model == "c320":
+        return frame[5] in (b"\x11\x12\x01\x02" if kind.encoding == "hex" else b"") or frame[4:6] in (
+            b"11",
+            b"12",
+            b"01",
+        )
+    if kind.model == "dzb100":
+        return frame[:1] == b"C" and frame[6:7] in b"13"
+    words: Any = frame if kind.encoding == "rtu" else bytes.fromhex(frame[1:-2].decode())
+    command = words[1] == 6 and words[2:4] == b"\x20\x00"
+    return bool(command and (words[5] & 1 if kind.model == "vc660" else words[5] & 3 == 2))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@every_family
+def test_five_bad_minutes_break_no_invariant(kind: Kind, seed: int) -> None:
+    async def told() -> None:
+        chance = random.Random(seed)
+        async with plant(kind, "1-4", "clean", seed=seed) as here:
+            person, truth = Person(here, chance), Truth(here)
+            monitors = {address: drive.monitor() for address, drive in here.drives.items()}
+            for step in range(MINUTES * 120):
+                await asyncio.sleep(0.5)
+                if step % 4 == 0:
+                    person.act()
+                if step % 10 == 0:
+                    spoil(here, chance)
+                if step % 60 == 59:
+                    here.bench.replug()
+                truth.look()
+                for address, monitor in monitors.items():
+                    truth.check(address, monitor)
+            here.bench.replug()
+            here.bench.weather = "clean"
+            for station in here.bench.stations:
+                station.faults.silent = station.faults.mute = False
+                station.motor.reset()
+            await asyncio.sleep(130.0)
+            assert not person.tasks, "every wish has ended"
+            moved(here, person)
+            for address in here.drives:
+                assert here.station(address).motor.starts <= person.runs[address], "I2"
+            here.tap.check(kind)
+            for monitor in monitors.values():
+                monitor.close()
+            for drive in here.drives.values():
+                assert (await drive.stop()).done
+            assert all(not here.station(n).motor.energised for n in here.drives) or not kind.tells
+
+    story(told())
