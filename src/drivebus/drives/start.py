@@ -130,7 +130,6 @@ def confirm(
         word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
         return talk.outcome(word, "drives.start_acknowledged" if answered else "drives.start_unknown")
     sent_again = 0
-    told_before = talk.book.agreed("command")
     deadline = (yield from talk.still_wanted(command)) + CONFIRM_S
     talk.seen_turning = False
     while True:
@@ -142,7 +141,6 @@ def confirm(
             return _turning(talk, direction)
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
             return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state)
-        answered = answered or _told(talk, frames[0], told_before)
         taken = talk.seen_turning or talk.dialect.start_seen(talk.book)
         may_resend = state is DriveState.STOPPED and not answered and not taken
         if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
@@ -152,12 +150,6 @@ def confirm(
             return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state)
         elif now > deadline:
             return _not_seen(talk, state, error is not None)
-
-
-def _told(talk: Talk, frame: Frame, before: int | None) -> bool:
-    """The drive repeats this command and did not before (DZB100, Q03's A): it was taken, whatever became of it."""
-    now = talk.book.agreed("command")
-    return None not in (before, now) and now != before and now == getattr(frame.request, "command", None)
 
 
 def _turning(talk: Talk, direction: Direction | None) -> Outcome:
