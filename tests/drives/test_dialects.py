@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -389,6 +390,18 @@ def test_df800_fences_read_two_registers_that_are_wanted_anyway_and_nothing_else
     reads = [request for request, _ in dialect.polls(tuple(dialect.profile.signals))]
     reads += [dialect.read_parameter(p) for p in dialect.profile.parameters.values()]
     assert all(request.count != 2 for request in reads)
+
+
+def test_two_touching_registers_are_read_apart_where_two_at_once_mean_a_fence() -> None:
+    profile = profiles.load("df800")
+    current = profile.signals["output_current"]
+    beside = replace(current, name="beside", locator=("holding", current.locator[1] + 1))
+    third = replace(current, name="third", locator=("holding", current.locator[1] + 2))
+    two = make_dialect(replace(profile, signals={"output_current": current, "beside": beside}), 1)
+    assert [r.count for r, _ in two.polls(("output_current", "beside"))] == [1, 1]
+    signals = {"output_current": current, "beside": beside, "third": third}
+    three = make_dialect(replace(profile, signals=signals), 1)
+    assert [r.count for r, _ in three.polls(tuple(signals))] == [3]
 
 
 def test_an_answer_that_echoes_too_little_proves_nothing() -> None:

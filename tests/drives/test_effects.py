@@ -69,6 +69,16 @@ def test_c320_operations_have_the_effect_that_the_manual_gives_them(operation: s
     assert effect("c320", sifang.Control(1, operation)) is expected
 
 
+def test_a_c320_stop_that_carries_data_is_not_exempt_from_permits() -> None:
+    dialect = dialect_of("c320")
+    plain = dialect.codec.encode_request(sifang.Control(1, sifang.Operation.STOP))
+    spoiled = bytearray(plain)
+    spoiled[6:10] = b"03E8"
+    spoiled[10:14] = f"{sum(spoiled[1:10]):04X}".encode()
+    assert dialect.link.effect(plain) is Effect.STOP
+    assert dialect.link.effect(bytes(spoiled)) in (Effect.SETTING, Effect.MOTION)
+
+
 def test_t11_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
     assert effect("dzb100", dzb.Control(1, dzb.Command.STOP, 0)) is Effect.STOP
     dialect = dialect_of("dzb100")

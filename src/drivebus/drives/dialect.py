@@ -48,6 +48,8 @@ class Dialect(Protocol):
     settings: dict[str, Any]
     codec: Codec
     link: StationLink
+    state_names: tuple[str, ...]
+    """Readings that the state rests on."""
 
     @property
     def can_tell(self) -> bool:

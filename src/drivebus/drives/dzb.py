@@ -51,6 +51,7 @@ class DzbDialect:
     """DZB100 (see ``dialect.Dialect``)."""
 
     can_tell = True
+    state_names: tuple[str, ...] = ("output_frequency", "fault")
     carries_frequency = True
 
     def __init__(
@@ -120,6 +121,7 @@ class DzbDialect:
         except (ProtocolError, ValueError):
             return {"fault": Reading(None, "", Quality.BAD, at, "drives.not_documented", data)}
         return {
+            "state": Reading(data, "", Quality.UNCERTAIN, at, "drives.bits_not_published", data),
             "command": Reading(word.command, "", Quality.GOOD, at, None, word.command),
             "fault": Reading(word.fault_code, "", Quality.GOOD, at, None, word.fault_code),
         }

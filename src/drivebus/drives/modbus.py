@@ -69,6 +69,7 @@ class ModbusDialect:
         return self.status is not None
 
     carries_frequency = False
+    state_names: tuple[str, ...] = ("state",)
 
     @property
     def _map(self) -> CommandMap:

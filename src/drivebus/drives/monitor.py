@@ -68,7 +68,7 @@ class Monitor:
         verdict = self._dialect.judge(self._book)
         if verdict is not None:
             self._verdict = verdict
-            self._verdict_at = self._book.time_of("state") or self._book.time_of("output_frequency", "fault")
+            self._verdict_at = self._book.time_of(*self._dialect.state_names)
 
     def status(self) -> DriveStatus:
         """The newest readings; what is too old is marked bad, and an old state is UNKNOWN."""

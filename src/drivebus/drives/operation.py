@@ -202,7 +202,7 @@ class Talk:
     def evidence_for_gate(self) -> Evidence:
         """What this conversation has established so far."""
         preflight = self.memory.preflight
-        at = self.book.time_of("state") or self.book.time_of("output_frequency", "fault")
+        at = self.book.time_of(*self.dialect.state_names)
         done = preflight is not None and preflight.passed
         return Evidence(self.verdict, at, self.dialect.can_tell, done, self.within_limits)
 
@@ -223,7 +223,7 @@ class Talk:
         """What this conversation has read."""
         verdict = self.verdict
         fault = None if verdict.fault_code is None else fault_of(self.dialect.profile, verdict.fault_code)
-        at = self.book.time_of("state") or self.book.time_of("output_frequency", "fault")
+        at = self.book.time_of(*self.dialect.state_names)
         return DriveStatus(verdict.state, verdict.direction, fault, self.readings(), verdict.reason, at)
 
     def readings(self) -> dict[str, Reading]:

@@ -44,6 +44,7 @@ class SifangDialect:
     """C320 and its sisters (see ``dialect.Dialect``)."""
 
     can_tell = True
+    state_names: tuple[str, ...] = ("state",)
     carries_frequency = True
 
     def __init__(
