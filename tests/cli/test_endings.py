@@ -107,7 +107,7 @@ def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_
         terminal.wait_for("Stopping")
         terminal.press("\x03")
         assert terminal.exit_code() == 130
-        assert "Confirmed." in terminal.seen.partition("Stopping")[2]
+        assert "Confirmed:" in terminal.seen.partition("Stopping")[2]
     assert plant.state() == "stopped"
 
 

@@ -57,8 +57,24 @@ def two_columns(rows: Sequence[tuple[str, str]], cells: int, indent: int = 2, wi
     return "\n".join(shown)
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A plain table whose columns are as wide as their widest cell."""
+_NARROW = 20
+"""A last column with less room than this goes to lines of its own."""
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = 10_000) -> str:
+    """A plain table whose columns are as wide as their widest cell; the last one is wrapped to end within ``cells``,
+    below its row where little room is left beside it."""
     widths = [max(width(row[index]) for row in [head, *rows]) for index in range(len(head))]
-    shown = ("  ".join(pad(cell, widths[index]) for index, cell in enumerate(row)).rstrip() for row in [head, *rows])
-    return "\n".join(shown)
+    left = sum(widths[:-1]) + 2 * (len(head) - 1)
+    beside = cells - left >= min(_NARROW, widths[-1])
+    shown: list[str] = []
+    for row in [head, *rows] if beside else rows:
+        before = "  ".join(pad(cell, widths[index]) for index, cell in enumerate(row[:-1]))
+        last = wrap(row[-1], cells - (left if beside else 4))
+        shown.append(f"{before}  {last.pop(0) if last and beside else ''}".rstrip())
+        shown += [" " * (left if beside else 4) + line for line in last]
+    return "\n".join(shown if beside else [_short_head(head, widths), *shown])
+
+
+def _short_head(head: Sequence[str], widths: Sequence[int]) -> str:
+    return "  ".join(pad(cell, widths[index]) for index, cell in enumerate(head[:-1])).rstrip()

@@ -80,8 +80,6 @@ def as_document(found: Found) -> dict[str, Any]:
 
 
 def _table(found: list[Found]) -> str:
-    from drivebus.cli.layout import table
-
     if not found:
         return voice.say("scan.nobody")
     head = [voice.say(f"scan.{name}") for name in ("address", "model", "encoding", "line", "note")]
@@ -95,7 +93,7 @@ def _table(found: list[Found]) -> str:
         ]
         for one in found
     ]
-    return table(head, rows)
+    return voice.grid(head, rows)
 
 
 def show_plan(passes: list[Pass]) -> Exit:

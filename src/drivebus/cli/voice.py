@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -78,12 +79,25 @@ def wrapped(text: str, stream: Any, indent: int = 0) -> str:
     """Broken at words where ``stream`` is a terminal, on as many cells as it has; else left whole."""
     if not (hasattr(stream, "isatty") and stream.isatty()):
         return " " * indent + text
-    import shutil
-
     from drivebus.cli.layout import wrap
 
-    cells = shutil.get_terminal_size().columns - 1 - indent
+    cells = room(stream) - indent
     return "\n".join(" " * indent + part for line in text.split("\n") for part in wrap(line, max(20, cells)))
+
+
+def room(stream: Any) -> int:
+    """Cells of a line of ``stream``; without end where it is no terminal."""
+    import shutil
+
+    on_terminal = hasattr(stream, "isatty") and stream.isatty()
+    return shutil.get_terminal_size().columns - 1 if on_terminal else 10_000
+
+
+def grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table no wider than the terminal."""
+    from drivebus.cli.layout import table
+
+    return table(head, rows, room(sys.stdout))
 
 
 def document(value: Any, *, stream: bool = False) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from drivebus.cli import voice
 from drivebus.cli.command import Verb
-from drivebus.cli.layout import paragraphs, table
+from drivebus.cli.layout import paragraphs
 
 
 def _models() -> None:
@@ -15,7 +16,7 @@ def _models() -> None:
     found = [_row(profiles.load(name)) for name in profiles.models()]
     voice.document({"models": found})
     voice.show(_table(found))
-    voice.show(paragraphs(voice.say("models.grades"), 98, indent=0))
+    voice.show(paragraphs(voice.say("models.grades"), min(98, voice.room(sys.stdout)), indent=0))
 
 
 def _row(profile: Any) -> dict[str, Any]:
@@ -45,7 +46,7 @@ def _table(found: list[dict[str, Any]]) -> str:
         ]
         for row in found
     ]
-    return table(head, rows)
+    return voice.grid(head, rows)
 
 
 command = Verb("models", callback=_models, examples=("drivebus models", "drivebus models --json"))

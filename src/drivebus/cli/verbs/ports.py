@@ -25,10 +25,8 @@ def _ports() -> None:
 
 def table_of(found: list[PortInfo]) -> str:
     """One row a port."""
-    from drivebus.cli.layout import table
-
     head = [voice.say(f"ports_verb.{name}") for name in ("device", "description", "link", "held")]
-    return table(head, [[port.device, port.description, port.link, _held(port)] for port in found])
+    return voice.grid(head, [[port.device, port.description, port.link, _held(port)] for port in found])
 
 
 def _held(port: PortInfo) -> str:

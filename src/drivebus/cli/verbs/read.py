@@ -24,7 +24,7 @@ async def _read(target: Target, names: tuple[str, ...]) -> Exit:
         now = bus.now()
     rows = [row(name, entries[name], readings[name], now) for name in names]
     voice.document({"link": target.link, "model": target.model, "address": target.address, "values": rows})
-    voice.show(table_of(rows))
+    voice.show(table_of(rows, entries))
     return Exit.DONE if all(one["value"] is not None for one in rows) else Exit.REFUSED
 
 
@@ -52,19 +52,20 @@ def row(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> d
     } | reading_document(reading, now)
 
 
-def table_of(rows: list[dict[str, Any]]) -> str:
+def table_of(rows: list[dict[str, Any]], entries: dict[str, Signal | Parameter]) -> str:
     """The values for people."""
-    from drivebus.cli.layout import table
-
     head = [voice.say(f"read.{name}") for name in ("notation", "wire", "raw", "value", "text")]
-    return table(head, [_cells(one) for one in rows])
+    return voice.grid(head, [_cells(one, entries[one["name"]]) for one in rows])
 
 
-def _cells(one: dict[str, Any]) -> list[str]:
-    value = "–" if one["value"] is None else f"{one['value']} {one['unit']}".strip()
-    said = [one["text"], one["meaning"] and f"= {one['meaning']}", one.get("reason") and f"({one['reason']})"]
+def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
+    from drivebus.cli.figures import figure
+
+    meaning = f" = {one['meaning']}" if one["meaning"] else ""
+    reason = voice.say("status.because", why=one["reason"]) if one.get("reason") else ""
     wire = f"{one['wire']['space']} {one['wire']['hex']}"
-    return [one["notation"], wire, one["raw_hex"] or "–", value, " ".join(part for part in said if part)]
+    value = figure(one["value"], one["unit"], entry)
+    return [one["notation"], wire, one["raw_hex"] or "–", value, one["text"] + meaning + reason]
 
 
 def _plan(dry: DryRun, names: tuple[str, ...]) -> Exit:

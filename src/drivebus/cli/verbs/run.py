@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive
     from drivebus.drives.dialect import Dialect
     from drivebus.drives.state import Direction, DriveStatus
+    from drivebus.profiles import DriveProfile
 
 PERIOD_S = 0.5
 """Between two looks at the drive; each look is a few frames."""
@@ -53,7 +54,7 @@ async def _attached(
     bus: Bus, drive: Drive, ending: Ending, frequency_hz: float, direction: Direction | None, wait: bool, detach: bool
 ) -> Exit | None:
     """Start and show. Returns why it ended; None where the drive is left running on purpose."""
-    started = await _start(bus, drive, ending, frequency_hz, direction, wait)
+    started = await _start(bus, drive, ending, frequency_hz, direction, wait, detach)
     if detach and started is Exit.DONE and not ending.come:
         voice.tell("run.detached")
         return None
@@ -67,7 +68,7 @@ def _direction(reverse: bool) -> Direction | None:
 
 
 async def _start(
-    bus: Bus, drive: Drive, ending: Ending, frequency_hz: float, direction: Direction | None, wait: bool
+    bus: Bus, drive: Drive, ending: Ending, frequency_hz: float, direction: Direction | None, wait: bool, detach: bool
 ) -> Exit:
     """Start. What was refused before anything left is raised; anything else that goes wrong is followed by a stop."""
     from drivebus.cli import exits
@@ -82,7 +83,7 @@ async def _start(
     if outcome is None:
         return Exit.INTERRUPTED
     code = tell(outcome, bus.now(), event="started", stream=True)
-    if code is Exit.DONE:
+    if code is Exit.DONE and not detach:
         voice.tell("run.attached")
     return code
 
@@ -118,7 +119,7 @@ async def _watch(bus: Bus, drive: Drive, ending: Ending) -> Exit:
             continue
         if status is None:
             break
-        _show(bus, status)
+        _show(bus, status, drive.profile)
         off = off + 1 if status.state.output_off else 0
         if status.fault is not None or off >= OFF_TWICE:
             click.echo()
@@ -128,12 +129,12 @@ async def _watch(bus: Bus, drive: Drive, ending: Ending) -> Exit:
     return Exit.INTERRUPTED
 
 
-def _show(bus: Bus, status: DriveStatus) -> None:
+def _show(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
     from drivebus.cli.live.model import status_document
     from drivebus.cli.outcome import status_line
 
     voice.document({"event": "status"} | status_document(status, bus.now()), stream=True)
-    _show_text(status_line(status))
+    _show_text(status_line(status, profile))
 
 
 def _show_text(text: str) -> None:

@@ -22,7 +22,7 @@ async def _status(target: Target) -> Exit:
         now = bus.now()
     where = {"link": target.link, "model": target.model, "address": target.address}
     voice.document(where | status_document(status, now))
-    voice.show(status_lines(status, now))
+    voice.show(status_lines(status, now, drive.profile))
     return Exit.DONE
 
 
