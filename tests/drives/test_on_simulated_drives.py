@@ -598,6 +598,10 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
 
             with pytest.raises(GateError):
                 await drive.run(10.0, Direction.FORWARD)
+            for hz in (0.0, 5.01):
+                with pytest.raises(LimitError):
+                    await drive.prove_direction(hz, person)
+            assert not seen
             await drive.prove_direction(5.0, person)
             assert drive.dialect.settings["direction_field"] == field
             assert all(abs(hz) <= 5.0 for hz in seen)
