@@ -122,7 +122,7 @@ def test_a_capture_never_overwrites_another(tmp_path: Path) -> None:
     written(tmp_path / "a.dbcap").close()
     with pytest.raises(CaptureError) as caught:
         written(tmp_path / "a.dbcap")
-    assert caught.value.key == "capture.create"
+    assert caught.value.key == "capture.exists"
 
 
 def test_a_missing_capture_is_named(tmp_path: Path) -> None:

@@ -89,6 +89,8 @@ class CaptureWriter:
         self._zero = now
         try:
             self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
+        except FileExistsError as error:
+            raise CaptureError("capture.exists", file=str(path)) from error
         except OSError as error:
             raise CaptureError("capture.create", file=str(path), reason=error.strerror or str(error)) from error
         self._put(_header_line(header))

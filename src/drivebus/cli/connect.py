@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,8 @@ class Target:
     encoding: str | None = None
     set: tuple[tuple[str, str], ...] = ()
     """``--set NAME=VALUE``: open questions of the family, answered for this drive."""
+    record: str | None = None
+    """``--record FILE``: a capture to write."""
 
     def profile(self) -> DriveProfile:
         """Raises ProfileError for a model nobody knows."""
@@ -86,15 +88,43 @@ def open_port(link: str, profile: DriveProfile | None, baud: int | None, format:
 
 @asynccontextmanager
 async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
-    """The open bus with the drive on it; closed afterwards. Raises PortUnavailable, LinkError, ProfileError."""
+    """The open bus with the drive on it; closed afterwards.
+
+    Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created.
+    """
     from drivebus.bus import Bus
     from drivebus.drives import Drive
 
     profile = target.profile()
-    port = open_port(target.link, profile, target.baud, target.format)
-    async with Bus(port) as bus:
-        found = Drive(bus, profile, target.address, encoding=target.encoding, settings=target.settings())
-        try:
-            yield bus, found
-        finally:
-            found.close()
+    settings = target.settings()
+    with recorded(open_port(target.link, profile, target.baud, target.format), target.record) as port:
+        async with Bus(port) as bus:
+            found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings)
+            try:
+                yield bus, found
+            finally:
+                found.close()
+
+
+@contextmanager
+def recorded(port: Port, file: str | None) -> Iterator[Port]:
+    """The port, with a capture of all that passes through it where ``file`` names one; says so at the end.
+
+    A disk that fails ends the capture, never what the bus does.
+    """
+    from drivebus.cli import voice
+
+    if file is None:
+        yield port
+        return
+    from drivebus.ports.capturing import CapturingPort
+
+    capturing = CapturingPort(port, file)
+    try:
+        yield capturing
+    finally:
+        capturing.end_capture()
+    if capturing.error is not None:
+        voice.note("record.cut", file=file, reason=capturing.error.strerror or str(capturing.error))
+    else:
+        voice.note("record.done", file=file)

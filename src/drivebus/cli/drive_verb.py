@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def target_of(given: dict[str, Any]) -> Target:
     """Take the options of ``options.drive()`` out of a verb's parameters."""
-    names = ("link", "model", "address", "baud", "format", "encoding", "set")
+    names = ("link", "model", "address", "baud", "format", "encoding", "set", "record")
     return Target(**{name: given.pop(name) for name in names})
 
 

@@ -67,6 +67,7 @@ def drive() -> list[click.Parameter]:
         *line(),
         encoding(),
         setting(),
+        record(),
     ]
 
 
@@ -74,6 +75,11 @@ def setting() -> click.Option:
     """--set: an open question of the family, answered."""
     example = "--set setpoint_coding=hex-0.1"
     return Option(["--set"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
+
+
+def record() -> click.Option:
+    """--record: a capture of every byte, for ``monitor`` and for evidence."""
+    return Option(["--record"], type=CAPTURE, metavar="FILE", example="--record trip-of-pump-3.dbcap")
 
 
 def dry_run() -> click.Option:
@@ -151,6 +157,13 @@ def assignment(text: str) -> tuple[str, str]:
     return name, value
 
 
+def _capture(text: str) -> str:
+    if not text.endswith(".dbcap"):
+        raise ValueError(text)
+    return text
+
+
+CAPTURE = Parsed("capture", _capture, "cli.expect.capture")
 FORMAT = Parsed("format", _format, "cli.expect.format")
 ADDRESSES = Parsed("addresses", addresses, "cli.expect.addresses")
 FREQUENCY = Parsed("frequency", _frequency, "cli.expect.frequency")

@@ -23,9 +23,10 @@ def _bus_stop(
     format: str | None,
     encoding: str | None,
     set: tuple[tuple[str, str], ...],
+    record: str | None,
     dry_run: bool,
 ) -> Exit:
-    target = Target(link, model, 0, baud, format, encoding, set)
+    target = Target(link, model, 0, baud, format, encoding, set, record)
     wanted = addresses or everybody(target)
     if dry_run:
         return _dry(target, wanted)
@@ -41,19 +42,20 @@ def everybody(target: Target) -> tuple[int, ...]:
 
 async def _stop(target: Target, addresses: tuple[int, ...], named: bool) -> Exit:
     from drivebus.bus import Bus
-    from drivebus.cli.connect import open_port
+    from drivebus.cli.connect import open_port, recorded
     from drivebus.drives import Drive, bus_stop
 
     profile = target.profile()
-    async with Bus(open_port(target.link, profile, target.baud, target.format)) as bus:
-        settings = target.settings()
-        drives = [Drive(bus, profile, address, encoding=target.encoding, settings=settings) for address in addresses]
-        present = drives if named else await _sweep(bus, drives)
-        report = await bus_stop(bus, present)
-        absent = tuple(drive.address for drive in drives if drive not in present)
-        for drive in drives:
-            drive.close()
-        return _tell(report, absent, bus.now())
+    settings = target.settings()
+    with recorded(open_port(target.link, profile, target.baud, target.format), target.record) as port:
+        async with Bus(port) as bus:
+            drives = [Drive(bus, profile, each, encoding=target.encoding, settings=settings) for each in addresses]
+            present = drives if named else await _sweep(bus, drives)
+            report = await bus_stop(bus, present)
+            absent = tuple(drive.address for drive in drives if drive not in present)
+            for drive in drives:
+                drive.close()
+            return _tell(report, absent, bus.now())
 
 
 async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
@@ -151,6 +153,7 @@ command = Verb(
         *options.line(),
         options.encoding(),
         options.setting(),
+        options.record(),
         options.dry_run(),
     ],
     examples=(

@@ -9,6 +9,7 @@ from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.exits import Exit
 from drivebus.cli.verbs.scan import DEFAULT_MODELS
+from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.line import LineSettings
@@ -28,13 +29,16 @@ def _monitor(
     period: float,
     duration: float | None,
     speed: float,
+    record: str | None,
     dry_run: bool,
 ) -> Exit:
+    if record and source.endswith(".dbcap"):
+        raise ConfigurationError("record.of_capture", file=source)
     if dry_run:
         return _dry(source, model, addresses, baud, format, encoding)
     if source.endswith(".dbcap"):
         return _capture(source, model, encoding, plain, period, duration, speed)
-    return _line(source, model, addresses, baud, format, encoding, plain, period, duration)
+    return _line(source, model, addresses, baud, format, encoding, plain, period, duration, record)
 
 
 def _capture(
@@ -62,9 +66,10 @@ def _line(
     plain: bool,
     period: float,
     duration: float | None,
+    record: str | None,
 ) -> Exit:
     from drivebus import profiles
-    from drivebus.cli.connect import open_port
+    from drivebus.cli.connect import open_port, recorded
     from drivebus.cli.live.line import LineFeed
     from drivebus.cli.live.start import show
 
@@ -79,7 +84,8 @@ def _line(
             return Exit.REFUSED
     port = open_port(link, known[0][0], baud, format)
     title = voice.say("monitor.title", link=link, line=port.settings, count=len(known))
-    return show(LineFeed(port, known, title), None, plain, period, duration)
+    with recorded(port, record) as heard:
+        return show(LineFeed(heard, known, title), None, plain, period, duration)
 
 
 def _dry(
@@ -174,12 +180,14 @@ command = Verb(
         Option(["--plain"], is_flag=True),
         Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
         Option(["--duration"], type=float, metavar="S", example="--duration 60"),
+        options.record(),
         options.dry_run(),
         Option(["--speed"], type=float, default=1.0, metavar="X", key="help.option.fast", example="--speed 10"),
     ],
     examples=(
         "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3",
         "drivebus monitor /dev/ttyUSB0",
+        "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3 --record trip-of-pump-3.dbcap",
         "drivebus monitor trip-of-pump-3.dbcap --speed 10",
         "drivebus monitor sim://vc660@1-4 --model vc660 --address 1-4 --json --duration 10",
     ),

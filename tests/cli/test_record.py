@@ -1,0 +1,76 @@
+"""``--record``: what a verb sent and heard stands in a capture, in the order and with the bytes that passed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from drivebus.capture import Bytes, read_capture
+from drivebus.cli.root import cli
+from drivebus.sim.port import forget_benches
+
+C320 = ("--model", "c320", "--address", "1")
+
+
+@pytest.fixture(autouse=True)
+def benches() -> Any:
+    yield
+    forget_benches()
+
+
+def invoke(*words: str) -> Result:
+    return CliRunner().invoke(cli, [*words, "--lang", "en"])
+
+
+def sent(file: Path) -> list[str]:
+    records = [one for one in read_capture(file).records if isinstance(one, Bytes)]
+    return [one.data.hex(" ").upper() for one in records if one.direction == "tx"]
+
+
+@pytest.mark.parametrize("verb", [("stop",), ("read", "F0.1"), ("write", "F1.10=1"), ("reset",)])
+def test_a_capture_holds_every_frame_of_the_verb(tmp_path: Path, verb: tuple[str, ...]) -> None:
+    file = tmp_path / "one.dbcap"
+    result = invoke(verb[0], "sim://c320@1", *verb[1:], *C320, "--record", str(file))
+    assert result.exit_code == 0, result.output
+    heard = [one for one in read_capture(file).records if isinstance(one, Bytes) and one.direction == "rx"]
+    assert sent(file) and heard
+    assert f"drivebus monitor {file}" in result.stderr
+
+
+def test_the_first_frame_recorded_is_the_first_frame_of_the_dry_run(tmp_path: Path) -> None:
+    file = tmp_path / "one.dbcap"
+    dry = json.loads(invoke("stop", "sim://c320@1", *C320, "--dry-run", "--json").stdout)
+    assert invoke("stop", "sim://c320@1", *C320, "--record", str(file)).exit_code == 0
+    assert sent(file)[0] == dry["frames"][0]["hex"]
+
+
+def test_a_recorded_line_is_shown_again_by_monitor(tmp_path: Path) -> None:
+    file = tmp_path / "line.dbcap"
+    live = ("monitor", "sim://vc660@1", "--model", "vc660", "--address", "1", "--plain", "--period", "1")
+    assert invoke(*live, "--duration", "1.5", "--record", str(file)).exit_code == 0
+    shown = invoke("monitor", str(file), "--json", "--speed", "50")
+    assert shown.exit_code == 0
+    drives = json.loads(shown.stdout.splitlines()[-1])["drives"]
+    assert [(one["model"], one["address"], one["state"]) for one in drives] == [("vc660", 1, "stopped")]
+
+
+def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path: Path) -> None:
+    file = tmp_path / "evidence.dbcap"
+    file.write_text("evidence")
+    result = invoke("stop", "sim://c320@1", *C320, "--record", str(file))
+    assert result.exit_code == 2
+    assert file.read_text() == "evidence"
+    assert "exists" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [("stop", "sim://c320@1", *C320, "--record", "x.txt"), ("monitor", "old.dbcap", "--record", "new.dbcap")]
+)
+def test_a_record_that_makes_no_sense_is_refused(words: tuple[str, ...]) -> None:
+    result = invoke(*words)
+    assert result.exit_code == 2
+    assert "record" in result.stderr
