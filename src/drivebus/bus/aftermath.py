@@ -1,8 +1,9 @@
 """What follows a transaction that brought no believable answer: doubt, retry, silence. Pure.
 
-Two kinds of failure. *Damage* (a checksum, a parity mark, on an answer's worth of bytes): the answer has come and is
-spoiled, so it can't come later; a read may be repeated at once. *Anything else* (nothing, too little, another item,
-too much): the true answer may still be on its way, so the station is suspect: quarantine, then a fence (5.3).
+Two kinds of failure. *Damage* (a checksum, a parity mark, on exactly an answer's worth of bytes, while nobody on this
+line owes a late answer): the answer has come and is spoiled, so it can't come later; a read may be repeated at once.
+*Anything else* (nothing, too little, too much, another item, or garbage that a late answer may have made): the true
+answer may still be on its way, so the station is suspect: quarantine, then a fence (5.3).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivebus.bus import unasked
+from drivebus.bus.listener import fits
 from drivebus.bus.planner import PollJob
 from drivebus.bus.trace import Kind, TraceEvent
 from drivebus.errors import AlphabetError, ChecksumError, LineFault, NoReply, ProtocolError, TrailingError
@@ -27,6 +29,10 @@ FENCE_REFUSALS = 3
 a station owes fewer late answers than that, and one that knows no such request must not be lost for ever."""
 
 
+LONGEST_LATENESS_S = 5.0
+"""G04: no answer is ever later than this."""
+
+
 class NotBelieved(NoReply):
     """A reply came, and may be our own echo or an older one: it counts as none, and sending again would not help."""
 
@@ -42,6 +48,21 @@ def disbelief(core: BusCore, flight: Transaction) -> Exception | None:
         return NotBelieved("bus.suspect", station=job.station.address)
     if job.fence and flight.size < job.reply_bytes and job.station.refusals < FENCE_REFUSALS - 1:
         return NotBelieved("bus.fence_refused", station=job.station.address)
+    if job.fence and (older := _older_fence(flight)) is not None:
+        return NotBelieved("bus.fence_older", station=job.station.address, seconds=LONGEST_LATENESS_S, older=older)
+    return None
+
+
+def _older_fence(flight: Transaction) -> float | None:
+    """When a fence was sent that this could be the late answer to as well; None: there is none.
+
+    A nonce or an item tells fences apart; where only a count does (DF800), an unanswered fence makes the next one
+    worthless until its answer can no longer be on its way.
+    """
+    job = flight.job
+    for sent_at, older in job.station.unanswered:
+        if flight.sent_at - sent_at <= LONGEST_LATENESS_S and fits(older, bytes(flight.buffer)):
+            return sent_at
     return None
 
 
@@ -54,13 +75,15 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
         core.finish(job, error, flight)
         return
     if isinstance(error, NotBelieved):
-        if job.fence and error.key == "bus.fence_refused":
+        if error.key == "bus.fence_refused":
             station.refusals += 1
+        elif error.key == "bus.fence_older":
+            station.quarantined_until = error.params["older"] + LONGEST_LATENESS_S
         elif job.fence:
             core.believe(station, now, really=False)
         core.finish(job, error, flight)
         return
-    if not _damaged(error, flight):
+    if not _damaged(core, error, flight, now):
         station.doubt(now)
         core.scheduler.doubts(station)
     if job.fence:
@@ -80,6 +103,8 @@ def _unfenced(core: BusCore, flight: Transaction, error: Exception, now: float) 
     """A fence failed: the station is silent, and what waited for the fence is told so."""
     station = flight.job.station
     station.doubt(now)
+    recent = [one for one in station.unanswered if now - one[0] <= LONGEST_LATENESS_S]
+    station.unanswered = [*recent, (flight.sent_at, flight.job)]
     if station.dead:
         core.scheduler.budget.spend(now - flight.sent_at + station.gap_s, now)
     station.give_up(now)
@@ -98,9 +123,10 @@ def _again(job: Job, station: Station) -> bool:
     return True
 
 
-def _damaged(error: Exception, flight: Transaction) -> bool:
-    whole = flight.heard >= flight.job.reply_bytes
-    return whole and isinstance(error, ChecksumError | AlphabetError | LineFault)
+def _damaged(core: BusCore, error: Exception, flight: Transaction, now: float) -> bool:
+    if flight.heard != flight.job.reply_bytes or not isinstance(error, ChecksumError | AlphabetError | LineFault):
+        return False
+    return all(now - station.doubted_at > LONGEST_LATENESS_S for station in core.stations.values())
 
 
 def _count(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:

@@ -86,6 +86,11 @@ def owes(station: Station, request: Any, frame: bytes) -> bool:
         return False
 
 
+def fits(job: Job, data: bytes) -> bool:
+    """Are these bytes an answer to that request?"""
+    return _answer(job, data) is not None
+
+
 def _answer(job: Job, data: bytes) -> tuple[Any, int] | None:
     try:
         verdict = job.codec.decode_reply(job.request, data)

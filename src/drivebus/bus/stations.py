@@ -56,9 +56,9 @@ class Station:
     """One registered address and its state."""
 
     __slots__ = (
-        "address", "asked", "backoff_s", "codec", "counters", "dead", "duplicates", "fence_waiting", "fences", "gap_s",
-        "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at", "quarantined_until",
-        "refusals", "seen", "suspect",
+        "address", "asked", "backoff_s", "codec", "counters", "dead", "doubted_at", "duplicates", "fence_waiting",
+        "fences", "gap_s", "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at",
+        "quarantined_until", "refusals", "seen", "suspect", "unanswered",
     )  # fmt: skip
 
     def __init__(self, link: StationLink, line: LineSettings) -> None:
@@ -72,12 +72,15 @@ class Station:
         self.dead = False
         self.suspect = False
         self.quarantined_until = 0.0
+        self.doubted_at = float("-inf")
         self.backoff_s = 0.0
         self.probe_at = 0.0
         self.fences = 0
         self.refusals = 0
         """Fences in a row that were answered with a refusal."""
         self.fence_waiting: Job | None = None
+        self.unanswered: list[tuple[float, Job]] = []
+        """Fences of the last seconds that nobody answered, and when they were sent."""
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
         self.parked: list[PollJob] = []
@@ -104,6 +107,7 @@ class Station:
     def doubt(self, now: float) -> None:
         """A reply may still be on its way: quarantine from ``now``."""
         self.suspect = True
+        self.doubted_at = now
         self.quarantined_until = max(self.quarantined_until, now + self.link.timing.lateness_s)
 
     def give_up(self, now: float) -> None:
