@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from types import TracebackType
+from typing import Any
 
 from drivebus.bus import Bus, Poll, Watch
 from drivebus.drives.book import Book
@@ -37,7 +38,8 @@ class Monitor:
         self.last_error: Exception | None = None
         self._fresh_s: dict[str, float] = {}
         polls = [Poll(request, period) for request, period in self._wanted()]
-        self._state_fresh_s = min((self._limit(poll) for poll in polls), default=LEAST_FRESH_S)
+        self._limits: dict[Any, float] = {poll.request: self._limit(poll) for poll in polls}
+        self._state_fresh_s = min(self._limits.values(), default=LEAST_FRESH_S)
         self._watch: Watch | None = bus.watch(dialect.address, polls, self._heard)
 
     def _wanted(self) -> tuple[tuple[object, float], ...]:
@@ -62,8 +64,7 @@ class Monitor:
         request = answer.ask.request
         facts = self._dialect.facts(request, answer.reply, answer.received_at)
         self._book.note(facts)
-        period = next((p for r, p in self._wanted() if r == request), LEAST_FRESH_S)
-        limit = self._limit(Poll(request, period))
+        limit = self._limits.get(request, LEAST_FRESH_S)
         self._fresh_s |= {name: limit for name in facts if name in self._names or name not in self._fresh_s}
         verdict = self._dialect.judge(self._book)
         if verdict is not None:
