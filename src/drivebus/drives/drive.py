@@ -96,7 +96,7 @@ class Drive:
 
     def _wish(self) -> Talk:
         """A command wished for now: a stop from now on takes it away, whatever it still waits for (6.5)."""
-        return Talk(self._memory, self.bus.generation(self.address))
+        return Talk(self._memory, self.bus.generation(self.address), self.bus.now())
 
     async def _in_turn(self, conversation: Conversation[T]) -> T:
         """One command at a time; a stop never waits for this. Raises Expired for one that waited too long."""

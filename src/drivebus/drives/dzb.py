@@ -59,6 +59,7 @@ class DzbDialect:
     ) -> None:
         self.profile, self.address, self.settings = profile, address, settings
         self.codec: Codec = DzbCodec()
+        self._signals = signals_in(profile, "query")
         self._count = 0
         self._last_read: ReadParameter | None = None
         self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
@@ -103,12 +104,12 @@ class DzbDialect:
         return Query(self.address, item)
 
     def _period(self, item: int) -> float:
-        return period_of(self.profile, tuple(s.name for s in signals_in(self.profile, "query").get(item, [])))
+        return period_of(self.profile, tuple(s.name for s in self._signals.get(item, [])))
 
     def facts(self, request: Any, reply: Reply, at: float | None) -> Facts:
         if not isinstance(request, Query):
             return {}
-        signals = signals_in(self.profile, "query").get(request.item, [])
+        signals = self._signals.get(request.item, [])
         if reply.accepted is not True:
             return {signal.name: missing("drives.refused_read", signal.unit) for signal in signals}
         if request.item == STATE_QUERY:

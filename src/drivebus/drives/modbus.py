@@ -58,6 +58,7 @@ class ModbusDialect:
         self.status: StatusMap | None = profile.status
         self.word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
         self._pairs = () if self._rule.loopback else wanted_pairs(profile)
+        self._signals = signals_in(profile, "holding")
         self._count = 0
         self.link = StationLink(
             address, self.codec, _with_silence(timing, encoding), self.effect, self._bus_fence, profile.model
@@ -189,11 +190,11 @@ class ModbusDialect:
         return found
 
     def _refused(self, registers: range) -> Facts:
-        signals = signals_in(self.profile, "holding")
-        return {s.name: missing("drives.refused_read", s.unit) for r in registers for s in signals.get(r, [])}
+        found = [signal for register in registers for signal in self._signals.get(register, [])]
+        return {signal.name: missing("drives.refused_read", signal.unit) for signal in found}
 
     def _facts_of(self, register: int, raw: int, at: float | None) -> Facts:
-        found = {s.name: reading_of(s, raw, at) for s in signals_in(self.profile, "holding").get(register, [])}
+        found = {s.name: reading_of(s, raw, at) for s in self._signals.get(register, [])}
         status = self.status
         if status is None:
             return found

@@ -38,7 +38,7 @@ KEPT_COMMANDS, KEPT_READS = 64, 24
 class Talk:
     """The state of one conversation."""
 
-    def __init__(self, memory: Memory, generation: int | None = None) -> None:
+    def __init__(self, memory: Memory, generation: int | None = None, begun: float | None = None) -> None:
         self.memory = memory
         self.generation = generation
         """Stop generation when the user wished for this; None: when the command is made. Our own stops count on."""
@@ -47,8 +47,8 @@ class Talk:
         self.verdict: Verdict = UNKNOWN
         self.seen_turning = False
         """Running was seen at least once, be it in a single read (ruling 6)."""
-        self.begun: float | None = None
-        """When the checks before a frame that may move began."""
+        self.begun = begun
+        """When this was wished for, or its checks began."""
         self.pace_s = inf
         """The shortest transaction so far: how fast this line is."""
         self.within_limits = False
@@ -89,7 +89,7 @@ class Talk:
         return self.dialect.link.effect(self.dialect.codec.encode_request(request))
 
     def begin(self) -> Conversation[None]:
-        """The checks begin now, unless they began in an operation around this one."""
+        """The checks begin now, unless the wish or an operation around this one is older."""
         if self.begun is None:
             self.begun = (yield from look()).now
 

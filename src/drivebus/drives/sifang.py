@@ -54,6 +54,7 @@ class SifangDialect:
         digits, nibble = settings.get("digits", "strict"), bool(settings.get("nibble", False))
         self.codec: Codec = SifangCodec(encoding=encoding, digits=digits, nibble=nibble)
         self._tags = fence_keys(profile)
+        self._signals = signals_in(profile, "monitor")
         self._count = 0
         self._last_read: ReadParameter | None = None
         self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
@@ -102,14 +103,14 @@ class SifangDialect:
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
         if not wanted:  # every reply carries the state, so any monitor will do
-            wanted = {min(signals_in(self.profile, "monitor"), default=0)}
+            wanted = {min(self._signals, default=0)}
         return tuple((self._monitor(index), self._period(index, names)) for index in sorted(wanted))
 
     def _is_monitor(self, name: str) -> bool:
         return name in self.profile.signals and self.profile.signals[name].locator[0] == "monitor"
 
     def _period(self, index: int, names: tuple[str, ...]) -> float:
-        at = tuple(s.name for s in signals_in(self.profile, "monitor").get(index, []))
+        at = tuple(s.name for s in self._signals.get(index, []))
         return period_of(self.profile, tuple(n for n in at if n in names) or at)
 
     def _monitor(self, index: int) -> ReadMonitor:
@@ -133,7 +134,7 @@ class SifangDialect:
         return found
 
     def _monitored(self, item: int | None, reply: Reply, at: float | None) -> dict[str, Reading]:
-        signals = signals_in(self.profile, "monitor").get(self._index(item or 0), [])
+        signals = self._signals.get(self._index(item or 0), [])
         if reply.response != 0 or reply.data is None:
             return {signal.name: missing("drives.refused_read", signal.unit) for signal in signals}
         found = {signal.name: reading_of(signal, reply.data, at) for signal in signals}
