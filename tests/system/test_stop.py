@@ -171,6 +171,7 @@ def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stan
             here.bench.weather = "clean"
             await asyncio.sleep(5.0)
             assert not here.motor.energised, "an unconfirmed stop is repeated until it is confirmed"
+            await asyncio.sleep(20.0)
             assert not kind.tells or not here.drive.stop_pending
 
     for seed in range(4):
