@@ -34,7 +34,7 @@ def test_the_living_keep_their_cycle_with_any_number_dead(dead: int) -> None:
     play.until(60)
     living = stations[dead:]
     before, begun = reads_of(living), play.now
-    play.until(begun + 300)
+    play.until(begun + 120)
     per_read = (play.now - begun) / (reads_of(living) - before)
     alone = 8 * C + 0.005 + 13 * C + 3.5 * C
     assert per_read <= alone * 1.112
@@ -49,7 +49,7 @@ def test_a_drive_that_comes_back_is_found_within_its_bound(dead: int) -> None:
     play.until(10)
     for station in stations[:dead]:
         station.alive = False
-    play.until(400)
+    play.until(250)
     stations[0].alive = True
     back = play.now
     while play.core.presence(1) is not Presence.ONLINE:
