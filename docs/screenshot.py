@@ -6,9 +6,13 @@ python docs/screenshot.py
 from __future__ import annotations
 
 import asyncio
+import html
+import itertools
 import re
 import sys
 from pathlib import Path
+
+from rich.cells import cell_len
 
 from drivebus.cli import voice
 from drivebus.cli.demo.plant import make_plant
@@ -20,6 +24,8 @@ IMAGES = Path(__file__).parent / "images"
 AT_S = 16.0
 """Second of the story: several drives run, one has tripped."""
 SIZE = (110, 32)
+CELL = 12.2
+"""Width of a terminal cell in the exported picture."""
 
 
 async def draw(language: str) -> str:
@@ -31,13 +37,28 @@ async def draw(language: str) -> str:
     async with screen.run_test(size=SIZE) as pilot:
         await asyncio.sleep(AT_S)
         await pilot.pause()
-        return _self_contained(screen.export_screenshot(title="drivebus demo"))
+        return _in_cells(_self_contained(screen.export_screenshot(title="drivebus demo")))
+
+
+def _in_cells(svg: str) -> str:
+    """Every character at its own cell: fonts differ in width, and the export counts a Chinese one as one cell."""
+
+    def placed(found: re.Match[str]) -> str:
+        left, between, characters = float(found[1]), found[2], html.unescape(found[3])
+        columns = itertools.accumulate(map(cell_len, characters[:-1]), initial=0)
+        places = " ".join(f"{left + column * CELL:.1f}" for column in columns)
+        return f'<text x="{places}"{between}>{html.escape(characters, quote=False)}</text>'
+
+    svg = re.sub(
+        r'<text class="([^"]*)" x="([\d.]+)" y="([\d.]+)" textLength="[\d.]+"', r'<text x="\2" y="\3" class="\1"', svg
+    )
+    return re.sub(r'<text x="([\d.]+)"([^>]*)>([^<]+)</text>', placed, svg)
 
 
 def _self_contained(svg: str) -> str:
     """No fonts from elsewhere: a picture must not fetch anything when a page shows it."""
     svg = re.sub(r"@font-face \{.*?\}\n?", "", svg, flags=re.DOTALL)
-    return svg.replace("Fira Code, monospace", "ui-monospace, Menlo, Consolas, 'Noto Sans Mono CJK SC', monospace")
+    return svg.replace("Fira Code, monospace", "Menlo, Consolas, 'DejaVu Sans Mono', 'Noto Sans Mono CJK SC', monospace")
 
 
 def main() -> None:
