@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.cli.root import cli
 
 VECTORS = [
@@ -55,6 +56,37 @@ def test_each_vector_is_explained_for_people_in_both_languages(vector: dict[str,
     result = CliRunner().invoke(cli, [*words, "--direction", vector["direction"], *vector["hex"].split()])
     assert result.exit_code in (0, 3)
     assert vector["hex"] in result.output
+    assert "decode." not in result.output
+
+
+def names_in(fields: Any) -> set[str]:
+    """Names of fields, of those inside fields too; codings are names by themselves."""
+    if isinstance(fields, list):
+        return set().union(*map(names_in, fields))
+    if not isinstance(fields, dict):
+        return set()
+    inside = [names_in(each) for name, each in fields.items() if name != "frequency_hz_by_coding"]
+    return set(fields).union(*inside)
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
+def test_each_field_has_a_name_for_people(vector: dict[str, Any]) -> None:
+    said = ask(vector)[1]
+    for fields in (said["fields"], *(one["fields"] for one in said["readings"])):
+        assert {name for name in names_in(fields) if f"decode.field.{name}" not in i18n.catalogue("zh")} == set()
+
+
+@pytest.mark.parametrize("text", [":010600F9", ": 01 06 00 F9", "3A 30 31 30 36 30 30 46 39 0D 0A"])
+def test_a_frame_may_be_given_as_the_manual_prints_it(text: str) -> None:
+    """DF800's own error form, as characters: Modbus ASCII, not RTU bytes without their CRC."""
+    result = CliRunner().invoke(cli, ["decode", "--model", "df800", "--json", *text.split()])
+    said = json.loads(result.output)
+    assert (result.exit_code, said["encoding"], said["fields"]["error"]) == (0, "ascii", True)
+
+
+def test_a_colon_between_pairs_is_no_modbus_frame() -> None:
+    result = CliRunner().invoke(cli, ["decode", "--model", "c320", "--json", "2A:30:30"])
+    assert json.loads(result.output)["hex"] == "2A 30 30"
 
 
 def test_hexadecimal_digits_may_be_written_with_and_without_blanks() -> None:
