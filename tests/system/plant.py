@@ -98,6 +98,8 @@ class Carried(NamedTuple):
     by_host: bool
     said: Any
     """The wire's own record: a collision afterwards shows in it."""
+    reached: bool
+    """False where the weather lost it: nobody heard it."""
 
     @property
     def heard_end(self) -> float:
@@ -117,7 +119,8 @@ class Tap:
 
         def heard(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
-            self.carried.append(Carried(said.start, said.end, bytes(data), hasattr(talker, "hear"), said))
+            reached = any(event[3] is said for event in bench.wire._events)
+            self.carried.append(Carried(said.start, said.end, bytes(data), hasattr(talker, "hear"), said, reached))
             return said
 
         bench.wire.say = heard  # type: ignore[method-assign]
@@ -142,7 +145,7 @@ class Tap:
         asked = self.asked
         assert asked, "nobody said anything"
         ends = sorted(one.end for one in self.answered)
-        heard_ends = sorted(one.heard_end for one in self.answered)
+        heard_ends = sorted(one.heard_end for one in self.answered if one.reached)
         patience = min(kind.patience_s + kind.patience_characters * character, 0.1)
         for earlier, later in itertools.pairwise(asked):
             assert later.start - earlier.end >= gap - 1e-9, f"{later} comes too soon after {earlier}"

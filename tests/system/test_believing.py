@@ -199,7 +199,9 @@ def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind:
 
     async def told() -> None:
         async with plant(kind) as here:
-            await doubled(kind, here, 0.08)
+            await doubled(
+                kind, here, 0.12
+            )  # well behind the answer: what comes into the next one only looks like noise
             assert here.bus.health(1).duplicate
             outcome = await ending(here.drive.run(10.0))
             assert not getattr(outcome, "done", False)

@@ -1,5 +1,5 @@
-"""Everything at once, seeded: drives that fall silent, trip and lose power, adapters pulled, weather changing, people who
-start and stop; and the invariants asserted all the way (I1, I2, I4, I6, I10)."""
+"""Everything at once, seeded: silent drives, trips, power cuts, pulled adapters, changing weather, people who start and
+stop; and the invariants asserted all the way (I1, I2, I4, I6, I10)."""
 
 from __future__ import annotations
 
