@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives import Drive, DriveState, MemoryStore, bus_stop
+from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, bus_stop
 from drivebus.drives.state import Direction, Outcome
 from drivebus.errors import (
     CapabilityError,
@@ -573,6 +573,16 @@ async def nothing_is_proved(drive: Drive) -> None:
     assert drive.dialect.settings["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
+
+
+def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
+    async def tale() -> None:
+        async with Bench("dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}) as bench:
+            with pytest.raises(LimitError):
+                await bench.drive().prove_setpoint_coding()
+            assert not bench.station().running
+
+    story(tale())
 
 
 def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:

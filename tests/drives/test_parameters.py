@@ -221,6 +221,13 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
     assert found["F3.5"].raw == 0
 
 
+def test_t05_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
+    """The reply names neither item nor whether it was carried out."""
+    desk = Desk("c320", PaperC320(sifang.State.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
+    found = desk.read("F0.1", "F0.2")
+    assert (found["F0.1"].value, found["F0.2"].value) == (None, 30.0)
+
+
 def test_a_write_only_register_is_not_read() -> None:
     desk = Desk("vc660", PaperModbus())
     assert desk.read("2006H")["2006H"].reason == "drives.write_only"

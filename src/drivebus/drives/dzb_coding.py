@@ -18,10 +18,7 @@ CAP_HZ = 5.0
 def candidates(settings: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
     """Setpoint codings that are not excluded: one where it is settled."""
     coding = settings.get("setpoint_coding", "unknown")
-    if coding in CODINGS:
-        return (coding,)
-    excluded = settings.get("excluded_setpoint_codings", ())
-    return tuple(c for c in CODINGS if c not in excluded)
+    return (coding,) if coding in CODINGS else CODINGS
 
 
 def within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
