@@ -139,7 +139,7 @@ def _count(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
     if isinstance(error, TrailingError) and _second_answer(flight, error):
         core.counters.kind("duplicate")
         station.counters.kind("duplicate")
-        station.duplicates += 1
+        station.answered_twice(now)
     if core.tracing:
         kind = Kind.SILENCE if isinstance(error, NoReply) and not flight.heard else Kind.VOID
         core.trace(TraceEvent(now, kind, bytes(flight.buffer), station.address, None, error, job.attempts))

@@ -65,7 +65,7 @@ class BusCore(BusState):
         return self._go_on(now)
 
     def cancel(self, token: Any, now: float) -> list[Act]:
-        """Nobody waits for this any more: what has not been sent never will be."""
+        """Nobody waits for this any more: what has not been sent never will be, unless it is a stop (ruling 5)."""
         self._drop(token)
         return self._go_on(now)
 
@@ -91,9 +91,9 @@ class BusCore(BusState):
         return self._go_on(now)
 
     def _drop(self, token: Any) -> None:
-        """Out of the queues; what is on the wire gets no second attempt."""
-        self.scheduler.withdraw(lambda job: job.token is token)
-        if self.flight is not None and self.flight.job.token is token:
+        """Out of the queues; what is on the wire gets no second attempt. A stop is not taken back."""
+        self.scheduler.withdraw(lambda job: job.token is token and job.effect is not Effect.STOP)
+        if self.flight is not None and self.flight.job.token is token and self.flight.job.effect is not Effect.STOP:
             self.flight.job.attempts_allowed = 0
             if isinstance(self.flight.job, PollJob):
                 self.flight.job.cancelled = True
@@ -101,6 +101,7 @@ class BusCore(BusState):
     def remove(self, address: int, now: float) -> list[Act]:
         """Forget a station: its polls end, what is queued for it fails."""
         station = self.stations.pop(address)
+        self.gone[address] = station.generation + 1, station.latched
         retire(self.counters, station.counters)
         self.scheduler.forget(station)
         gone = self.scheduler.withdraw(lambda job: job.station is station)

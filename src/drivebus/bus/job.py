@@ -45,8 +45,8 @@ class Job:
         self.attempts_allowed = READ_ATTEMPTS if self.effect is Effect.NONE and not fence else self._attempts_allowed()
 
     def _attempts_allowed(self) -> int:
-        """The permit's class counts for a frame that acts: nobody can call a start absolute (F16)."""
-        if self.broadcast or self.fence:
+        """What may move goes once; else the permit's class counts: nobody can call a start absolute (F16)."""
+        if self.broadcast or self.fence or self.effect is Effect.MOTION:
             return 1
         if self.effect is Effect.STOP:
             return ABSOLUTE_ATTEMPTS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from drivebus.bus.job import Job
@@ -119,6 +119,8 @@ class Plan:
         for _, _, job in self._heap:
             if unwanted(job):
                 job.cancelled = True
+        self._heap = [entry for entry in self._heap if not entry[2].cancelled]
+        heapify(self._heap)
 
     def next_due(self) -> float | None:
         return self._heap[0][0] if self._heap else None

@@ -2,7 +2,8 @@
 
 Lanes: stop > command > parameter > poll > probe, first come first served within a lane. Three fairness rules:
 
-* after four commands or parameters in a row a due poll gets a turn (values must not grow stale during a backup, I4);
+* after four commands or parameters in a row a due fence or poll gets a turn (values must not grow stale during a
+  backup, I4);
 * a silent station's probe goes before polls, but only within the 10 % budget (else a full bus would never find
   a drive that came back, G08);
 * after nine polls in a row a waiting ask of the probe lane (a scan) gets a turn.
@@ -64,7 +65,7 @@ class Scheduler:
         stops, commands, parameters, polls, probes = self.lanes
         if stops:
             return stops[0]
-        if self._urgent >= URGENT_RUN and (job := self._poll(polls, now)):
+        if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
             return job
         if commands and (job := self._first(commands, now)):
             return job
@@ -161,6 +162,10 @@ class Scheduler:
         lane.remove(job)
         self.refused.append((job, error))
         return True
+
+    def _others_turn(self, polls: deque[Job], now: float) -> Job | None:
+        fence = self._fence(now) if self.doubted else None
+        return fence or self._poll(polls, now)
 
     def _poll(self, retries: deque[Job], now: float) -> Job | None:
         if retries and (job := self._first(retries, now)):

@@ -13,7 +13,7 @@ from typing import Any
 
 from drivebus.bus import timer as timers
 from drivebus.bus.core import BusCore
-from drivebus.bus.effects import Act, Done, Traced, Transmit
+from drivebus.bus.effects import Act, Done, Traced, Transmit, WakeAt
 from drivebus.bus.trace import TraceEvent
 from drivebus.errors import DrivebusError, PortLost
 from drivebus.message import Answer
@@ -98,6 +98,8 @@ class Shell:
                 await self.port.open(self)
             except DrivebusError:  # not there yet, or not ours yet: why is the next opener's to read
                 pass
+            except Exception as error:  # a driver in a state that nobody foresaw: no reason to lose every stop to come
+                self._complain(f"opening bus {self.name} again failed", error)
             else:
                 self._opened()
             if self.core.is_open:
@@ -165,12 +167,17 @@ class Shell:
     # --- effects -----------------------------------------------------------------------------------------------
 
     def _perform(self, acts: list[Act]) -> None:
-        """Do what the core says, in order, also where doing it makes the core say more."""
+        """Do what the core says, in order, also where doing it makes the core say more.
+
+        A frame leaves first: its permit was checked at this very moment, and a sink may take its time (I1).
+        """
         if self._performing:
             self._acts.extend(acts)
+            self._send(acts)
             return
         self._performing = True
         try:
+            self._send(acts)
             for act in acts:
                 self._do(act)
             while self._acts:
@@ -188,19 +195,22 @@ class Shell:
             self._hush()
         self._set_alarm()
 
+    def _send(self, acts: list[Act]) -> None:
+        for act in acts:
+            if type(act) is Transmit:
+                try:
+                    self.port.write(act.data)
+                except PortLost as error:
+                    self.port_lost(error)
+
     def _do(self, act: Act) -> None:
         kind = type(act)
-        if kind is Transmit:
-            try:
-                self.port.write(act.data)  # type: ignore[union-attr]
-            except PortLost as error:
-                self.port_lost(error)
-        elif kind is Done:
+        if kind is Done:
             self._answer(act.token, act.answer)  # type: ignore[union-attr]
         elif kind is Traced:
             for tracer in tuple(self._tracers):
                 self._tell(tracer, act.event)  # type: ignore[union-attr]
-        else:
+        elif kind is WakeAt:
             self._wake_at = act.when  # type: ignore[union-attr]
 
     def _answer(self, token: Any, answer: Answer) -> None:
@@ -214,5 +224,8 @@ class Shell:
         try:
             sink(value)
         except Exception as error:
-            loop = self._loop or asyncio.get_running_loop()
-            loop.call_exception_handler({"message": f"a sink of bus {self.name} failed", "exception": error})
+            self._complain(f"a sink of bus {self.name} failed", error)
+
+    def _complain(self, message: str, error: Exception) -> None:
+        loop = self._loop or asyncio.get_running_loop()
+        loop.call_exception_handler({"message": message, "exception": error})

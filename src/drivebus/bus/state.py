@@ -19,9 +19,6 @@ from drivebus.bus.transaction import Transaction
 from drivebus.line import LineSettings
 from drivebus.message import Answer, StationLink
 
-DUPLICATE_HINTS = 2
-"""So many second answers mean two drives at one address (F15)."""
-
 
 class BusState:
     """One line and its stations. ``paced``: the port's bytes take their character time (ruling 9)."""
@@ -42,6 +39,9 @@ class BusState:
         self.is_open = False
         self.opened_at = 0.0
         self.stations: dict[int, Station] = {}
+        self.gone: dict[int, tuple[int, bool]] = {}
+        """Generation and latch of stations that were removed: registered anew, they are no freer than before."""
+        self.all_latched = False
         self.scheduler = Scheduler(line)
         self.listener = Listener()
         self.echo = EchoKeeper(echo)
@@ -56,10 +56,14 @@ class BusState:
         """Register a station. Raises ConfigurationError for an address taken or never answering, or mixed families."""
         check_address(link, self.stations)
         mixed.check(link, (station.link for station in self.stations.values()), self._allow_mixed)
-        self.stations[link.address] = Station(link, self.line)
+        station = self.stations[link.address] = Station(link, self.line)
+        station.generation, station.latched = self.gone.get(link.address, (0, self.all_latched))
 
     def latch(self, addresses: Iterable[int] | None, on: bool) -> None:
-        """While latched no frame that may move a motor leaves for these stations (None: all)."""
+        """While latched no frame that may move a motor leaves for these stations (None: all, and who joins later)."""
+        if addresses is None:
+            self.all_latched = on
+            self.gone = {address: (generation, on) for address, (generation, _) in self.gone.items()}
         for address in self.stations if addresses is None else addresses:
             self.stations[address].latched = on
 
@@ -68,7 +72,7 @@ class BusState:
         station = self.stations[address]
         return Health(
             self.presence(address), station.suspect, self.listener.foreign_master(now),
-            station.duplicates >= DUPLICATE_HINTS, station.counters.window.rate(now), station.last_heard_at,
+            station.duplicate(now), station.counters.window.rate(now), station.last_heard_at,
         )  # fmt: skip
 
     def statistics(self, now: float) -> BusStatistics:

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 FIRST_PROBE_S = 1.0
 LAST_PROBE_S = 60.0
+DUPLICATE_HINTS = 2
+DUPLICATE_MEMORY_S = 600.0
+"""So many second answers within ten minutes mean two drives at one address (F15): real ones show it at each read."""
 PROBE_SHARE = 0.1
 """Silent stations together get at most this share of the bus (RELIABILITY 5.2, G08)."""
 
@@ -56,9 +59,9 @@ class Station:
     """One registered address and its state."""
 
     __slots__ = (
-        "address", "asked", "backoff_s", "codec", "counters", "dead", "doubted_at", "duplicates", "fence_waiting",
+        "address", "asked", "backoff_s", "codec", "counters", "dead", "doubted_at", "fence_waiting",
         "fences", "gap_s", "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at",
-        "quarantined_until", "refusals", "seen", "suspect", "unanswered",
+        "quarantined_until", "refusals", "second_answers", "seen", "suspect", "unanswered",
     )  # fmt: skip
 
     def __init__(self, link: StationLink, line: LineSettings) -> None:
@@ -86,7 +89,7 @@ class Station:
         self.parked: list[PollJob] = []
         """Polls that wait until it answers again."""
         self.last_heard_at: float | None = None
-        self.duplicates = 0
+        self.second_answers: list[float] = []
         self.counters = Counters()
         self.prepared: dict[Any, Prepared] = {}
 
@@ -109,6 +112,15 @@ class Station:
         self.suspect = True
         self.doubted_at = now
         self.quarantined_until = max(self.quarantined_until, now + self.link.timing.lateness_s)
+
+    def answered_twice(self, now: float) -> None:
+        """A second answer came where one was asked for."""
+        self.second_answers = [*self.second_answers[1 - DUPLICATE_HINTS :], now]
+
+    def duplicate(self, now: float) -> bool:
+        """Do two drives seem to answer to this address (F15)?"""
+        recent = [at for at in self.second_answers if now - at <= DUPLICATE_MEMORY_S]
+        return len(recent) >= DUPLICATE_HINTS
 
     def give_up(self, now: float) -> None:
         """It did not answer its fence (or never answered at all): probe it with a growing pause, 1 to 60 s."""

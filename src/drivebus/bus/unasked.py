@@ -70,7 +70,7 @@ def _note(
     if station is not None:
         station.counters.kind(kind.value)
         if kind is Kind.DUPLICATE:
-            station.duplicates += 1
+            station.answered_twice(now)
         if kind is Kind.DUPLICATE or (kind is Kind.FOREIGN and message is None):
             station.doubt(now)
             core.scheduler.doubts(station)

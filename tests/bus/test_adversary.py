@@ -1,0 +1,263 @@
+"""What somebody tried who wanted a motor to move, or a stop to be lost, when it must not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+from buskit import COMMAND, LINE, START, STOP, C, Station, ask_read, ask_start, ask_stop, ask_write, link, read
+from drivebus.bus import Bus, Poll
+from drivebus.bus.core import BusCore
+from drivebus.bus.stations import DUPLICATE_MEMORY_S
+from drivebus.errors import NotPermitted
+from drivebus.message import WriteClass
+from drivebus.ports.port import Receiver
+from drivebus.protocols import modbus
+from drivebus.testing.playbook import Playbook, ScriptedPort
+from drivebus.testing.virtual import run
+
+
+def wire_of(*stations: Station) -> Any:
+    def wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        for station in stations:
+            answer = station.answer(frame, ended_at)
+            if answer is not None:
+                yield ended_at + station.delay_s + C * len(answer), answer
+
+    return wire
+
+
+async def opened(*stations: Station) -> tuple[Bus, ScriptedPort]:
+    """A bus whose stations have all answered once."""
+    port = ScriptedPort(wire_of(*stations), LINE)
+    bus = Bus(port)
+    await bus.open()
+    for station in stations:
+        bus.add(link(station.address))
+        await bus.transact(ask_read(station.address))
+    return bus, port
+
+
+def commands(station: Station) -> list[int]:
+    """What was written to the command register."""
+    writes = [request for _, request in station.heard if isinstance(request, modbus.WriteRegister)]
+    return [request.value for request in writes if request.register == COMMAND]
+
+
+def test_no_sink_comes_between_a_permit_that_was_checked_and_its_frame() -> None:
+    """A sink may block, or latch: by then the frame whose permit was checked at this moment has left (I1)."""
+
+    async def told() -> None:
+        station = Station()
+        bus, port = await opened(station)
+        left: list[int] = []
+
+        def sink(_: Any) -> None:
+            left.append(len(port.sent))
+            bus.latch(None)
+
+        bus.watch(1, [Poll(read(), 10.0, 0.0)], sink)
+        before = len(port.sent)
+        await bus.transact(ask_start(bus.core))
+        assert left == [before + 1], "the start was held back until the sink had latched the bus"
+        answer = await bus.transact(ask_start(bus.core))
+        assert isinstance(answer.error, NotPermitted)
+        await bus.close()
+
+    run(told())
+
+
+def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
+    """Ruling 5: dropped by nothing; ``wait_for(stop, …)`` must not take it back."""
+
+    async def told() -> None:
+        station = Station(delay_s=0.015)
+        bus, _ = await opened(station)
+        busy = asyncio.ensure_future(bus.transact(ask_read()))
+        await asyncio.sleep(0.001)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(bus.transact(ask_stop()), 0.005)
+        await busy
+        await asyncio.sleep(0.1)
+        assert commands(station) == [STOP]
+        await bus.close()
+
+    run(told())
+
+
+def test_a_stop_whose_asker_gave_up_is_still_sent_again_when_nobody_answers() -> None:
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    book = Playbook(core, lambda frame, at: [(at + 0.01, answer)] if (answer := station.answer(frame, at)) else [])
+    station = Station()
+    book.ask(ask_read(), "first")
+    book.answer("first")
+    station.alive = False
+    sent = len(book.sent)
+    book.ask(ask_stop(), "stop")
+    book._perform(core.cancel("stop", book.now))
+    book.until(book.now + 1.0)
+    assert len([frame for _, frame in book.sent[sent:] if frame == book.sent[sent][1]]) == 3
+
+
+def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_anew() -> None:
+    async def told() -> None:
+        station = Station()
+        bus, _ = await opened(station)
+        old = ask_start(bus.core)
+        await bus.transact(ask_stop())
+        bus.remove(1)
+        bus.add(link())
+        answer = await bus.transact(old)
+        assert isinstance(answer.error, NotPermitted) and station.started == 0
+        await bus.close()
+
+    run(told())
+
+
+@pytest.mark.parametrize("all_of_them", [True, False])
+def test_a_latch_outlives_registering_the_station_anew(all_of_them: bool) -> None:
+    async def told() -> None:
+        station = Station()
+        bus, _ = await opened(station)
+        bus.latch(None if all_of_them else [1])
+        bus.remove(1)
+        bus.add(link())
+        assert bus.latched(1)
+        if all_of_them:
+            bus.add(link(2))
+            assert bus.latched(2), "a drive that joins a stopped bus is stopped too"
+        bus.release()
+        assert not bus.latched(1)
+        bus.remove(1)
+        bus.add(link())
+        assert not bus.latched(1)
+        await bus.close()
+
+    run(told())
+
+
+def test_nobody_can_have_a_start_repeated_by_calling_it_absolute() -> None:
+    """F16: whatever class a permit names, a frame that moves goes once."""
+
+    async def told() -> None:
+        station = Station()
+        bus, port = await opened(station)
+        ask = ask_write(bus.core, 1, COMMAND, START, write_class=WriteClass.ABSOLUTE)
+        before = len(port.sent)
+        station.alive = False
+        await bus.transact(ask)
+        frames = [frame for _, frame in port.sent[before:]]
+        assert frames.count(frames[0]) == 1
+        await bus.close()
+
+    run(told())
+
+
+def test_a_suspect_station_is_asked_for_its_fence_during_a_backup_of_another() -> None:
+    """Four parameters in a row, then whoever else is waiting: else its values would be stale for as long (I4)."""
+
+    async def told() -> None:
+        one, two = Station(1), Station(2)
+        bus, _ = await opened(one, two)
+        good: list[float] = []
+        bus.watch(2, [Poll(read(2), 0.5)], lambda answer: good.append(bus.now()) if answer.error is None else None)
+
+        async def backup() -> None:
+            while bus.now() < 20.0:
+                await bus.transact(ask_read(1))
+
+        async def blink() -> None:
+            await asyncio.sleep(5.0)
+            two.alive = False
+            await asyncio.sleep(0.6)
+            two.alive = True
+
+        await asyncio.gather(blink(), *(backup() for _ in range(3)))
+        assert [at for at in good if at > 9.0], "nothing was heard of it again"
+        await bus.close()
+
+    run(told())
+
+
+class Halting(ScriptedPort):
+    """Fails in a way that no port should, twice, when it is opened again."""
+
+    failures = 0
+
+    async def open(self, receiver: Receiver) -> None:
+        if self.openings and self.failures < 2:
+            self.failures += 1
+            raise OSError(5, "half enumerated")
+        await super().open(receiver)
+
+
+def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> None:
+    async def told() -> None:
+        complaints: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        station = Station()
+        port = Halting(wire_of(station), LINE)
+        bus = Bus(port)
+        await bus.open()
+        bus.add(link())
+        port.unplug()
+        port.plugged = True
+        await asyncio.sleep(2.0)
+        assert bus.is_open and port.failures == 2
+        assert len(complaints) == 2, "and the loop's handler is told"
+        await bus.close()
+
+    run(told())
+
+
+def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
+    async def told() -> None:
+        station = Station()
+        bus, port = await opened(station)
+        for _ in range(2):
+            await bus.transact(ask_read())
+            await asyncio.sleep(0.05)
+            port._arrive(buskit_reply(), port.openings)
+            await asyncio.sleep(1.0)
+            await bus.transact(ask_read())
+        assert bus.health(1).duplicate
+        await asyncio.sleep(DUPLICATE_MEMORY_S + 1.0)
+        assert not bus.health(1).duplicate
+        await bus.close()
+
+    run(told())
+
+
+def test_f15_two_second_answers_far_apart_are_no_duplicate_address() -> None:
+    async def told() -> None:
+        station = Station()
+        bus, port = await opened(station)
+        for _ in range(3):
+            await bus.transact(ask_read())
+            await asyncio.sleep(0.05)
+            port._arrive(buskit_reply(), port.openings)
+            await asyncio.sleep(DUPLICATE_MEMORY_S + 1.0)
+            await bus.transact(ask_read())
+            assert not bus.health(1).duplicate
+        await bus.close()
+
+    run(told())
+
+
+def buskit_reply() -> bytes:
+    return modbus.RtuCodec().encode_reply(modbus.Registers(1, 3, (1, 2, 3, 4)))
+
+
+def test_i12_polls_that_were_cancelled_leave_nothing_behind() -> None:
+    async def told() -> None:
+        bus, _ = await opened(Station())
+        for _ in range(50):
+            bus.watch(1, [Poll(read(), 3600.0)], lambda answer: None).cancel()
+        assert len(bus.core.scheduler.plan) == 0
+        await bus.close()
+
+    run(told())
