@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from heapq import heappop, heappush
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
-from drivebus.bus import timerfd
+from drivebus.timerfd import TimerFd
 
 NEVER = float("inf")
 SLACK_S = 20e-6
@@ -135,33 +134,32 @@ def spin(now: Callable[[], float], when: float) -> None:
 class _FdWaker:
     """A kernel timer on CLOCK_MONOTONIC, watched by the loop's selector."""
 
-    __slots__ = ("_callback", "_fd", "_loop", "armed")
+    __slots__ = ("_callback", "_loop", "_timer", "armed")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self.armed = NEVER
         self._callback = callback
-        self._fd = timerfd.create()
+        self._timer = TimerFd()
         self._loop = loop
         try:
-            loop.add_reader(self._fd, self._rang)
+            loop.add_reader(self._timer.fd, self._rang)
         except BaseException:
-            os.close(self._fd)
+            self._timer.close()
             raise
 
     def arm(self, when: float) -> None:
         self.armed = when
-        timerfd.set_at(self._fd, when)
+        self._timer.set_at(when)
 
     def _rang(self) -> None:
         self.armed = NEVER
-        with contextlib.suppress(BlockingIOError):  # armed anew since it expired
-            os.read(self._fd, 8)
+        self._timer.expired()
         self._callback()
 
     def close(self) -> None:
         if not self._loop.is_closed():
-            self._loop.remove_reader(self._fd)
-        os.close(self._fd)
+            self._loop.remove_reader(self._timer.fd)
+        self._timer.close()
 
 
 class _LoopWaker:

@@ -8,20 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ctypes
-import os
-import sys
 from collections.abc import Callable
 
-_CLOCK_MONOTONIC = 1
-_NONBLOCK_CLOEXEC = 0o2004000
-_ABSOLUTE = 1
-
-
-class _Spec(ctypes.Structure):
-    """struct itimerspec: interval, then value; seconds and nanoseconds each."""
-
-    _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "s", "ns")]
+from drivebus.timerfd import TimerFd
 
 
 class Alarm:
@@ -32,18 +21,19 @@ class Alarm:
         self._ring = ring
         self._at: float | None = None
         self._handle: asyncio.TimerHandle | None = None
-        self._fd: int | None = None
-        self._libc: ctypes.CDLL | None = None
-        if sys.platform == "linux" and isinstance(loop, asyncio.SelectorEventLoop):
-            self._open()
+        self._timer: TimerFd | None = None
+        if isinstance(loop, asyncio.SelectorEventLoop):
+            with contextlib.suppress(OSError):
+                self._timer = TimerFd()
+                loop.add_reader(self._timer.fd, self._rang)
 
     def set(self, when: float | None) -> None:
         """Ring at ``when`` (loop time; the past rings at the next turn), or not at all."""
         if when == self._at:
             return
         self._at = when
-        if self._fd is not None:
-            self._arm(0.0 if when is None else max(when, 1e-6))
+        if self._timer is not None:
+            self._timer.set_at(0.0 if when is None else max(when, 1e-6))
             return
         if self._handle is not None:
             self._handle.cancel()
@@ -51,30 +41,14 @@ class Alarm:
 
     def close(self) -> None:
         self.set(None)
-        if self._fd is not None:
+        if self._timer is not None:
             if not self._loop.is_closed():
-                self._loop.remove_reader(self._fd)
-            os.close(self._fd)
-            self._fd = None
+                self._loop.remove_reader(self._timer.fd)
+            self._timer.close()
+            self._timer = None
 
-    def _open(self) -> None:
-        libc = ctypes.CDLL(None, use_errno=True)
-        fd = libc.timerfd_create(_CLOCK_MONOTONIC, _NONBLOCK_CLOEXEC)
-        if fd < 0:
-            return
-        self._fd, self._libc = fd, libc
-        self._loop.add_reader(fd, self._fired, fd)
-
-    def _arm(self, when: float) -> None:
-        assert self._libc is not None
-        seconds = int(when)
-        spec = _Spec(0, 0, seconds, int((when - seconds) * 1e9))
-        self._libc.timerfd_settime(self._fd, _ABSOLUTE, ctypes.byref(spec), None)
-
-    def _fired(self, fd: int) -> None:
-        with contextlib.suppress(OSError):
-            os.read(fd, 8)
-        if self._at is not None and self._loop.time() >= self._at - 1e-9:
+    def _rang(self) -> None:
+        if self._timer is not None and self._timer.expired() and self._at is not None:
             self._due()
 
     def _due(self) -> None:
