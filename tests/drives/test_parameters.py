@@ -18,7 +18,15 @@ from drivebus.drives.preflight import preflight
 from drivebus.drives.state import Outcome, OutcomeWord
 from drivebus.drives.store import FileStore, MemoryStore
 from drivebus.drives.wear import Wear
-from drivebus.errors import CapabilityError, ConfigurationError, LimitError, PreflightError, ProfileError, WearBudget
+from drivebus.errors import (
+    CapabilityError,
+    ConfigurationError,
+    LimitError,
+    NotPermitted,
+    PreflightError,
+    ProfileError,
+    WearBudget,
+)
 from drivebus.protocols import modbus, sifang
 from drivebus.reading import Reading
 from drivekit import PaperC320, PaperModbus, World, dialect_of
@@ -77,12 +85,34 @@ def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
 
 
 def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
-    """RAM says 30 Hz already; what EEPROM says nobody knows."""
+    """RAM says 30 Hz already; what EEPROM says nobody knows, and reading back RAM does not tell."""
     desk = Desk("c320", PaperC320())
     desk.write({"F0.2": 30.0})
     outcome = desk.write({"F0.2": 30.0}, save=True)
-    assert outcome.key == "drives.write_confirmed"
+    assert (outcome.word, outcome.key) == (OutcomeWord.ACKNOWLEDGED, "drives.save_acknowledged")
     assert [r.save for r in desk.writes()] == [False, True]
+    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
+
+
+@pytest.mark.parametrize("lost", [None, NotPermitted("bus.latched", station=1)])
+def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
+    """Nor is the next one skipped: the EEPROM may still hold the old value."""
+    paper = PaperC320()
+
+    def losing(request: Any) -> Any:
+        return lost if isinstance(request, sifang.WriteParameter) and request.save else paper(request)
+
+    desk = Desk("c320", paper)
+    desk.write({"F0.2": 30.0})
+    desk.world.station = losing
+    if lost is None:
+        outcome = desk.write({"F0.2": 30.0}, save=True)
+        assert (outcome.word, outcome.key) == (OutcomeWord.UNKNOWN, "drives.save_unknown")
+    else:
+        with pytest.raises(NotPermitted):
+            desk.write({"F0.2": 30.0}, save=True)
+    desk.world.station = paper
+    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.save_acknowledged"
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
 

@@ -112,8 +112,9 @@ def _checked(talk: Talk, name: str, value: float) -> _Wanted:
 def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]:
     notation, wear = wanted.parameter.notation, talk.memory.wear
     said = {"notation": notation, "value": wanted.value, "unit": wanted.parameter.unit}
+    held = (yield from read_raw(talk, wanted.parameter)) if save and wanted.parameter.readable else None
     if save:
-        if (yield from _same_already(talk, wanted)):
+        if held == wanted.raw and not wear.count(notation).ram_written:
             return talk.outcome(OutcomeWord.CONFIRMED, "drives.write_skipped", **said)
         around = yield from look()
         yield from wear.charge(notation, around.day)
@@ -127,15 +128,18 @@ def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]
     refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
     if refused is not None:
         return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code, **said)
-    return (yield from _read_back(talk, wanted, answer.error is None, said))
+    outcome = yield from _read_back(talk, wanted, answer.error is None, said)
+    if held == wanted.raw and outcome.word is OutcomeWord.CONFIRMED:
+        outcome = _shown_before(talk, answer.error is None, said)
+    if save and outcome.done:
+        yield from wear.saved(notation)
+    return outcome
 
 
-def _same_already(talk: Talk, wanted: _Wanted) -> Conversation[bool]:
-    """The drive holds the value, and no RAM-only write says that its EEPROM may hold another (ruling 8)."""
-    if not wanted.parameter.readable or talk.memory.wear.count(wanted.parameter.notation).ram_written:
-        return False
-    raw = yield from read_raw(talk, wanted.parameter)
-    return raw == wanted.raw
+def _shown_before(talk: Talk, answered: bool, said: dict[str, object]) -> Outcome:
+    """RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)."""
+    word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
+    return talk.outcome(word, "drives.save_acknowledged" if answered else "drives.save_unknown", **said)
 
 
 def _read_back(talk: Talk, wanted: _Wanted, answered: bool, said: dict[str, object]) -> Conversation[Outcome]:

@@ -51,7 +51,13 @@ class Wear:
         today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
         if today >= self.budget:
             raise WearBudget("drives.wear_budget", notation=notation, count=today, budget=self.budget)
-        yield from self._put(notation, Count(max(day, old.day), today + 1, old.total + 1, False))
+        yield from self._put(notation, Count(max(day, old.day), today + 1, old.total + 1, old.ram_written))
+
+    def saved(self, notation: str) -> Conversation[None]:
+        """The drive is known to have saved: RAM and EEPROM are the same again. Never before that is known."""
+        old = self.count(notation)
+        if old.ram_written:
+            yield from self._put(notation, Count(old.day, old.today, old.total, False))
 
     def ram_only(self, notation: str) -> Conversation[None]:
         """Remember that RAM and EEPROM may differ from now on."""
