@@ -14,7 +14,9 @@ from drivebus.message import Answer
 from drivebus.ports import open_port
 from drivebus.protocols.modbus import ReadRegisters, RtuCodec
 
-DELAY_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.002
+DELAY_S = 0.002
+PERIOD_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.01
+"""Shorter than the wire can do, so that there is always a poll due."""
 
 
 async def main() -> None:
@@ -36,7 +38,9 @@ async def main() -> None:
         await bus.open()
         for address in range(1, STATIONS + 1):
             bus.add(link(address, codec, DELAY_S))
-            polls = [Poll(ReadRegisters(address, register, REGISTERS), 0.01) for register in (address, address + 50)]
+            polls = [
+                Poll(ReadRegisters(address, register, REGISTERS), PERIOD_S) for register in (address, address + 50)
+            ]
             bus.watch(address, polls, sink)
     await asyncio.sleep(1.0)
     meter = Meter()
