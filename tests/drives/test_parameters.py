@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from drivebus.drives.commloss import if_host_dies
 from drivebus.drives.memory import Memory
 from drivebus.drives.operation import Talk
 from drivebus.drives.parameters import read, write
@@ -134,6 +135,16 @@ def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
     desk.world.around = replace(desk.world.around, day="2025-12-31")
     with pytest.raises(WearBudget):
         desk.write({"F0.2": 11.0}, save=True)
+
+
+def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
+    desk = Desk("c320", PaperC320(), budget=2)
+    for number, day in enumerate(("2026-01-02", "2025-12-31")):
+        desk.world.around = replace(desk.world.around, day=day)
+        desk.write({"F0.2": 10.0 + number}, save=True)
+    desk.world.around = replace(desk.world.around, day="2026-01-02")
+    with pytest.raises(WearBudget):
+        desk.write({"F0.2": 40.0}, save=True)
 
 
 def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
@@ -348,6 +359,47 @@ def test_two_programs_lose_no_values_of_each_other(tmp_path: Path) -> None:
     assert [worker.wait(60) for worker in workers] == [0, 0]
     store = FileStore(path)
     assert all(store.get(f"{name}{n}") == str(n) for name in "ab" for n in range(20))
+
+
+def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    path = tmp_path / "s.json"
+    with (tmp_path / "s.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        writer = subprocess.Popen([sys.executable, "-c", PUT_MANY, str(path), "a"])
+        with pytest.raises(subprocess.TimeoutExpired):
+            writer.wait(1.0)
+        assert not path.exists()
+        fcntl.flock(lock, fcntl.LOCK_UN)
+        assert writer.wait(60) == 0
+    assert FileStore(path).get("a19") == "19"
+
+
+# --- what a drive does when its host dies -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("time_raw", "action", "trips_values", "trips", "key"),
+    [
+        (30, 2, (2, 3), True, "drives.host_dies_stops"),
+        (30, 1, (2, 3), False, "drives.host_dies_runs_on"),
+        (30, 2, (), None, "drives.host_dies_unknown"),
+        (0, 2, (2, 3), False, "drives.host_dies_off"),
+    ],
+)
+def test_f18_nothing_is_promised_that_the_manual_does_not_say(
+    time_raw: int, action: int, trips_values: tuple[int, ...], trips: bool | None, key: str
+) -> None:
+    desk = Desk("c320", PaperC320(parameters={(9, 4): time_raw, (9, 3): action}))
+    rule = replace(desk.dialect.profile.comm_loss, trips_values=trips_values)
+    desk.dialect.profile = replace(desk.dialect.profile, comm_loss=rule)
+    found = desk.world.play(if_host_dies(Talk(desk.memory)))
+    assert (found.trips, found.key) == (trips, key)
+
+
+def test_f18_a_timer_that_can_not_be_read_promises_nothing() -> None:
+    desk = Desk("c320", PaperC320(silent=True))
+    assert desk.world.play(if_host_dies(Talk(desk.memory))).key == "drives.host_dies_unread"
 
 
 def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

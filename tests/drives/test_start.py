@@ -205,6 +205,7 @@ def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
     [
         (50.01, {}, "drives.above_maximum"),
         (30.0, {"maximum_hz": 25.0}, "drives.above_maximum"),
+        (60.0, {"maximum_hz": 100.0}, "drives.above_maximum"),
         (4.99, {"minimum_hz": 5.0}, "drives.below_minimum"),
         (-1.0, {}, "drives.below_minimum"),
         (float("nan"), {}, "drives.above_maximum"),
@@ -224,6 +225,25 @@ def test_a_forbidden_direction_is_refused_before_anything_is_sent() -> None:
     with pytest.raises(LimitError):
         start(world, talk, 10.0, Direction.REVERSE)
     assert not world.asks
+
+
+def test_a_drive_that_can_not_tell_its_direction_is_not_started_where_one_is_forbidden() -> None:
+    dialect = dialect_of("df800")
+    world = World(dialect, PaperModbus())
+    with pytest.raises(LimitError) as caught:
+        start(world, talk_of(dialect, limits=DriveLimits(reverse=False)))
+    assert caught.value.key == "drives.direction_forbidden"
+    assert not world.asks
+
+
+def test_what_the_drive_makes_of_a_frequency_is_within_the_limits_too() -> None:
+    """In steps of 1 Hz 10.6 Hz is 11 Hz."""
+    dialect = dialect_of("dzb100", setpoint_coding="hex-1")
+    memory = memory_of(dialect, DriveLimits(maximum_hz=10.6))
+    assert memory.check_frequency(10.4) == (10, 10.0)
+    with pytest.raises(LimitError) as caught:
+        memory.check_frequency(10.6)
+    assert caught.value.params["frequency_hz"] == 11.0
 
 
 def test_ruling_4_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
