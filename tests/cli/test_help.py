@@ -83,6 +83,8 @@ def test_the_locale_chooses_the_language_where_nobody_says() -> None:
     ("words", "said"),
     [
         (["staus"], "没有命令 staus"),
+        (["staus"], "是否想用 status"),
+        (["status", "sim://c320@1", "--model", "c3200", "--address", "1"], "没有型号 c3200。可用：c300, c320"),
         (["status", "--modle", "c320"], "没有选项 --modle"),
         (["status", "sim://c320@1", "--model", "c320"], "缺少 --address"),
         (["status", "sim://c320@1", "--model", "c320", "--address", "300"], "收到 300"),
@@ -93,7 +95,7 @@ def test_a_wrong_command_line_is_told_in_the_users_language_and_exits_with_2(wor
     result = CliRunner().invoke(cli, [*words, "--lang", "zh"])
     assert result.exit_code == 2
     assert said in result.output
-    assert "--help" in result.output
+    assert "--help" in result.output or "型号文件" in result.output
 
 
 def test_a_wrong_command_line_with_json_answers_with_one_document() -> None:

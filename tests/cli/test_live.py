@@ -21,7 +21,7 @@ from drivebus.cli.demo.plant import MemoryPlant, PtyPlant
 from drivebus.cli.demo.stage import Stage
 from drivebus.cli.demo.story import END_S, STORY
 from drivebus.cli.layout import table, width, wrap
-from drivebus.cli.live.model import DriveRow, LineRow
+from drivebus.cli.live.model import SIGNALS, DriveRow, LineRow
 from drivebus.cli.live.playback import Player
 from drivebus.cli.live.screen import Screen
 from drivebus.cli.live.tables import Table, drive_columns, line_columns
@@ -104,10 +104,31 @@ def test_an_uncertain_value_is_marked_and_a_silent_drive_is_named_so() -> None:
     assert row.age_text(100.0) == "50.0"
 
 
-@pytest.mark.parametrize("cells", [80, 120])
+@pytest.mark.parametrize("cells", [60, 70, 80, 120])
 def test_the_columns_fill_a_terminal_and_never_more(cells: int) -> None:
     assert sum(drive_columns(cells).values()) <= cells
     assert sum(line_columns(cells).values()) <= cells
+
+
+def test_what_matters_least_gives_way_on_a_narrow_terminal() -> None:
+    assert set(drive_columns(80)) == {"name", "state", "direction", *SIGNALS, "fault", "age"}
+    assert {"state", "output_frequency", "fault", "age"} <= set(drive_columns(60))
+    assert "output_voltage" not in drive_columns(72)
+
+
+async def test_a_terminal_that_is_made_narrow_keeps_the_selected_drive_and_the_age_in_sight() -> None:
+    hand = Hand()
+    screen = Screen(FakeFeed(), hand)
+    async with screen.run_test(size=(120, 24)) as pilot:
+        await pilot.pause(0.4)
+        await pilot.press("down")
+        await pilot.resize_terminal(60, 24)
+        await pilot.pause(0.4)
+        await pilot.press("s")
+        table = screen.query_one("#drives", Table)
+        assert len(table.get_row_at(0)) == len(drive_columns(60))
+        assert not table.show_horizontal_scrollbar
+    assert hand.done == [("stop", "b")]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -345,3 +366,19 @@ def test_no_task_of_the_demo_outlives_it() -> None:
         return {task.get_name() for task in asyncio.all_tasks() if task is not asyncio.current_task()}
 
     assert virtual.run(go()) == set()
+
+
+def test_who_stopped_all_is_told_how_to_get_a_drive_back() -> None:
+    """A bus stop stays latched: run says which key takes it back, and that key starts nothing."""
+    steps: list[tuple[float, str]] = [(1.0, "stop_all"), (8.0, "run"), (9.0, "reset"), (11.0, "run")]
+
+    def hand(stage: Stage, now: float) -> None:
+        while steps and now >= steps[0][0]:
+            _, verb = steps.pop(0)
+            getattr(stage, verb)(*(() if verb == "stop_all" else (LINES[0].drives[0].key,)))
+
+    news = [line.partition("  ")[2] for line in play(15.0, hand).news()]
+    held = news.index("fan 1: the bus stop holds it; x (reset) gives it back")
+    back = news.index("fan 1: the bus stop is taken back for this drive; nothing starts by itself")
+    assert held < back
+    assert any("accelerating" in line or "running" in line for line in news[back:])

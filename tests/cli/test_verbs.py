@@ -77,8 +77,16 @@ def test_write_is_confirmed_by_reading_back_and_stays_in_the_drive() -> None:
 
 def test_a_model_that_cannot_tell_ram_from_eeprom_needs_save_said() -> None:
     words = ("write", "sim://df800@1", "F1.07=12", "--model", "df800", "--address", "1")
-    assert ask(*words, code=1)["error"]["type"] == "CapabilityError"
+    error = ask(*words, code=1)["error"]
+    assert error["type"] == "CapabilityError"
+    assert "--save" in error["hint"]
     assert ask(*words, "--save")["outcome"] == "confirmed"
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
+    said = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
+    assert "drivebus scan LINK" in said
 
 
 def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:

@@ -119,6 +119,20 @@ class LazyGroup(_Spoken, click.Group):
         command: click.Command = getattr(import_module(module), name)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """click's, with the verbs that a wrong word may have meant."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            if not hasattr(error, "command_name"):
+                raise
+            from difflib import get_close_matches
+
+            error.possibilities = get_close_matches(error.command_name, self.list_commands(ctx))  # type: ignore[attr-defined]
+            raise
+
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         return help_option()
 

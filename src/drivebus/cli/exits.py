@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from drivebus import i18n
 from drivebus.cli import voice
 from drivebus.errors import (
     ConfigurationError,
@@ -46,7 +47,9 @@ def code_of(error: BaseException) -> Exit:
 def report(error: DrivebusError) -> Exit:
     """Say what went wrong, on standard error, and as a document where JSON was asked for."""
     code = code_of(error)
-    _complain(error.text(voice.language()))
+    _complain(sentence(error))
+    if said := hint(error):
+        click.echo(voice.wrapped(said, sys.stderr), err=True)
     voice.document(describe(error) | {"exit": int(code)}, stream=True)
     return code
 
@@ -57,12 +60,29 @@ def describe(error: DrivebusError) -> dict[str, Any]:
         "error": {
             "type": type(error).__name__,
             "key": error.key,
-            "text": error.text(voice.language()),
+            "text": sentence(error),
+            "hint": hint(error),
             "scope": str(error.scope),
             "retryable": error.retryable,
             "params": {name: value for name, value in error.params.items() if value is not None},
         }
     }
+
+
+def hint(error: DrivebusError) -> str | None:
+    """What to do at the command line about it, where there is such a thing: the sentence ``hint.<key>``."""
+    key = f"hint.{error.key}"
+    return voice.say(key) if key in i18n.catalogue("en") else None
+
+
+def sentence(error: DrivebusError) -> str:
+    """The error's own text; a model's name that nobody knows is no refused file."""
+    complaints = error.params.get("complaints") or ()
+    if [one.kind for one in complaints] == ["no_model"]:
+        from drivebus import profiles
+
+        return voice.say("cli.no_such_model", name=error.params["file"], known=", ".join(profiles.models()))
+    return error.text(voice.language())
 
 
 def report_usage(error: click.ClickException) -> Exit:

@@ -189,7 +189,10 @@ class Stage:
 
     async def _reset(self, actor: Actor) -> Outcome:
         """A reset also gives back what a bus stop latched (nothing starts by itself)."""
-        self._buses[actor.line].release([actor.part.address])
+        bus = self._buses[actor.line]
+        if bus.latched(actor.part.address):
+            bus.release([actor.part.address])
+            self.tell("demo.given_back", name=actor.watched.name)
         return await actor.drive.reset_fault()
 
     async def _report(self, actor: Actor, work: Callable[[], Awaitable[Outcome]], frequency_hz: float) -> None:
@@ -198,7 +201,10 @@ class Stage:
         try:
             outcome = await work()
         except DrivebusError as error:
-            self.tell("demo.failed", name=name, text=error.text(voice.language()))
+            if error.key in ("drives.latched", "bus.latched"):
+                self.tell("demo.latched", name=name)
+            else:
+                self.tell("demo.failed", name=name, text=error.text(voice.language()))
         else:
             actor.commanded_hz = frequency_hz or actor.commanded_hz
             self.tell("demo.outcome", name=name, text=outcome.text(voice.language()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.events import Resize
 from textual.widgets import Footer, Static
@@ -13,8 +14,6 @@ from drivebus.errors import DrivebusError
 
 REFRESH_S = 0.25
 STEP_HZ = 5.0
-WIDE = 100
-"""From so many cells on a fault is shown with its text."""
 
 
 class Screen(App[int]):
@@ -24,8 +23,9 @@ class Screen(App[int]):
     CSS = """
     #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
     #drives { height: auto; max-height: 60%; }
-    #lines { height: auto; margin-top: 1; }
-    #news { height: 1fr; min-height: 2; margin-top: 1; padding: 0 1; color: $text-muted; }
+    #lines { height: auto; margin-top: 1; margin-bottom: 1; }
+    #legend { height: 1; padding: 0 1; color: $text-muted; }
+    #news { height: 1fr; min-height: 2; padding: 0 1; color: $text-muted; }
     """
 
     def __init__(self, feed: Feed, control: Control | None = None, duration_s: float | None = None) -> None:
@@ -51,6 +51,8 @@ class Screen(App[int]):
     def compose(self) -> ComposeResult:
         yield Static(self._feed.title, id="title", markup=False)
         yield self._drives
+        select = voice.say("live.legend.select") if self._control else ""
+        yield Static(select + voice.say("live.legend"), id="legend", markup=False)
         yield self._lines
         yield self._news
         yield Footer(show_command_palette=False)
@@ -76,14 +78,21 @@ class Screen(App[int]):
         self._lay_out(event.size.width)
 
     def _lay_out(self, cells: int) -> None:
-        self._drives.lay_out(drive_columns(cells))
-        self._lines.lay_out(line_columns(cells))
+        self._drives.lay_out(drive_columns(cells), self._drive_rows(cells))
+        self._lines.lay_out(line_columns(cells), self._line_rows(cells))
+
+    def _drive_rows(self, cells: int) -> list[list[Text]]:
+        now, columns = self._feed.now(), drive_columns(cells)
+        return [drive_cells(row, now, columns) for row in self._feed.drives()]
+
+    def _line_rows(self, cells: int) -> list[list[Text]]:
+        return [line_cells(row, line_columns(cells)) for row in self._feed.lines()]
 
     def refresh_rows(self) -> None:
         """Take the newest rows from the feed."""
-        now, wide = self._feed.now(), self.size.width >= WIDE
-        self._drives.put([drive_cells(row, now, wide) for row in self._feed.drives()])
-        self._lines.put([line_cells(row) for row in self._feed.lines()])
+        cells = self.size.width
+        self._drives.put(self._drive_rows(cells))
+        self._lines.put(self._line_rows(cells))
         self._news.update("\n".join(self._feed.news()[-max(1, self._news.size.height) :]))
 
     def _selected(self) -> str | None:

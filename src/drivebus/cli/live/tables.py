@@ -16,7 +16,10 @@ STALE_S = 3.0
 """Older values are dimmed: they are history, not the present."""
 
 DRIVE_COLUMNS = {"name": 13, "state": 13, "direction": 5} | dict(zip(SIGNALS, (8, 8, 7, 6, 6), strict=True))
-AGE_CELLS = 6
+AGE_CELLS, FAULT_CELLS = 6, 7
+WIDE_FAULT = 24
+"""From so many cells on a fault is shown with its text."""
+LOAD_CELLS, ERROR_CELLS = 7, 12
 LINE_COLUMNS = {"line": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
 _RIGHT = frozenset({*SIGNALS, "age", "rate"})
 _BAR_CELLS = 10
@@ -35,50 +38,59 @@ _STATE_STYLE = {
 
 
 def drive_columns(cells: int) -> dict[str, int]:
-    """Widths of the drive table's columns on a terminal so wide: the fault takes what is left."""
-    return DRIVE_COLUMNS | {"fault": max(8, cells - sum(DRIVE_COLUMNS.values()) - AGE_CELLS - 1), "age": AGE_CELLS}
+    """Widths of the drive table's columns on a terminal so wide: the fault takes what is left. Where little is left,
+    voltage, DC bus and current give way, in this order."""
+    columns, free = dict(DRIVE_COLUMNS), cells - AGE_CELLS
+    for name in ("output_voltage", "dc_bus_voltage", "output_current"):
+        if sum(columns.values()) + FAULT_CELLS > free:
+            del columns[name]
+    return columns | {"fault": max(FAULT_CELLS, free - sum(columns.values()) - 1), "age": AGE_CELLS}
 
 
 def line_columns(cells: int) -> dict[str, int]:
-    """Widths of the line table's columns: the error counters take what is left."""
-    return LINE_COLUMNS | {"errors": max(12, cells - sum(LINE_COLUMNS.values()) - 1)}
+    """Widths of the line table's columns: the error counters take what is left, from the load's bar too."""
+    columns = dict(LINE_COLUMNS)
+    if sum(columns.values()) + ERROR_CELLS >= cells:
+        columns["load"] = LOAD_CELLS
+    return columns | {"errors": max(ERROR_CELLS, cells - sum(columns.values()) - 1)}
 
 
-def drive_cells(row: DriveRow, now: float, wide: bool = True) -> list[Text]:
-    """One row of the drive table."""
+def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[Text]:
+    """One row of the drive table, in these columns."""
     age = row.age_s(now)
     fresh = row.presence == "online" and age is not None and age <= STALE_S
     style = "" if fresh else "dim"
-    fault = f"{row.fault_label} {row.fault_text}".strip() if wide else row.fault_label
-    return [
-        _cell(row.name, "name", "bold"),
-        _cell(row.state_text(), "state", _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),
-        _cell(row.direction_text(), "direction", style),
-        *[_cell(row.cell(signal), signal, style) for signal in SIGNALS],
-        _cell(f" {fault}", "fault", "bold red"),
-        _cell(row.age_text(now), "age", style if fresh else "yellow"),
-    ]
+    fault = f"{row.fault_label} {row.fault_text}".strip() if columns["fault"] >= WIDE_FAULT else row.fault_label
+    shown = {
+        "name": (row.name, "bold"),
+        "state": (row.state_text(), _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),
+        "direction": (row.direction_text(), style),
+        "fault": (f" {fault}", "bold red"),
+        "age": (row.age_text(now), style if fresh else "yellow"),
+    } | {signal: (row.cell(signal), style) for signal in SIGNALS}
+    return [_cell(shown[name][0], name, shown[name][1]) for name in columns]
 
 
-def line_cells(row: LineRow) -> list[Text]:
-    """One row of the line table."""
+def line_cells(row: LineRow, columns: Mapping[str, int]) -> list[Text]:
+    """One row of the line table, in these columns."""
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
     return [
         _cell(row.name, "line", "bold"),
         _cell(row.settings, "settings"),
         _cell(voice.say("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
-        _cell(load_bar(row.load), "load"),
+        _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
         _cell(rate, "rate"),
         _cell(f" {row.errors_text()}", "errors", "yellow" if any(row.errors.values()) else "dim"),
     ]
 
 
-def load_bar(load: float | None) -> str:
-    """A bar and the percentage."""
+def load_bar(load: float | None, bar: bool = True) -> str:
+    """The percentage, after a bar where there is room."""
     if load is None:
         return "–"
     full = min(_BAR_CELLS, round(load * _BAR_CELLS))
-    return "█" * full + "░" * (_BAR_CELLS - full) + f" {load * 100:3.0f} %"
+    drawn = "█" * full + "░" * (_BAR_CELLS - full) + " " if bar else ""
+    return f"{drawn}{load * 100:3.0f} %"
 
 
 class Table(DataTable[Text]):
@@ -89,15 +101,15 @@ class Table(DataTable[Text]):
         self._room = room
         self._rows: list[list[Text]] = []
 
-    def lay_out(self, widths: Mapping[str, int]) -> None:
-        """(Re)make the columns; the selected row stays selected."""
+    def lay_out(self, widths: Mapping[str, int], rows: Sequence[list[Text]]) -> None:
+        """(Re)make the columns with these rows in them; the selected row stays selected."""
         selected = self.cursor_row
         self.clear(columns=True)
         for name, cells in widths.items():
             self.add_column(_cell(voice.say(f"live.{self._room}.{name}"), name), key=name, width=cells)
-        for row in self._rows:
-            self.add_row(*row)
-        if self._rows:
+        self._rows = []
+        self.put(rows)
+        if rows:
             self.move_cursor(row=selected)
 
     def put(self, rows: Sequence[list[Text]]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivebus.cli import voice
@@ -30,7 +32,13 @@ def table_of(found: list[PortInfo]) -> str:
 
 
 def _held(port: PortInfo) -> str:
-    return ", ".join(f"{holder.name} ({holder.pid})" for holder in port.holders) or voice.say("ports_verb.free")
+    held = ", ".join(f"{holder.name} ({holder.pid})" for holder in port.holders)
+    return held or voice.say("ports_verb.free" if _may_open(port.device) else "ports_verb.forbidden")
+
+
+def _may_open(device: str) -> bool:
+    """False where this user has no permission; a Windows name is no path and has none to lack."""
+    return not Path(device).exists() or os.access(device, os.R_OK | os.W_OK)
 
 
 command = Verb("ports", callback=_ports, examples=("drivebus ports", "drivebus ports --json"))
