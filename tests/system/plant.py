@@ -101,11 +101,16 @@ class Carried(NamedTuple):
     reached: bool
     """False where the weather lost it: nobody heard it."""
 
+    by_bytes: bool
+    """Hosts get each byte as it ends; else the frame when all of it has ended."""
+
     @property
-    def heard_end(self) -> float:
-        """The last bit that anybody could hear: what collides with an earlier frame is swallowed."""
+    def heard_end(self) -> float | None:
+        """When the last of it reached a host: what collides with an earlier frame is swallowed. None: nothing did."""
         kept = [index for index in range(len(self.data)) if index not in self.said.dropped]
-        return self.start + (kept[-1] + 1) * self.said.character_s if kept else self.start
+        if not kept or not self.reached:
+            return None
+        return self.start + (kept[-1] + 1) * float(self.said.character_s) if self.by_bytes else self.end
 
 
 class Tap:
@@ -119,8 +124,11 @@ class Tap:
 
         def heard(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
+            per_byte = bench.wire.weather.per_byte
             reached = any(event[3] is said for event in bench.wire._events)
-            self.carried.append(Carried(said.start, said.end, bytes(data), hasattr(talker, "hear"), said, reached))
+            self.carried.append(
+                Carried(said.start, said.end, bytes(data), hasattr(talker, "hear"), said, reached, per_byte)
+            )
             return said
 
         bench.wire.say = heard  # type: ignore[method-assign]
@@ -145,7 +153,7 @@ class Tap:
         asked = self.asked
         assert asked, "nobody said anything"
         ends = sorted(one.end for one in self.answered)
-        heard_ends = sorted(one.heard_end for one in self.answered if one.reached)
+        heard_ends = sorted(end for one in self.answered if (end := one.heard_end) is not None)
         patience = min(kind.patience_s + kind.patience_characters * character, 0.1)
         for earlier, later in itertools.pairwise(asked):
             assert later.start - earlier.end >= gap - 1e-9, f"{later} comes too soon after {earlier}"

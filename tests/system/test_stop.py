@@ -159,6 +159,54 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: Kind) -> None:
 
 
 @every_drive
+def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: Kind) -> None:
+    """6.5: commands of one drive wait for each other, and each was wished for before the stop."""
+
+    async def told(after_s: float) -> None:
+        async with plant(kind) as here:
+            wishes = [asyncio.ensure_future(ending(here.drive.run(hz))) for hz in (20.0, 15.0)]
+            wishes.append(asyncio.ensure_future(ending(here.drive.set_frequency(10.0))))
+            await asyncio.sleep(after_s)
+            await ending(here.drive.stop())
+            stopped_at = here.bus.now()
+            await asyncio.gather(*wishes)
+            await asyncio.sleep(10.0)
+            assert not here.motor.energised and here.motor.starts <= 1
+            late = [one.data for one in here.tap.asked if one.start > stopped_at]
+            assert {here.link().effect(data).value for data in late} <= {"none", "stop"}
+
+    for step in range(8):
+        story(told(0.15 * step + 0.003))
+
+
+@every_drive
+def test_a_stop_at_any_moment_of_a_jog_wins(kind: Kind) -> None:
+    async def told(after_s: float) -> None:
+        async with plant(kind) as here:
+
+            async def jog() -> None:
+                hz = None if kind.encoding == "rtu" or kind.model == "df800" else 5.0
+                async with here.drive.jog(hz) as lease:
+                    for _ in range(10):
+                        await asyncio.sleep(0.2)
+                        if not lease.lost:
+                            lease.renew()
+
+            jogging = asyncio.ensure_future(ending(jog()))
+            await asyncio.sleep(after_s)
+            await ending(here.drive.stop())
+            stopped_at = here.bus.now()
+            await jogging
+            await asyncio.sleep(5.0)
+            assert not here.motor.energised and here.motor.starts <= 1
+            late = [one.data for one in here.tap.asked if one.start > stopped_at]
+            assert {here.link().effect(data).value for data in late} <= {"none", "stop"}
+
+    for step in range(8):
+        story(told(0.11 * step + 0.003))
+
+
+@every_drive
 def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: Kind) -> None:
     async def told(weather: str, seed: int) -> None:
         async with plant(kind, "1", "clean", seed=seed) as here:
