@@ -94,12 +94,13 @@ def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(kind: Kind, w
     story(told())
 
 
+@on_four_lines
 @every_family
-def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Kind) -> None:
+def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Kind, weather: str) -> None:
     async def told() -> None:
-        async with plant(kind, "1-2") as here:
+        async with plant(kind, "1-2", weather) as here:
             for address in here.drives:
-                await here.drives[address].status()
+                await ending(here.drives[address].status())
             dialects = {address: drive.dialect for address, drive in here.drives.items()}
             word = dialects[1].setpoint_word(10.0)
             await here.bus.transact(Ask(1, dialects[1].plain_read(), Lane.COMMAND))
@@ -110,10 +111,14 @@ def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Kin
             }
             await asyncio.sleep(0)
             stopped = await here.bus.transact(stop_of(here, 1))
-            assert stopped.error is None and (await busy).error is None
-            assert isinstance((await wishes[1]).error, Superseded)
-            assert (await wishes[2]).error is None
-            assert here.station(1).motor.starts == 0 and here.station(2).motor.starts == 1
+            assert stopped.sent
+            first, second = await wishes[1], await wishes[2]
+            assert isinstance(first.error, Superseded) and not first.sent
+            assert not isinstance(second.error, Superseded) and here.station(1).motor.starts == 0
+            if weather in ("clean", "bytes"):
+                assert stopped.error is None and (await busy).error is None and second.error is None
+                assert here.station(2).motor.starts == 1
+            await busy
             await here.bus.transact(stop_of(here, 2))
 
     story(told())
