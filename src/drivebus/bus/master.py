@@ -74,6 +74,11 @@ class Bus(Shell):
         """Is the port there now? A lost port is opened again by itself."""
         return self.core.is_open
 
+    @property
+    def is_closed(self) -> bool:
+        """Not opened yet, or closed by whoever owns it: nothing is opened again by itself."""
+        return self._loop is None
+
     def add(self, link: StationLink) -> None:
         """Register a station. Raises ConfigurationError: address taken or broadcast, or families mixed (T18)."""
         self.core.add(link)

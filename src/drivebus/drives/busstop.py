@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from drivebus.bus import Bus
 from drivebus.drives.drive import Drive
 from drivebus.drives.operation import exchange_of
-from drivebus.drives.state import Exchange, Outcome
-from drivebus.errors import StopUnconfirmed
+from drivebus.drives.state import Exchange, Outcome, OutcomeWord
+from drivebus.errors import DrivebusError, StopUnconfirmed
 from drivebus.message import Ask, Lane, WriteClass
 
 BROADCASTS = 2
@@ -71,8 +71,13 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[Exchange, ...]:
 
 
 async def _stop(drive: Drive) -> Outcome:
+    """However it ends, the other drives' outcomes are not lost."""
     try:
         return await drive.stop()
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome
+    except DrivebusError as error:
+        return Outcome(OutcomeWord.UNKNOWN, error.key, error.params)
+    except KeyError:
+        return Outcome(OutcomeWord.UNKNOWN, "bus.unregistered", {"station": drive.address})

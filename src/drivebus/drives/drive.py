@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,7 +41,7 @@ from drivebus.drives.store import FileStore, MemoryStore, default_path
 from drivebus.drives.talk import Conversation
 from drivebus.drives.wear import Wear
 from drivebus.errors import CapabilityError, Expired
-from drivebus.message import StationTiming
+from drivebus.message import Answer, StationTiming
 from drivebus.profiles.model import DriveProfile
 from drivebus.reading import Reading
 from drivebus.seams import Store
@@ -83,6 +83,7 @@ class Drive:
         self._memory = Memory(self.dialect, Wear(self._store, self._key), limits or DriveLimits())
         self._lock = asyncio.Lock()
         self._insisting: asyncio.Task[None] | None = None
+        self._stops: set[asyncio.Task[Outcome]] = set()
         self._old_stop = Stop.STOP
         bus.add(self.dialect.link)
 
@@ -119,6 +120,16 @@ class Drive:
         except BaseException:
             if old is not None and self._insisting is None:
                 self._insist_on(old)
+            raise
+
+    @contextlib.contextmanager
+    def _passing(self, talk: Talk) -> Iterator[None]:
+        """A motion that must not outlast this block where it fails: it is stopped until that is confirmed."""
+        try:
+            yield
+        except BaseException:
+            if talk.may_turn and self._insisting is None:
+                self._insist_on(Stop.STOP)
             raise
 
     # --- what it is doing ---------------------------------------------------------------------------------------
@@ -180,14 +191,24 @@ class Drive:
         Raises LimitError for a lease above 0.5 s.
         """
         way = Direction(direction)
+        turning: list[Talk] = []
 
         async def begin() -> Outcome:
-            return settled(await self._motion(jogging.begin(self._wish(), frequency_hz, way)))
+            talk = self._wish()
+            turning.append(talk)
+            with self._passing(talk):
+                return settled(await self._motion(jogging.begin(talk, frequency_hz, way)))
 
         async def end() -> Outcome:
-            return settled(await self._talk(jogging.end(Talk(self._memory))), stop=True)
+            return settled(await self._stopped(jogging.end(Talk(self._memory)), Stop.STOP), stop=True)
 
-        return JogLease(begin, end, lease_s)
+        return JogLease(begin, end, lease_s, lambda: self._turning_s(turning[-1].moved))
+
+    def _turning_s(self, moved: Answer | None) -> float:
+        """How long ago the last bit of a frame that moves was out."""
+        if moved is None or moved.sent_at is None:
+            return 0.0
+        return max(0.0, self.bus.now() - moved.sent_at - self.bus.line.seconds(len(moved.sent)))
 
     async def stop(self, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated."""
@@ -205,13 +226,23 @@ class Drive:
         if how.value not in self.profile.capabilities:
             raise CapabilityError("drives.cannot", model=self.profile.model, what=how.value)
         self._give_in()
-        outcome = await self._talk(stopping.stop(Talk(self._memory), how, wait_for_it=wait))
-        if outcome.done:
-            return outcome
-        self._insist_on(how)
+        conversation = stopping.stop(Talk(self._memory), how, wait_for_it=wait)
+        stopping_it = asyncio.ensure_future(self._stopped(conversation, how))
+        self._stops.add(stopping_it)
+        stopping_it.add_done_callback(self._stops.discard)
+        outcome = await asyncio.shield(stopping_it)  # whoever gives up waiting does not take the stop back
         if outcome.key == "drives.stop_answered":
             return outcome
         return settled(outcome, stop=True)
+
+    async def _stopped(self, conversation: Conversation[Outcome], how: Stop) -> Outcome:
+        """What became of a stop; where that is not known it is repeated from now on."""
+        outcome = await self._talk(conversation)
+        if outcome.done:
+            self._give_in()
+        else:
+            self._insist_on(how)
+        return outcome
 
     @property
     def stop_pending(self) -> bool:
@@ -219,12 +250,13 @@ class Drive:
         return self._insisting is not None and not self._insisting.done()
 
     def _insist_on(self, how: Stop) -> None:
+        self._give_in()
         self._old_stop = how
         self._insisting = asyncio.ensure_future(self._insist(how))
 
     async def _insist(self, how: Stop) -> None:
-        """Repeat an unconfirmed stop until the drive confirms it."""
-        while True:
+        """Repeat an unconfirmed stop until the drive confirms it, or the bus is closed for good."""
+        while not self.bus.is_closed:
             outcome = await self._talk(stopping.stop(Talk(self._memory), how))
             if outcome.done:
                 return
@@ -263,14 +295,18 @@ class Drive:
     async def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
         """DZB100: runs at 5 Hz or less, a person watching, until one setpoint coding is left, which is then kept."""
         way = None if direction is None else Direction(direction)
-        found = await self._motion(proofs.setpoint_coding(self._wish(), way))
+        talk = self._wish()
+        with self._passing(talk):
+            found = await self._motion(proofs.setpoint_coding(talk, way))
         if found.settled is not None:
             await self._prove("setpoint_coding", found.settled)
         return found
 
     async def prove_direction(self, frequency_hz: float, watched: Callable[[], Awaitable[Direction | None]]) -> Outcome:
         """DF800: one jog of 0.5 s; ``watched`` asks the person which way it turned (None: could not tell)."""
-        outcome = settled(await self._motion(proofs.direction_jog(self._wish(), frequency_hz)))
+        talk = self._wish()
+        with self._passing(talk):
+            outcome = settled(await self._motion(proofs.direction_jog(talk, frequency_hz)))
         seen = await watched()
         if seen is not None:
             await self._prove("direction_field", proofs.direction_field(seen))

@@ -48,6 +48,7 @@ def send_jog(talk: Talk, frames: tuple[Frame, ...]) -> Conversation[Outcome]:
         raise answer.error
     refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
     if refused is not None:
+        talk.may_turn = False
         return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code)
     if answer.error is None:
         return talk.outcome(OutcomeWord.ACKNOWLEDGED, "drives.jog_begun")

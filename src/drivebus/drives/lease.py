@@ -15,10 +15,15 @@ class JogLease:
     """``async with drive.jog(hz, direction) as lease: ... lease.renew()``. The jog ends with the block or the lease."""
 
     def __init__(
-        self, begin: Callable[[], Awaitable[Outcome]], end: Callable[[], Awaitable[Outcome]], lease_s: float
+        self,
+        begin: Callable[[], Awaitable[Outcome]],
+        end: Callable[[], Awaitable[Outcome]],
+        lease_s: float,
+        turning_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
+        """``turning_s``: for how long the motor may have been turning when ``begin`` has returned."""
         self.lease_s = check_lease(lease_s)
-        self._begin, self._end = begin, end
+        self._begin, self._end, self._turning_s = begin, end, turning_s
         self._timer: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[Outcome] | None = None
         self.lost = False
@@ -32,7 +37,7 @@ class JogLease:
         except asyncio.CancelledError:
             await asyncio.shield(self._stop())
             raise
-        self._arm()
+        self._arm(self.lease_s - self._turning_s())
         return self
 
     def renew(self) -> None:
@@ -41,12 +46,12 @@ class JogLease:
             self._run_out()  # the loop was held up: the lease is over although its timer has not run yet
         if self.lost or self._timer is None:
             raise GateError("drives.lease_lost", lease_s=self.lease_s)
-        self._arm()
+        self._arm(self.lease_s)
 
-    def _arm(self) -> None:
+    def _arm(self, left_s: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(self.lease_s, self._run_out)
+        self._timer = asyncio.get_running_loop().call_later(left_s, self._run_out)
 
     def _run_out(self) -> None:
         """Nobody renewed: stop now, whether or not the block goes on."""

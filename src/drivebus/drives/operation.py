@@ -51,6 +51,10 @@ class Talk:
         """When this was wished for, or its checks began."""
         self.pace_s = inf
         """The shortest transaction so far: how fast this line is."""
+        self.may_turn = False
+        """A frame that moves may have left, and no stop was done since."""
+        self.moved: Answer | None = None
+        """What came of the last frame that moves."""
         self.within_limits = False
         """Frequency and direction of this command were checked against drive and user."""
         self._commands: deque[Exchange] = deque(maxlen=KEPT_COMMANDS)
@@ -76,7 +80,11 @@ class Talk:
         expires_at = permit.expires_at if permit is not None else None
         if self.generation is not None and self._effect(request) is Effect.STOP:
             self.generation += 1
+        turned, moves = self.may_turn, permit is not None and permit.effect is Effect.MOTION
+        self.may_turn = turned or moves  # also where this conversation is cancelled while the frame is out
         answer = yield from ask(Ask(self.dialect.address, request, lane, write_class, permit, expires_at))
+        if moves:
+            self.moved, self.may_turn = answer, turned or bool(answer.sent)
         if answer.sent:
             self.dialect.noted(request)
             kept = self._reads if write_class is WriteClass.READ else self._commands

@@ -137,7 +137,7 @@ def confirm(
         error = yield from talk.judged()
         now = yield from talk.still_wanted(command)
         state = talk.verdict.state
-        if state.turning:
+        if state.driven:
             return _turning(talk, direction)
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.seen_turning:
             return talk.outcome(OutcomeWord.FAILED, "drives.start_failed", state=state)
@@ -160,7 +160,7 @@ def _turning(talk: Talk, direction: Direction | None) -> Outcome:
 
 
 def _not_seen(talk: Talk, state: DriveState, silent: bool) -> Outcome:
-    if silent or state is DriveState.UNKNOWN:
+    if silent or state is DriveState.UNKNOWN or state.turning:  # jogged, braked or ramped down by somebody else
         return talk.outcome(OutcomeWord.UNKNOWN, "drives.start_unknown")
     talk.memory.preflight = None  # whoever starts it again reads first whether it still listens to the bus
     return talk.outcome(OutcomeWord.FAILED, "drives.start_ignored", state=state, after_s=CONFIRM_S)

@@ -52,6 +52,12 @@ def stop(talk: Talk, how: Stop = Stop.STOP, *, wait_for_it: bool = True) -> Conv
 
     ``wait_for_it`` False returns once the drive has answered the stop (or after its resends): unconfirmed, and so said.
     """
+    outcome = yield from _stop(talk, how, wait_for_it)
+    talk.may_turn = talk.may_turn and not outcome.done
+    return outcome
+
+
+def _stop(talk: Talk, how: Stop, wait_for_it: bool) -> Conversation[Outcome]:
     begun = (yield from look()).now
     answered = yield from send_stop(talk, how)
     if not talk.dialect.can_tell:

@@ -1,0 +1,192 @@
+"""What somebody tried who wanted a motor to go on turning, or a stop to be lost or believed, when it must not."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import Any
+
+import pytest
+
+from drivebus.drives import OutcomeWord, bus_stop
+from drivebus.drives.gate import Kind
+from drivebus.drives.lease import JogLease
+from drivebus.drives.start import confirm
+from drivebus.drives.state import DriveState, Outcome
+from drivebus.drives.talk import Surroundings
+from drivebus.errors import DrivebusError, StopUnconfirmed
+from drivebus.message import Effect
+from drivebus.protocols import sifang
+from drivekit import MODELS, SAFE_HZ, Bench, PaperC320, World, dialect_of, story, talk_of
+
+PROVED = {"df800": {"direction_proved": True}}
+JOG_HZ = {"c320": 5.0, "dzb100": 0.5}
+
+
+async def until_turning(bench: Bench, task: asyncio.Future[Any]) -> None:
+    for _ in range(20000):
+        if not bench.station().motor.energised and not task.done():
+            await asyncio.sleep(0.0005)
+    assert bench.station().motor.energised
+
+
+async def jogging(drive: Any) -> None:
+    async with drive.jog(JOG_HZ.get(drive.profile.model)) as lease:
+        while True:
+            await asyncio.sleep(0.1)
+            lease.renew()
+
+
+@pytest.mark.parametrize("begun_s", [0.0, 0.3])
+@pytest.mark.parametrize("model", MODELS)
+def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back(
+    model: str, begun_s: float
+) -> None:
+    """At once after the jog frame, and later: somebody must go on telling it to stop (matrix: forever)."""
+
+    async def told() -> None:
+        async with Bench(model) as bench:
+            drive = bench.drive(settings=PROVED.get(model))
+            await drive.status()
+            task = asyncio.ensure_future(jogging(drive))
+            await until_turning(bench, task)
+            await asyncio.sleep(begun_s)
+            bench.port.bench.unplug()
+            await asyncio.sleep(0.6)
+            task.cancel()
+            with pytest.raises((DrivebusError, asyncio.CancelledError)):
+                await task
+            assert drive.stop_pending
+            bench.port.bench.replug()
+            await asyncio.sleep(10.0)
+            assert not bench.station().motor.energised
+            await asyncio.sleep(5.0)
+            assert not drive.stop_pending
+
+    story(told())
+
+
+def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
+    async def told() -> None:
+        async with Bench("dzb100") as bench:
+            drive = bench.drive(settings={"query_coding": "hex-0.1"})
+            task = asyncio.ensure_future(drive.prove_setpoint_coding())
+            await until_turning(bench, task)
+            await asyncio.sleep(1.0)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            await asyncio.sleep(15.0)
+            assert not bench.station().motor.energised and not drive.stop_pending
+
+    story(told())
+
+
+@pytest.mark.parametrize("patience_s", [0.0005, 0.02, 0.2])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: float) -> None:
+    """``wait_for(drive.stop(), …)``: the caller is told late, the motor is stopped all the same."""
+
+    async def told() -> None:
+        async with Bench(model) as bench:
+            drive = bench.drive()
+            await drive.run(SAFE_HZ[model])
+            await asyncio.sleep(1.0)
+            busy = asyncio.ensure_future(drive.status())
+            await asyncio.sleep(0.001)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(drive.stop(), patience_s)
+            busy.cancel()
+            bench.port.bench.unplug()
+            await asyncio.sleep(0.01)
+            bench.port.bench.replug()
+            await asyncio.sleep(40.0)
+            assert not bench.station().motor.energised
+
+    story(told())
+
+
+def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
+    async def told() -> set[asyncio.Task[Any]]:
+        async with Bench("c320") as bench:
+            drive = bench.drive()
+            await drive.status()
+            bench.port.bench.unplug()
+            with pytest.raises(StopUnconfirmed):
+                await drive.stop()
+            assert drive.stop_pending
+        await asyncio.sleep(10.0)
+        return asyncio.all_tasks() - {asyncio.current_task()}  # type: ignore[arg-type]
+
+    assert not story(told())
+
+
+def test_a_bus_stop_with_a_drive_that_left_the_bus_stops_the_others_and_says_so() -> None:
+    async def told() -> None:
+        async with Bench("c320", "1-3") as bench:
+            drives = [bench.drive(address) for address in (1, 2, 3)]
+            for drive in drives:
+                await drive.run(20.0)
+            bench.bus.remove(2)
+            report = await bus_stop(bench.bus, drives)
+            assert report.unconfirmed == (2,) and not report.confirmed
+            assert not any(bench.station(address).motor.energised for address in (1, 3))
+
+    story(told())
+
+
+@pytest.mark.parametrize(("model", "query"), [("c320", "baud=1200"), ("dzb100", "baud=1200"), ("vc660", "baud=1200")])
+def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, query: str) -> None:
+    """Not from the drive's answer, which takes a quarter of a second at 1,200 baud."""
+
+    async def told() -> None:
+        async with Bench(model, query=query) as bench:
+            drive = bench.drive()
+            await drive.preflight()
+            frames: list[tuple[float, Effect]] = []
+            bench.bus.trace(
+                lambda event: (
+                    frames.append((event.time, drive.dialect.link.effect(event.data)))
+                    if event.direction == "sent"
+                    else None
+                )
+            )
+            lease = drive.jog(JOG_HZ.get(model))
+            async with lease:
+                await asyncio.sleep(5.0)
+            assert lease.lost
+            moved = next(at for at, effect in frames if effect is Effect.MOTION)
+            stopped = next(at for at, effect in frames if effect is Effect.STOP)
+            longest_frame_s = 14 * 11 / 1200
+            assert 0.5 <= stopped - moved <= 0.5 + 2 * longest_frame_s
+
+    story(told())
+
+
+def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
+    async def done() -> Outcome:
+        return Outcome(OutcomeWord.CONFIRMED, "drives.stop_confirmed")
+
+    async def told() -> None:
+        async with JogLease(done, done, 0.5, lambda: 0.7) as lease:
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            assert lease.lost
+
+    story(told())
+
+
+@pytest.mark.parametrize(
+    "state", [sifang.State.JOGGING_FORWARD, sifang.State.DC_BRAKING, sifang.State.DECELERATING_FORWARD]
+)
+def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sifang.State) -> None:
+    """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
+    world = World(dialect_of("c320"), PaperC320(state))
+    talk = talk_of(world.dialect)
+    command = talk.memory.command(Kind.START, Surroundings(0.0))
+    outcome = world.play(confirm(talk, command, world.dialect.start(None, 2000), None, True))
+    assert (outcome.word, outcome.key) == (OutcomeWord.UNKNOWN, "drives.start_unknown")
+    assert outcome.status is not None and outcome.status.state in {
+        DriveState.JOGGING, DriveState.BRAKING, DriveState.DECELERATING
+    }  # fmt: skip
+    assert not world.effects()
