@@ -139,6 +139,8 @@ class StationTiming:
     """Silence after a broadcast, which nobody answers (F10)."""
     lateness_s: float = 0.5
     """Quarantine after a timeout: the family's longest lateness (RELIABILITY 5.3)."""
+    leading_junk: bool = False
+    """One stray byte may stand before a reply (a driver-enable glitch), in Modbus ASCII a few (ruling 10)."""
 
     def gap_s(self, line: LineSettings) -> float:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)

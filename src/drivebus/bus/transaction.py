@@ -24,8 +24,8 @@ class Transaction:
     """Times are monotonic seconds. ``final_at`` is when ``woke`` will have the outcome if the line stays silent."""
 
     __slots__ = (
-        "buffer", "character_s", "deadline", "early", "echo", "error", "final_at", "foreign", "heard", "heard_at",
-        "job", "message", "need", "paced", "sent_at", "sent_end", "size", "tentative",
+        "buffer", "character_s", "deadline", "early", "echo", "error", "final_at", "foreign", "glitched", "heard",
+        "heard_at", "job", "message", "need", "paced", "sent_at", "sent_end", "size", "tentative",
     )  # fmt: skip
 
     def __init__(self, job: Job, now: float, character_s: float, *, paced: bool, echo: EchoFilter | None) -> None:
@@ -46,6 +46,7 @@ class Transaction:
         self.tentative = False
         self.error: Exception | None = None
         self.early = b""
+        self.glitched = False
         self.foreign: list[tuple[bytes, AddressError]] | None = None
 
     def received(self, data: bytes, now: float, marks: int = 0) -> None:
@@ -97,13 +98,28 @@ class Transaction:
                 verdict = job.codec.decode_reply(job.request, bytes(self.buffer))
             except AddressError as error:
                 if not 0 < error.size <= len(self.buffer):
+                    if self._glitch():
+                        continue
                     return self._void(error)
                 self._drop(error)
                 continue
             except ProtocolError as error:
+                if self._glitch():
+                    continue
                 return self._void(error)
             return self._take(verdict)
         return None
+
+    def _glitch(self) -> bool:
+        """Where the profile allows it, one byte before the reply is junk (ruling 10): look behind it, once."""
+        if self.glitched or not self.job.station.link.timing.leading_junk:
+            return False
+        self.glitched = True
+        self.early += bytes(self.buffer[:1])
+        self.heard -= 1
+        del self.buffer[:1]
+        self.need = 1
+        return True
 
     def _take(self, verdict: Complete | CompleteIfSilent | Incomplete) -> None:
         if type(verdict) is Incomplete:

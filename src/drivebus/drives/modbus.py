@@ -53,8 +53,9 @@ class ModbusDialect:
     ) -> None:
         self.profile, self.address, self.settings = profile, address, settings
         self._rule: ModbusRule = profile.modbus or ModbusRule()
-        kind = AsciiCodec if encoding == "ascii" else RtuCodec
-        self.codec: Codec = kind(error_form=self._rule.error_form, max_read=self._rule.max_read)
+        form, most = self._rule.error_form, self._rule.max_read
+        ascii_codec = AsciiCodec(form, most, resync=timing.leading_junk)
+        self.codec: Codec = ascii_codec if encoding == "ascii" else RtuCodec(form, most)
         self.status: StatusMap | None = profile.status
         self.word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
         self._pairs = () if self._rule.loopback else wanted_pairs(profile)

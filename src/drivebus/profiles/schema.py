@@ -172,6 +172,7 @@ class TimingIn(Strict):
     adapter_s: Annotated[float, Field(ge=0, le=10)] = 0.02
     turnaround_s: Annotated[float, Field(ge=0, le=10)] = 0.1
     lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    leading_junk: bool = False
     evidence: EvidenceLine
 
 

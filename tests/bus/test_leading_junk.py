@@ -1,0 +1,47 @@
+"""One stray byte before a reply (ruling 10): strict at offset 0, unless the station's profile says that it glitches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from buskit import TIMING, Delivery, Station, ask_read, byte_by_byte, core, whole, wire
+from drivebus.errors import ProtocolError
+from drivebus.message import StationTiming
+from drivebus.testing.playbook import Playbook
+
+GLITCHING = replace(TIMING, leading_junk=True)
+
+
+def behind(junk: bytes, deliver: Delivery) -> Delivery:
+    def delivered(reply: bytes, begins_at: float) -> Iterable[tuple[float, bytes]]:
+        return deliver(junk + reply, begins_at)
+
+    return delivered
+
+
+def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> Playbook:
+    station = Station()
+    play = Playbook(core(timing=timing), wire(station, deliver=behind(junk, deliver)))
+    play.ask(ask_read())
+    return play
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+@pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
+def test_a_station_that_is_said_to_glitch_is_understood_behind_one_stray_byte(junk: bytes, deliver: Delivery) -> None:
+    answer = heard_behind(junk, deliver, GLITCHING).answer()
+    assert answer.error is None
+    assert len(answer.reply.values) == 4
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+def test_two_stray_bytes_are_too_many(deliver: Delivery) -> None:
+    assert heard_behind(b"\x00\x00", deliver, GLITCHING).answer().error is not None
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+def test_without_that_word_a_stray_byte_voids_the_reply(deliver: Delivery) -> None:
+    assert isinstance(heard_behind(b"\x00", deliver, TIMING).answer().error, ProtocolError)
