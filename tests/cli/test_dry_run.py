@@ -151,3 +151,17 @@ def test_a_value_that_fits_no_word_is_refused_in_a_dry_run_too() -> None:
     result = CliRunner().invoke(cli, ["write", NOWHERE, "F1.10=99999999", *C320, "--dry-run", "--json"])
     assert result.exit_code == 1
     assert json.loads(result.stdout)["error"]["type"] == "LimitError"
+
+
+def test_a_frequency_that_goes_only_with_a_run_command_is_shown_as_a_running_drive_would_get_it() -> None:
+    proved = ("--set", "query_coding=hex-0.1", "--set", "setpoint_coding=hex-0.1")
+    found = dry("set-frequency", "10", "--model", "dzb100", "--address", "2", *proved)
+    assert [frame["hex"] for frame in found["frames"]] == ["43 03 01 30 32 30 31 30 30 36 34"]
+    assert "ran forward" in found["notes"][0]
+
+
+@pytest.mark.parametrize(("save", "frames_before"), [((), 0), (("--save",), 1)])
+def test_a_parameter_is_compared_only_before_it_is_saved(save: tuple[str, ...], frames_before: int) -> None:
+    """Ruling 8: the comparison spares the EEPROM; a write to RAM needs none."""
+    found = dry("write", "F1.10=16", *C320, *save)["frames"]
+    assert [frame["purpose"] for frame in found][frames_before] == "write a parameter"

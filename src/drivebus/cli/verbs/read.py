@@ -75,7 +75,7 @@ def _plan(dry: DryRun, names: tuple[str, ...]) -> Exit:
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    return dry.show()
+    return dry.show("dry.note.fence")
 
 
 command = drive_verb(

@@ -13,6 +13,7 @@ from drivebus.cli.exits import Exit
 
 if TYPE_CHECKING:
     from drivebus.cli.dry import DryRun
+    from drivebus.drives.book import Book
 
 
 async def _set(target: Target, frequency_hz: float) -> Exit:
@@ -20,11 +21,28 @@ async def _set(target: Target, frequency_hz: float) -> Exit:
 
 
 def _plan(dry: DryRun, frequency_hz: float) -> Exit:
+    """As a standing drive would get it; where a frequency goes only with a run command, as a running one."""
     from drivebus.drives.book import Book
+    from drivebus.errors import GateError
 
-    frames = dry.dialect.set_frequency(dry.dialect.setpoint_word(frequency_hz), Book())
+    word, as_if = dry.dialect.setpoint_word(frequency_hz), False
+    try:
+        frames = dry.dialect.set_frequency(word, Book())
+    except GateError:
+        frames, as_if = dry.dialect.set_frequency(word, _running()), True
     dry.add("set_frequency", [frame.request for frame in frames])
-    return dry.show("dry.note.confirm")
+    return dry.show(*(("dry.note.as_if_running",) if as_if else ()), "dry.note.confirm")
+
+
+def _running() -> Book:
+    """A drive that twice reported to be told to run forward."""
+    from drivebus.drives.book import Book
+    from drivebus.reading import Reading
+
+    book = Book()
+    for _ in range(2):
+        book.note({"command": Reading(1, raw=1)})
+    return book
 
 
 command = drive_verb(

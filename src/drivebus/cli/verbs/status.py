@@ -31,7 +31,7 @@ def _plan(dry: DryRun) -> Exit:
     dry.add("state", reads)
     names = tuple(dry.dialect.profile.signals)
     dry.add("signals", [request for request, _ in dry.dialect.polls(names) if request not in reads])
-    return dry.show()
+    return dry.show("dry.note.fence")
 
 
 command = drive_verb(

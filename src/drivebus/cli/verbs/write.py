@@ -37,10 +37,12 @@ def _plan(dry: DryRun, settings: Assignments, save: bool) -> Exit:
         entry = found(dry.dialect.profile, name)
         if not isinstance(entry, Parameter):
             raise ConfigurationError("cli.not_a_parameter", name=name)
-        dry.add("compare", [dry.dialect.read_parameter(entry)])
+        if save and entry.readable:
+            dry.add("compare", [dry.dialect.read_parameter(entry)])
         dry.add("write", [dry.dialect.write_parameter(entry, _word(dry, entry, value), save).request])
-        dry.add("verify", [dry.dialect.read_parameter(entry)])
-    return dry.show()
+        if entry.readable:
+            dry.add("verify", [dry.dialect.read_parameter(entry)])
+    return dry.show("dry.note.fence")
 
 
 def _word(dry: DryRun, parameter: Parameter, value: float) -> int:
