@@ -9,8 +9,12 @@ import pytest
 
 from drivebus import profiles
 from drivebus.cli import layout, voice
+from drivebus.cli.exits import Exit
 from drivebus.cli.figures import figure, word
 from drivebus.cli.outcome import outcome_lines, status_lines
+from drivebus.cli.progress import duration
+from drivebus.cli.scan_page import show
+from drivebus.commissioning.scan import Overheard, Progress
 from drivebus.drives.state import DriveState, DriveStatus, Outcome, OutcomeWord
 from drivebus.reading import Reading, missing
 
@@ -72,3 +76,18 @@ def test_a_table_fits_the_terminal_and_loses_no_word(cells: int) -> None:
     assert max(layout.width(line) for line in shown.splitlines()) <= cells
     assert " ".join(shown.split()).replace("uncertain:", "", 1).count("uncertain") == 0
     assert all(part in shown for part in rows[0][2].split())
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
+def test_a_time_is_told_in_words_and_never_as_nothing(seconds: float, shown: str) -> None:
+    assert duration(seconds) == shown
+
+
+def test_a_scan_that_asked_nobody_does_not_say_that_nobody_answered(capsys: pytest.CaptureFixture[str]) -> None:
+    """Another master speaks: nothing was sent, so silence says nothing about wiring."""
+    progress = Progress(10.0)
+    show("x", progress, Overheard(489, 0, b"", 2.0), Exit.REFUSED)
+    assert capsys.readouterr().out == ""
+    progress.done_s = 10.0
+    show("x", progress, None, Exit.REFUSED)
+    assert "Nobody answered" in capsys.readouterr().out

@@ -93,7 +93,9 @@ async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
     Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created.
     """
     from drivebus.bus import Bus
+    from drivebus.cli import voice
     from drivebus.drives import Drive
+    from drivebus.errors import BusError
 
     profile = target.profile()
     settings = target.settings()
@@ -102,6 +104,10 @@ async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
             found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings)
             try:
                 yield bus, found
+            except BusError:
+                if bus.health(target.address).foreign_master:
+                    voice.note("hint.foreign_master")
+                raise
             finally:
                 found.close()
 

@@ -46,3 +46,9 @@ def clock(seconds: float) -> str:
     """Minutes and seconds."""
     whole = int(seconds + 0.5)
     return f"{whole // 60}:{whole % 60:02d}"
+
+
+def duration(seconds: float) -> str:
+    """``31 min 50 s``, ``2 s``; never 0."""
+    minutes, rest = divmod(max(1, int(seconds + 0.5)), 60)
+    return voice.say("scan.long" if minutes else "scan.short", minutes=minutes, seconds=rest)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import voice
 from drivebus.cli.exits import Exit
-from drivebus.cli.progress import Bar, clock
+from drivebus.cli.progress import Bar, duration
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import Found, Overheard, Progress
@@ -60,7 +60,8 @@ def show(link: str, progress: Progress, overheard: Overheard | None, code: Exit)
             "asked_s": round(progress.done_s, 3),
         }
     )
-    voice.show(_table(progress.found))
+    if progress.found or progress.done_s > 0:
+        voice.show(_table(progress.found))
     return code
 
 
@@ -111,8 +112,8 @@ def show_plan(passes: list[Pass]) -> Exit:
         frame = plan_frames("scan", [probe(dialect)], dialect.link.codec, dialect.link.timing, one.settings)[0]
         where = {"line": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
         documents.append(where | {"questions": one.questions, "seconds": round(one.seconds, 3)} | frame.as_document())
-        voice.tell("scan.pass", hex=voice.plain(frame.data), time=clock(one.seconds), count=one.questions, **where)
+        voice.tell("scan.pass", hex=voice.plain(frame.data), time=duration(one.seconds), count=one.questions, **where)
     total = sum(one.seconds for one in passes)
     voice.document({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
-    voice.tell("scan.total", time=clock(total))
+    voice.tell("scan.total", time=duration(total))
     return Exit.DONE

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.exits import Exit
-from drivebus.cli.progress import clock
+from drivebus.cli.progress import duration
 from drivebus.cli.scan_page import Meter, show, show_plan
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ async def _run(link: str, passes: list[Pass], listen_s: float, anyway: bool, eve
             if not anyway:
                 voice.note("scan.foreign_end")
                 return show(link, progress, overheard, Exit.REFUSED)
-        voice.note("scan.feeds", minutes=clock(progress.total_s))
+        voice.note("scan.feeds", time=duration(progress.total_s))
         try:
             with Meter() as meter:
                 walk = scan.scan(passes, open_port, progress, meter.tell, keep_going=everything)
