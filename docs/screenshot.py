@@ -58,7 +58,9 @@ def _in_cells(svg: str) -> str:
 def _self_contained(svg: str) -> str:
     """No fonts from elsewhere: a picture must not fetch anything when a page shows it."""
     svg = re.sub(r"@font-face \{.*?\}\n?", "", svg, flags=re.DOTALL)
-    return svg.replace("Fira Code, monospace", "Menlo, Consolas, 'DejaVu Sans Mono', 'Noto Sans Mono CJK SC', monospace")
+    return svg.replace(
+        "Fira Code, monospace", "Menlo, Consolas, 'DejaVu Sans Mono', 'Noto Sans Mono CJK SC', monospace"
+    )
 
 
 def main() -> None:
