@@ -124,6 +124,8 @@ def test_each_shell_gets_a_completion_script(shell: str) -> None:
     result = CliRunner().invoke(cli, ["completion", shell])
     assert result.exit_code == 0
     assert "_DRIVEBUS_COMPLETE" in result.output
+    document = json.loads(CliRunner().invoke(cli, ["completion", shell, "--json"]).output)
+    assert document["script"] in result.output
 
 
 def test_completion_knows_the_verbs() -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import click
-
+from drivebus.cli import voice
 from drivebus.cli.command import Argument, OneOf, Verb
 
 
@@ -14,7 +13,9 @@ def _complete(shell: str) -> None:
 
     kind = get_completion_class(shell)
     if kind is not None:
-        click.echo(kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % _names())
+        script = kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % _names()
+        voice.document({"shell": shell, "script": script})
+        voice.show(script)
 
 
 def _names() -> dict[str, str]:
