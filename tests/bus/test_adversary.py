@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -140,21 +141,64 @@ def test_a_latch_outlives_registering_the_station_anew(all_of_them: bool) -> Non
     run(told())
 
 
+def mute_for_writes(station: Station) -> Any:
+    """It hears everything and answers reads and loop-backs only."""
+    inner = wire_of(station)
+    return lambda frame, ended_at: [reply for reply in inner(frame, ended_at) if frame[1] != 6]
+
+
 def test_nobody_can_have_a_start_repeated_by_calling_it_absolute() -> None:
     """F16: whatever class a permit names, a frame that moves goes once."""
+    station = Station()
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, mute_for_writes(station))
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    play.ask(ask_write(core, 1, COMMAND, START, write_class=WriteClass.ABSOLUTE), "start")
+    assert play.answer("start").attempts == 1
+    play.until(play.now + 5.0)
+    assert commands(station) == [START]
 
-    async def told() -> None:
-        station = Station()
-        bus, port = await opened(station)
-        ask = ask_write(bus.core, 1, COMMAND, START, write_class=WriteClass.ABSOLUTE)
-        before = len(port.sent)
-        station.alive = False
-        await bus.transact(ask)
-        frames = [frame for _, frame in port.sent[before:]]
-        assert frames.count(frames[0]) == 1
-        await bus.close()
 
-    run(told())
+@pytest.mark.parametrize(("late_s", "leaves"), [(0.0, True), (0.001, False)])
+def test_a_permit_ends_at_its_second_whatever_the_ask_says_of_itself(late_s: float, leaves: bool) -> None:
+    """Ruling 12, with an ask that names no expiry of its own."""
+    station = Station()
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, wire_of(station))
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    play.until(play.now + 1.0)
+    play.ask(replace(ask_start(core, until=play.now - late_s), expires_at=None), "start")
+    assert (play.answer("start").error is None) is leaves
+    assert (station.started == 1) is leaves
+
+
+def test_a_permit_that_ends_while_its_frame_waits_is_worth_nothing() -> None:
+    station = Station()
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, wire_of(station))
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    station.alive = False
+    play.ask(ask_read(), "busy")
+    play.ask(replace(ask_start(core, until=play.now + 0.03), expires_at=None), "start")
+    error = play.answer("start").error
+    assert isinstance(error, NotPermitted) and error.key == "bus.permit_expired"
+    assert station.started == 0
+
+
+def test_ruling_5_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
+    station = Station()
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, wire_of(station), start=10.0)
+    play.ask(replace(ask_stop(), expires_at=1.0), "stop")
+    assert play.answer("stop").sent
+    assert commands(station) == [STOP]
 
 
 def test_a_suspect_station_is_asked_for_its_fence_during_a_backup_of_another() -> None:

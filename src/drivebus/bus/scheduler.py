@@ -201,6 +201,5 @@ def _since(station: Station) -> float:
 
 
 def _is_command(job: Job) -> bool:
-    if job.effect is Effect.STOP or job.broadcast:
-        return False
+    """Stops have a lane of their own, whatever they were asked in."""
     return job.lane is Lane.COMMAND or job.effect is Effect.MOTION
