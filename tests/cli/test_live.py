@@ -24,7 +24,7 @@ from drivebus.cli.layout import table, width, wrap
 from drivebus.cli.live.model import SIGNALS, DriveRow, LineRow
 from drivebus.cli.live.playback import Player
 from drivebus.cli.live.screen import Screen
-from drivebus.cli.live.tables import Table, drive_columns, line_columns
+from drivebus.cli.live.tables import Table, drive_columns, line_cells, line_columns
 from drivebus.cli.live.thread import Threaded
 from drivebus.cli.root import cli
 from drivebus.drives import Drive
@@ -382,3 +382,10 @@ def test_who_stopped_all_is_told_how_to_get_a_drive_back() -> None:
     back = news.index("fan 1: the bus stop is taken back for this drive; nothing starts by itself")
     assert held < back
     assert any("accelerating" in line or "running" in line for line in news[back:])
+
+
+def test_a_long_name_of_a_line_keeps_its_end_and_a_gap_before_the_settings() -> None:
+    row = LineRow("tcp:192.168.100.50:4001", "9600 8N1")
+    shown = line_cells(row, line_columns(80))[0].plain
+    assert shown.endswith(":4001")
+    assert width(shown) < line_columns(80)["line"]

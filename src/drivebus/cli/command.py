@@ -59,7 +59,7 @@ class _Spoken:
     def _page(self, command: click.Command, ctx: click.Context, body: Sequence[tuple[str, str]]) -> str:
         cells = min(ctx.terminal_width or _terminal_cells(), _WIDEST)
         usage = " ".join([ctx.command_path, *command.collect_usage_pieces(ctx)])
-        parts = [f"{voice.say('cli.usage')} {usage}", paragraphs(voice.say(f"help.{self.topic}.long"), cells)]
+        parts = [voice.say("cli.usage", usage=usage), paragraphs(voice.say(f"help.{self.topic}.long"), cells)]
         parts += [f"{title}\n{text}" for title, text in body if text]
         if self.examples:
             parts.append(voice.say("cli.examples") + "\n" + "\n".join(f"  {line}" for line in self.examples))

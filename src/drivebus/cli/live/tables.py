@@ -10,6 +10,7 @@ from textual.coordinate import Coordinate
 from textual.widgets import DataTable
 
 from drivebus.cli import voice
+from drivebus.cli.layout import width
 from drivebus.cli.live.model import SIGNALS, DriveRow, LineRow
 
 STALE_S = 3.0
@@ -75,13 +76,18 @@ def line_cells(row: LineRow, columns: Mapping[str, int]) -> list[Text]:
     """One row of the line table, in these columns."""
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
     return [
-        _cell(row.name, "line", "bold"),
+        _cell(_clipped(row.name, columns["line"] - 1), "line", "bold"),
         _cell(row.settings, "settings"),
         _cell(voice.say("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
         _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
         _cell(rate, "rate"),
         _cell(f" {row.errors_text()}", "errors", "yellow" if any(row.errors.values()) else "dim"),
     ]
+
+
+def _clipped(text: str, cells: int) -> str:
+    """The end of a long name is what tells ports apart."""
+    return text if width(text) <= cells else "…" + text[1 - cells :]
 
 
 def load_bar(load: float | None, bar: bool = True) -> str:
