@@ -13,7 +13,7 @@ from buskit import COMMAND, LINE, START, STOP, C, Station, ask_read, ask_start, 
 from drivebus.bus import Bus, Poll
 from drivebus.bus.core import BusCore
 from drivebus.bus.stations import DUPLICATE_MEMORY_S
-from drivebus.errors import NotPermitted
+from drivebus.errors import DrivebusError, NotPermitted, PortLost
 from drivebus.message import WriteClass
 from drivebus.ports.port import Receiver
 from drivebus.protocols import modbus
@@ -256,6 +256,82 @@ def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> N
         await bus.close()
 
     run(told())
+
+
+class Stumbling(ScriptedPort):
+    """Its write fails once, in a way that no port should."""
+
+    stumbled = False
+
+    def write(self, data: bytes, /) -> None:
+        if not self.stumbled and data[1] == 3 and self.sent:
+            self.stumbled = True
+            raise ValueError("a driver's own error")
+        super().write(data)
+
+    async def open(self, receiver: Receiver) -> None:
+        assert self._receiver is None, "as every port: not twice without close"
+        await super().open(receiver)
+
+
+def test_a_write_that_fails_in_an_unknown_way_loses_the_port_and_not_the_bus() -> None:
+    async def told() -> None:
+        complaints: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        station = Station()
+        port = Stumbling(wire_of(station), LINE)
+        bus = Bus(port)
+        await bus.open()
+        bus.add(link())
+        await bus.transact(ask_read())
+        assert isinstance((await bus.transact(ask_read())).error, PortLost)
+        assert len(complaints) == 1
+        await bus.transact(ask_stop())
+        await asyncio.sleep(1.0)
+        assert bus.is_open
+        await bus.transact(ask_stop())
+        assert commands(station)[-1:] == [STOP]
+        await bus.close()
+
+    run(told())
+
+
+def test_after_a_replug_every_station_owes_a_fence_before_its_data_count() -> None:
+    """A serial server may still hold the answer to what was asked before (5.3)."""
+    station = Station()
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, wire_of(station))
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    play.lose(PortLost("ports.lost", port="x", reason="unplugged"))
+    play.reopen()
+    assert core.stations[1].suspect
+    lost_at, before = play.now, len(play.sent)
+    play.ask(ask_read(), "again")
+    assert play.answer("again").error is None
+    assert [frame[1] for frame in play.frames[before:]] == [8, 3]
+    assert play.sent[before][0] >= lost_at + core.stations[1].link.timing.lateness_s
+
+
+def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
+    """A reply counts after the whole gap: a byte that comes within it voids it (T15, F05)."""
+    station = Station(registers={0x3000: 7})
+    core = BusCore(LINE, echo="off")
+    core.add(link())
+    play = Playbook(core, wire_of(station))
+    play.ask(ask_read(), "first")
+    play.answer("first")
+    play.ask(ask_read(count=1), "read")
+    play.until(play.now + 0.01)
+    reply = modbus.RtuCodec().encode_reply(modbus.Registers(1, 3, (7,)))
+    sent_at = play.sent[-1][0]
+    whole_at = sent_at + C * 8 + station.delay_s + C * len(reply)
+    gap_s = core.stations[1].gap_s
+    play.hear(b"\x55", at=whole_at + gap_s - 0.0002)
+    play.until(whole_at + gap_s - 0.0004)
+    play.ask(ask_read(), "wish")
+    assert isinstance(play.answer("read").error, DrivebusError) or play.answer("read").attempts == 2
 
 
 def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:

@@ -95,6 +95,7 @@ class Shell:
         """At once, then again and again: until it is open, and stays so through its first frame."""
         while True:
             try:
+                await self.port.close()  # whatever is left of the old opening
                 await self.port.open(self)
             except DrivebusError:  # not there yet, or not ours yet: why is the next opener's to read
                 pass
@@ -202,6 +203,9 @@ class Shell:
                     self.port.write(act.data)
                 except PortLost as error:
                     self.port_lost(error)
+                except Exception as error:  # no port should: but a bus that waits for ever sends no stop either
+                    self._complain(f"writing to bus {self.name} failed", error)
+                    self.port_lost(PortLost("ports.lost", port=self.name, reason=str(error)))
 
     def _do(self, act: Act) -> None:
         kind = type(act)
