@@ -334,6 +334,25 @@ def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
     assert isinstance(play.answer("read").error, DrivebusError) or play.answer("read").attempts == 2
 
 
+def test_ruling_11_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
+    """DF800 refuses with five bytes, and an adapter may hand an eight-byte echo over in two batches (F04)."""
+    codec = modbus.RtuCodec(error_form="short")
+    refusal = codec.encode_reply(modbus.ErrorReply(1, 6, None))
+    register, value = refusal[3], refusal[4] << 8
+    assert len(refusal) == 5
+    core = BusCore(LINE, echo="off")
+    core.add(link(codec=codec))
+    play = Playbook(core, wire_of(Station()))
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    play.wire = lambda frame, ended_at: [(ended_at + 0.010, frame[:5]), (ended_at + 0.026, frame[5:])]
+    ask = ask_write(core, 1, register, value, write_class=WriteClass.EEPROM)
+    play.ask(ask, "write")
+    answer = play.answer("write")
+    assert answer.sent[:5] == refusal, "the case that this is about"
+    assert answer.error is None and isinstance(answer.reply, modbus.Written)
+
+
 def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
     async def told() -> None:
         station = Station()
