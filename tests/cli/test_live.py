@@ -389,3 +389,19 @@ def test_a_long_name_of_a_line_keeps_its_end_and_a_gap_before_the_settings() -> 
     shown = line_cells(row, line_columns(80))[0].plain
     assert shown.endswith(":4001")
     assert width(shown) < line_columns(80)["line"]
+
+
+def test_a_plant_whose_parent_was_killed_leaves_nothing_behind() -> None:
+    """The terminal is closed: the stations see the end of their input, stop and clear their folder away."""
+
+    async def abandon(plant: PtyPlant) -> None:
+        await plant.start()
+        assert plant._child is not None and plant._child.stdin is not None
+        plant._child.stdin.close()
+        await asyncio.wait_for(plant._child.wait(), 10)
+
+    plant = PtyPlant()
+    asyncio.run(abandon(plant))
+    assert plant._folder is not None
+    assert not Path(plant._folder.name).exists()
+    plant._folder.cleanup()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -52,6 +53,7 @@ async def serve(folder: str) -> None:
     finally:
         for server in servers:
             await server.close()
+        shutil.rmtree(folder, ignore_errors=True)  # a parent that was killed with its terminal can't
 
 
 if __name__ == "__main__":
