@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives import OutcomeWord, bus_stop
+from drivebus.bus import Bus
+from drivebus.drives import Drive, MemoryStore, OutcomeWord, bus_stop
 from drivebus.drives.gate import Kind
 from drivebus.drives.lease import JogLease
 from drivebus.drives.start import confirm
@@ -16,6 +17,7 @@ from drivebus.drives.state import DriveState, Outcome
 from drivebus.drives.talk import Surroundings
 from drivebus.errors import DrivebusError, StopUnconfirmed
 from drivebus.message import Effect
+from drivebus.ports import open_port
 from drivebus.protocols import sifang
 from drivekit import MODELS, SAFE_HZ, Bench, PaperC320, World, dialect_of, story, talk_of
 
@@ -159,6 +161,44 @@ def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: s
             stopped = next(at for at, effect in frames if effect is Effect.STOP)
             longest_frame_s = 14 * 11 / 1200
             assert 0.5 <= stopped - moved <= 0.5 + 2 * longest_frame_s
+
+    story(told())
+
+
+class Renumbered:
+    """A serial port before and after it was opened: only then it knows which adapter it is."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self.identity = "device:/dev/ttyUSB0"
+        self.url = "/dev/ttyUSB0"
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+    async def open(self, receiver: Any) -> None:
+        await self._port.open(receiver)
+        self.identity = "usb:0403:6001:B"
+
+
+def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
+    """A drive made before its bus is opened: the proofs and the wear are those of the adapter that is opened."""
+
+    async def told() -> None:
+        store = MemoryStore()
+        store.put("proof/device:/dev/ttyUSB0/1/dzb100/setpoint_coding", '"hex-1"')
+        store.put("proof/usb:0403:6001:B/1/dzb100/query_coding", '"hex-0.1"')
+        port: Any = Renumbered(open_port("sim://dzb100@1"))
+        bus = Bus(port)
+        drive = Drive(bus, "dzb100", 1, store=store)
+        assert "hex-1" not in drive.dialect.settings.values()
+        await bus.open()
+        await drive.status()
+        assert drive.dialect.settings["setpoint_coding"] == "unknown"
+        assert drive.dialect.settings["query_coding"] == "hex-0.1"
+        await drive.write({"10": 12.0}, save=True)
+        assert store.get("wear/usb:0403:6001:B/1/10") and not store.get("wear/device:/dev/ttyUSB0/1/10")
+        await bus.close()
 
     story(told())
 

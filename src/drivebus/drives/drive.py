@@ -77,14 +77,15 @@ class Drive:
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
         self._store = store if store is not None else _default_store(bus)
-        self._key = f"{bus.port.identity}/{address}"
-        known = self._proofs() | dict(settings or {})
-        self.dialect: Dialect = make_dialect(loaded, address, encoding=encoding, settings=known, timing=timing)
+        self._given = dict(settings or {})
+        self.dialect: Dialect = make_dialect(loaded, address, encoding=encoding, settings=self._given, timing=timing)
         self._memory = Memory(self.dialect, Wear(self._store, self._key), limits or DriveLimits())
+        self._recalled = False
         self._lock = asyncio.Lock()
         self._insisting: asyncio.Task[None] | None = None
         self._stops: set[asyncio.Task[Outcome]] = set()
         self._old_stop = Stop.STOP
+        self._recall()
         bus.add(self.dialect.link)
 
     def close(self) -> None:
@@ -92,7 +93,26 @@ class Drive:
         self._give_in()
         self.bus.remove(self.address)
 
+    @property
+    def _key(self) -> str:
+        """What proofs and wear are kept under."""
+        return f"{self.bus.port.identity}/{self.address}"
+
+    def _recall(self) -> None:
+        """What was proved and worn before: known once the port is open, as only then it knows which device it is (F12).
+
+        Before that ``/dev/ttyUSB0`` is a name that another line's adapter may have had.
+        """
+        if self._recalled or self.bus.is_closed:
+            return
+        self._recalled = True
+        self._memory.wear = Wear(self._store, self._key)
+        for setting, value in self._proofs().items():
+            if setting not in self._given:
+                self.dialect.settle(setting, value)
+
     async def _talk(self, conversation: Conversation[T]) -> T:
+        self._recall()
         return await converse(conversation, self.bus, self.address, self._store)
 
     def _wish(self) -> Talk:
@@ -143,6 +163,7 @@ class Drive:
         self, signals: Iterable[str] | None = None, on_change: Callable[[DriveStatus], None] | None = None
     ) -> Monitor:
         """Poll these signals (None: all of the profile) until closed; ``on_change`` gets a status per answer."""
+        self._recall()
         return Monitor(self.bus, self.dialect, signals, on_change)
 
     async def identify(self) -> Identity:
