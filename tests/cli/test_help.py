@@ -56,6 +56,24 @@ def test_every_example_is_a_command_line_that_parses(path: tuple[str, ...], comm
         command.make_context("x", words[len(path) + 1 :])
 
 
+SENDING = [
+    (command, example)
+    for _, command in TREE
+    if isinstance(command, Verb) and any(param.name == "dry_run" for param in command.params)
+    for example in command.examples
+    if ".dbcap --speed" not in example
+]
+
+
+@pytest.mark.parametrize("example", [example for _, example in SENDING])
+def test_every_example_that_sends_is_one_that_its_model_takes(example: str) -> None:
+    """It parses, and the model has it too: shown by its dry run."""
+    result = CliRunner().invoke(
+        cli, [*shlex.split(example)[1:], *(["--dry-run"] if "--dry-run" not in example else [])]
+    )
+    assert result.exit_code == 0, result.output
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("path", [path for path, _ in TREE], ids=IDS)
 def test_help_fits_a_terminal_of_eighty_cells(path: tuple[str, ...], language: str) -> None:

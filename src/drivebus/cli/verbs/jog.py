@@ -129,6 +129,7 @@ command = drive_verb(
     ),
     examples=(
         "drivebus jog /dev/ttyUSB0 --model c320 --address 1",
-        "drivebus jog /dev/ttyUSB0 --model vc660 --address 3 --frequency 5",
+        "drivebus jog /dev/ttyUSB0 --model c320 --address 1 --frequency 5",
+        "drivebus jog /dev/ttyUSB0 --model vc660 --address 3",
     ),
 )

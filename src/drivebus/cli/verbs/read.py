@@ -85,7 +85,7 @@ command = drive_verb(
     extra=(Argument(["names"], nargs=-1, required=True, metavar="NAME..."),),
     examples=(
         "drivebus read /dev/ttyUSB0 F0.1 F9.4 output_frequency --model c320 --address 1",
-        "drivebus read sim://vc660@3 F01.00 3006H --model vc660 --address 3 --json",
+        "drivebus read sim://vc660@3 F00.02 3006H --model vc660 --address 3 --json",
         "drivebus read /dev/ttyUSB0 10 Q01 --model dzb100 --address 5 --dry-run",
     ),
 )
