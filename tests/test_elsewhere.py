@@ -1,0 +1,40 @@
+"""Windows and macOS: nothing that only POSIX or Linux has is imported at start, nor on a way that needs no such port."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+ONLY_POSIX = ("termios", "fcntl", "tty", "pty", "resource", "grp", "pwd", "curses")
+WITHOUT = f"""
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {ONLY_POSIX}:
+            raise ImportError("not on this system: " + name)
+sys.meta_path.insert(0, Missing())
+for name in {ONLY_POSIX}:
+    sys.modules.pop(name, None)
+sys.argv = ["drivebus", *sys.argv[1:]]
+from drivebus.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["models"],
+        ["decode", "--model", "vc660", "01 08 00 00 5A A5 1A D0"],
+        ["status", "sim://vc660@1", "--model", "vc660", "--address", "1"],
+        ["run", "COM3", "--model", "c320", "--address", "1", "--frequency", "5", "--dry-run"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_verb_works_where_posix_modules_are_missing(arguments: list[str]) -> None:
+    command = [sys.executable, "-c", WITHOUT, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
