@@ -25,7 +25,7 @@ def need_program(name: str, package: str) -> str:
     return str(found)
 
 
-def need_module(name: str) -> None:
-    """A Python package that a test compares us with."""
+def need_module(name: str, package: str = "") -> None:
+    """A module that a test compares us with, from the index's ``package`` where that has another name."""
     if importlib.util.find_spec(name) is None:
-        missing(name, f"pip install {name}")
+        missing(package or name, f"pip install {package or name}")

@@ -134,7 +134,7 @@ async def test_raw_ser2net_is_no_rfc2217_server(pty: Pty, ser2net: tuple[int, in
 
 @pytest.fixture
 def pyserial_server(pty: Pty) -> Iterator[int]:
-    need_module("serial")
+    need_module("serial", "pyserial")
     with subprocess.Popen([sys.executable, "-c", PYSERIAL_SERVER, pty.path], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         yield int(child.stdout.readline())

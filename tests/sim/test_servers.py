@@ -94,7 +94,7 @@ def asked(path: str, baud: int, frame: bytes = STATUS) -> tuple[bytes, float]:
 
 
 async def test_a_pty_takes_the_time_that_the_line_takes() -> None:
-    peers.need_module("serial")
+    peers.need_module("serial", "pyserial")
     from drivebus.sim.pty import serve_pty
 
     server = await serve_pty(bench(weather="bytes"))
@@ -105,7 +105,7 @@ async def test_a_pty_takes_the_time_that_the_line_takes() -> None:
 
 
 async def test_a_program_at_another_baud_rate_is_not_understood() -> None:
-    peers.need_module("serial")
+    peers.need_module("serial", "pyserial")
     from drivebus.sim.pty import serve_pty
 
     server = await serve_pty(bench())
@@ -116,7 +116,7 @@ async def test_a_program_at_another_baud_rate_is_not_understood() -> None:
 
 
 async def test_f12_unplugging_hangs_the_pty_up_and_replugging_puts_another_one_under_the_link(tmp_path: Path) -> None:
-    peers.need_module("serial")
+    peers.need_module("serial", "pyserial")
     from drivebus.sim.pty import serve_pty
 
     made, link = bench(), tmp_path / "drive"
