@@ -1,4 +1,4 @@
-"""Windows and macOS: nothing that only POSIX or Linux has is imported at start, nor on a way that needs no such port."""
+"""Windows and macOS: nothing that only POSIX has is imported at start, nor where no such port is asked for."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ main()
         ["models"],
         ["decode", "--model", "vc660", "01 08 00 00 5A A5 1A D0"],
         ["status", "sim://vc660@1", "--model", "vc660", "--address", "1"],
-        ["run", "COM3", "--model", "c320", "--address", "1", "--frequency", "5", "--dry-run"],
+        ["run", "tcp://192.0.2.1:4001", "--model", "c320", "--address", "1", "--frequency", "5", "--dry-run"],
     ],
     ids=lambda arguments: arguments[0],
 )
