@@ -353,6 +353,94 @@ def test_ruling_11_a_batch_that_ends_where_a_short_error_would_end_is_no_error()
     assert answer.error is None and isinstance(answer.reply, modbus.Written)
 
 
+def playing(*stations: Station, **options: Any) -> Playbook:
+    """A core whose stations have all answered once."""
+    core = BusCore(LINE, **({"echo": "off"} | options))
+    play = Playbook(core, wire_of(*stations))
+    for station in stations:
+        core.add(link(station.address))
+        play.ask(ask_read(station.address), station.address)
+        play.answer(station.address)
+    return play
+
+
+def spoiled(count: int) -> bytes:
+    """A reply to a read of one register whose check fails, and so many bytes too many."""
+    whole = modbus.RtuCodec().encode_reply(modbus.Registers(1, 3, (7,)))
+    return whole[:-1] + bytes([whole[-1] ^ 1]) + bytes(count)
+
+
+@pytest.mark.parametrize(("more", "suspect"), [(0, False), (1, True)])
+def test_f05_only_exactly_an_answers_worth_of_bytes_is_a_spoiled_answer(more: int, suspect: bool) -> None:
+    """Anything longer may be noise, and the answer may still come."""
+    play = playing(Station())
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(more))] if frame[1] == 3 else []
+    play.ask(ask_read(count=1), "read")
+    play.until(play.now + 0.03)
+    assert play.core.stations[1].suspect is suspect
+
+
+def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> None:
+    """While another station is overdue a spoiled answer proves nothing of this one."""
+    one, two = Station(1), Station(2)
+    play = playing(one, two)
+    two.alive = False
+    play.ask(ask_read(2), "lost")
+    play.until(play.now + 0.1)
+    assert play.core.stations[2].suspect
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(0))] if frame[:2] == b"\x01\x03" else []
+    play.ask(ask_read(1, count=1), "read")
+    play.until(play.now + 0.04)
+    assert play.core.stations[1].suspect
+
+
+def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew() -> None:
+    station = Station()
+    play = playing(station)
+    station.alive = False
+    play.ask(ask_read(), "lost")
+    play.until(play.now + 0.2)
+    good = modbus.RtuCodec().encode_reply(modbus.Looped(1, 0xA500))
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, frame[:-1] + bytes([frame[-1] ^ 1]))]
+    while play.frames[-1][1] != 8:
+        play.until(play.now + 0.01)
+    fenced_at = play.sent[-1][0]
+    play.until(fenced_at + 8 * C + 0.02 + len(good) * C)
+    state = play.core.stations[1]
+    assert state.suspect and state.quarantined_until >= fenced_at + state.link.timing.lateness_s
+
+
+def test_g19_after_a_replug_a_mirrored_reply_is_not_believed_although_the_old_adapter_had_no_echo() -> None:
+    station = Station()
+    play = playing(station)
+    assert play.core.echo.proved
+    play.lose(PortLost("ports.lost", port="x", reason="unplugged"))
+    play.reopen()
+    play.ask(ask_write(play.core, write_class=WriteClass.EEPROM), "write")
+    assert play.answer("write").error is not None
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    play.ask(ask_write(play.core, write_class=WriteClass.EEPROM), "again")
+    assert play.answer("again").error is None
+
+
+def test_g19_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> None:
+    """On a paced port the echo comes early and is dropped: what is left says nothing of the adapter."""
+    station = Station()
+    core = BusCore(LINE, echo="off", paced=True)
+    core.add(link())
+    inner = wire_of(station)
+
+    def echoing(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        yield from ((ended_at - C * (len(frame) - 1 - i), frame[i : i + 1]) for i in range(len(frame)))
+        yield from inner(frame, ended_at)
+
+    play = Playbook(core, echoing)
+    play.ask(ask_read(), "read")
+    assert play.answer("read").error is None
+    assert not core.echo.proved
+
+
 def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
     async def told() -> None:
         station = Station()

@@ -10,13 +10,14 @@ import pytest
 
 from drivebus.bus import Bus
 from drivebus.drives import Drive, MemoryStore, OutcomeWord, bus_stop
-from drivebus.drives.gate import Kind
+from drivebus.drives.gate import FAILURES, Command, Evidence, Kind, grant
 from drivebus.drives.lease import JogLease
+from drivebus.drives.operation import PREPARE_S, Talk
 from drivebus.drives.start import confirm
-from drivebus.drives.state import DriveState, Outcome
+from drivebus.drives.state import DriveState, Outcome, Verdict
 from drivebus.drives.talk import Surroundings
-from drivebus.errors import DrivebusError, StopUnconfirmed
-from drivebus.message import Effect
+from drivebus.errors import DrivebusError, Expired, GateError, StopUnconfirmed
+from drivebus.message import Effect, WriteClass
 from drivebus.ports import open_port
 from drivebus.protocols import sifang
 from drivekit import MODELS, SAFE_HZ, Bench, PaperC320, World, dialect_of, story, talk_of
@@ -230,3 +231,30 @@ def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(s
         DriveState.JOGGING, DriveState.BRAKING, DriveState.DECELERATING
     }  # fmt: skip
     assert not world.effects()
+
+
+@pytest.mark.parametrize(("failures", "blocked"), [(FAILURES - 1, False), (FAILURES, True)])
+def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blocked: bool) -> None:
+    around = Surroundings(10.5, generation=3, error_rate=0.5, failures=failures)
+    stands = Evidence(Verdict(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True)
+    wish = Command("start-1", Kind.START, 10.0, 3)
+    with pytest.raises(GateError) if blocked else contextlib.nullcontext():
+        grant(wish, 7, Effect.MOTION, WriteClass.EDGE, around, stands, "sifang")
+
+
+@pytest.mark.parametrize(("age_s", "fits"), [(PREPARE_S, True), (PREPARE_S + 0.01, False)])
+def test_i1_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
+    """The command's own two seconds begin only after them."""
+    world = World(dialect_of("c320"), PaperC320(), around=Surroundings(100.0 + age_s))
+    talk = Talk(talk_of(world.dialect).memory, 0, 100.0)
+    with contextlib.nullcontext() if fits else pytest.raises(Expired):
+        world.play(talk.in_time())
+
+
+def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> None:
+    """6.5: it was wished for before the stop, whenever its turn came."""
+    world = World(dialect_of("c320"), PaperC320())
+    memory = talk_of(world.dialect).memory
+    stopped = Surroundings(1.0, generation=4)
+    assert Talk(memory, 3).command(Kind.START, stopped).generation == 3
+    assert Talk(memory).command(Kind.START, stopped).generation == 4
