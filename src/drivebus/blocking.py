@@ -15,17 +15,19 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from concurrent import futures
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
 from drivebus import drives
 from drivebus.bus import Bus as AsyncBus
-from drivebus.bus import BusStatistics
+from drivebus.bus import BusStatistics, Health
 from drivebus.drives.commloss import CommLossReport
 from drivebus.drives.identity import Identity
 from drivebus.drives.lease import JogLease
 from drivebus.drives.memory import Preflight
+from drivebus.drives.proofs import KEYPAD_HZ, CodingFound
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
 from drivebus.reading import Reading
@@ -48,12 +50,16 @@ class Bus:
 
     def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine on the bus's loop to its end. An interrupt cancels it: nothing more of it is sent."""
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        future = self.begin(coroutine)
         try:
             return future.result()
         except BaseException:
             future.cancel()
             raise
+
+    def begin(self, coroutine: Coroutine[Any, Any, T]) -> futures.Future[T]:
+        """Start a coroutine on the bus's loop; whoever asked may cancel it or wait for its end."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a function on the bus's loop (a coroutine function is awaited)."""
@@ -68,6 +74,22 @@ class Bus:
         """Load, rates, reply times and errors."""
         found: BusStatistics = self.call(self.bus.statistics)
         return found
+
+    def health(self, address: int) -> Health:
+        """Presence, error rate, foreign master, duplicate address. Raises KeyError for an address without a drive."""
+        found: Health = self.call(self.bus.health, address)
+        return found
+
+    def latch(self, addresses: Iterable[int] | None = None) -> None:
+        """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
+        self.call(self.bus.latch, addresses)
+
+    def release(self, addresses: Iterable[int] | None = None) -> None:
+        """The reset after a bus stop: motion is allowed again, nothing starts by itself."""
+        self.call(self.bus.release, addresses)
+
+    def latched(self, address: int) -> bool:
+        return bool(self.call(self.bus.latched, address))
 
     def close(self) -> None:
         """Close the port and end the thread. Idempotent."""
@@ -136,6 +158,35 @@ class Lease:
         self._bus.wait(self._lease.__aexit__(kind, error, trace))
 
 
+class Monitor:
+    """``with drive.monitor() as monitor: ... monitor.status()``: the newest readings, polled in the background."""
+
+    def __init__(self, bus: Bus, make: Callable[[], drives.Monitor]) -> None:
+        self._bus = bus
+        self._monitor: drives.Monitor = bus.call(make)
+
+    def status(self) -> DriveStatus:
+        """The newest readings; what is too old is marked bad, and an old state is UNKNOWN. Sends nothing."""
+        found: DriveStatus = self._bus.call(self._monitor.status)
+        return found
+
+    @property
+    def last_error(self) -> Exception | None:
+        return self._monitor.last_error
+
+    def close(self) -> None:
+        """No more polls. Idempotent."""
+        self._bus.call(self._monitor.close)
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
 class Drive:
     """One drive; the methods of ``drivebus.Drive``, each returning when it is done. Same results, same errors."""
 
@@ -145,6 +196,12 @@ class Drive:
 
     def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
         return self._bus.wait(self.drive.status(signals))
+
+    def monitor(
+        self, signals: Iterable[str] | None = None, on_change: Callable[[DriveStatus], None] | None = None
+    ) -> Monitor:
+        """Poll in the background. ``on_change`` is called on the bus's thread: be quick there, and call no drive."""
+        return Monitor(self._bus, lambda: self.drive.monitor(signals, on_change))
 
     def run(
         self,
@@ -172,6 +229,11 @@ class Drive:
     def quick_stop(self, wait: bool = True) -> Outcome:
         return self._bus.wait(self.drive.quick_stop(wait))
 
+    @property
+    def stop_pending(self) -> bool:
+        """A stop was sent that the drive has not confirmed; it is being repeated while the bus is open."""
+        return self.drive.stop_pending
+
     def reset_fault(self) -> Outcome:
         return self._bus.wait(self.drive.reset_fault())
 
@@ -189,6 +251,36 @@ class Drive:
 
     def if_host_dies(self) -> CommLossReport:
         return self._bus.wait(self.drive.if_host_dies())
+
+    def prove_query_coding(self, keypad_hz: float = KEYPAD_HZ) -> CodingFound:
+        return self._bus.wait(self.drive.prove_query_coding(keypad_hz))
+
+    def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
+        return self._bus.wait(self.drive.prove_setpoint_coding(direction))
+
+    def prove_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
+        """One jog; then ``watched`` is called on the caller's own thread (it may ask with ``input``)."""
+        jogged: futures.Future[None] = futures.Future()
+        seen: futures.Future[Direction | None] = futures.Future()
+
+        async def asked() -> Direction | None:
+            jogged.set_result(None)
+            return await asyncio.wrap_future(seen)
+
+        proof = self._bus.begin(self.drive.prove_direction(frequency_hz, asked))
+        ends: tuple[futures.Future[Any], ...] = (jogged, proof)
+        try:
+            futures.wait(ends, return_when=futures.FIRST_COMPLETED)
+            if jogged.done():
+                seen.set_result(watched())
+            return proof.result()
+        except BaseException:
+            proof.cancel()
+            raise
+
+    def close(self) -> None:
+        """Take the drive off its bus; sends nothing."""
+        self._bus.call(self.drive.close)
 
 
 def bus_stop(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
