@@ -122,3 +122,11 @@ def test_every_key_that_the_code_names_has_its_sentence() -> None:
     starts = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
     missing = {(file, key) for file, key in named_keys() if key not in known and key not in starts}
     assert not {(file, key) for file, key in missing if not (SOURCE / (key.replace(".", "/") + ".py")).exists()}
+
+
+def test_a_sentence_within_a_sentence_is_in_the_same_language() -> None:
+    """A start that never left says why in the reader's language, not in English within Chinese."""
+    why = errors.GateError("drives.limits_unchecked")
+    inner = i18n.text("drives.limits_unchecked", "zh")
+    assert inner in i18n.text("drives.not_started", "zh", why=why)
+    assert inner != i18n.text("drives.limits_unchecked", "en")

@@ -71,7 +71,7 @@ def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
     with pytest.raises(StopUnconfirmed) as caught:
         settled(Outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", {"state": "running"}), stop=True)
     assert str(caught.value) == (
-        "STOP NOT CONFIRMED: the stop was sent again and again, the drive reports running. Use the hard-wired stop"
+        "STOP NOT CONFIRMED: the stop was sent again and again; state of the drive: running. Use the hard-wired stop"
     )
 
 

@@ -109,9 +109,17 @@ def _checked(talk: Talk, name: str, value: float) -> _Wanted:
     return _Wanted(parameter, value, raw)
 
 
+def _said(wanted: _Wanted) -> dict[str, object]:
+    """What a sentence says of it: whole numbers where the drive's own display shows them, no blank without a unit."""
+    parameter, value = wanted.parameter, wanted.value
+    whole = parameter.scale.decimals == 0 and float(value).is_integer()
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    return {"notation": parameter.notation, "value": int(value) if whole else value, "unit": unit}
+
+
 def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]:
     notation, wear = wanted.parameter.notation, talk.memory.wear
-    said = {"notation": notation, "value": wanted.value, "unit": wanted.parameter.unit}
+    said = _said(wanted)
     held = (yield from read_raw(talk, wanted.parameter)) if save and wanted.parameter.readable else None
     if save:
         if held == wanted.raw and not wear.count(notation).ram_written:

@@ -106,7 +106,7 @@ def _from_standstill(talk: Talk, frequency_hz: float, direction: Direction | Non
 
 def _not_started(outcome: Outcome) -> Outcome:
     """The frequency is not known to have been taken, so the start never left."""
-    return replace(outcome, word=OutcomeWord.FAILED, key="drives.not_started", params={"why": outcome.text()})
+    return replace(outcome, word=OutcomeWord.FAILED, key="drives.not_started", params={"why": outcome})
 
 
 def send(talk: Talk, command: Command, frames: tuple[Frame, ...]) -> Conversation[Answer]:

@@ -43,8 +43,11 @@ def text(key: str, language: str = "en", /, **params: Any) -> str:
 
 
 def _shown(value: Any, language: str) -> Any:
-    """Texts in both languages (``Text`` of a profile) show their own side; everything else shows itself."""
-    return getattr(value, language) if hasattr(value, "en") and hasattr(value, "zh") else value
+    """Texts in both languages (``Text`` of a profile) show their own side, errors and outcomes say their sentence."""
+    if hasattr(value, "en") and hasattr(value, "zh"):
+        return getattr(value, language)
+    sentence = getattr(value, "text", None)
+    return sentence(language) if callable(sentence) else value
 
 
 def preferred() -> str:
