@@ -280,3 +280,19 @@ def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
     dialect: Any = dialect_of("df800", direction_proved=True)
     assert dialect.word.effect(word_of(dialect, "stop")) is Effect.STOP
     assert dialect.word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
+
+
+@pytest.mark.parametrize("command", ["reset_fault", "write"])
+def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: str) -> None:
+    async def told() -> None:
+        async with Bench("c320") as bench:
+            drive = bench.drive()
+            async with drive._lock:
+                wish = drive.reset_fault() if command == "reset_fault" else drive.write({"F0.2": 20.0})
+                waiting = asyncio.ensure_future(wish)
+                await asyncio.sleep(PREPARE_S + 0.01)
+            with pytest.raises(Expired) as caught:
+                await waiting
+            assert caught.value.key == "drives.turn_too_late"
+
+    story(told())
