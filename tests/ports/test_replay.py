@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from drivebus import Bus, Drive, DriveStatus, open_bus
 from drivebus.capture import Bytes, CaptureError, CaptureWriter, Event, Header, read_capture
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.line import LineSettings
@@ -56,6 +57,8 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
         port.write(b"more")
         await asyncio.sleep(3)
         assert sink.chunks[-1] == (begun + 2.5, b"!")
+        assert len(sink.lost) == 1, "the last bytes need a gap behind them to be believed"
+        await asyncio.sleep(1)
         assert [error.params["reason"] for error in sink.lost] == ["pulled", "end of the capture"]
         assert port.report == ReplayReport(
             1, (Difference(2.0, b"ask2", b"ask9", 6), Difference(3.0, None, b"more", 0)), 0
@@ -89,6 +92,58 @@ def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(
         assert sink.lost == []
 
     run(story())
+
+
+def test_what_is_asked_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -> None:
+    async def story() -> None:
+        path = tmp_path / "a.dbcap"
+        writer = CaptureWriter(path, Header(LineSettings()), now=0.0)
+        writer.bytes(1.0, "tx", b"ask")
+        writer.bytes(2.0, "rx", b"reply")
+        writer.close()
+        port, sink = open_port(f"replay://{path}", timing="request"), Sink()
+        assert isinstance(port, ReplayPort)
+        await port.open(sink)
+        port.write(b"ask")
+        await asyncio.sleep(1.1)
+        port.write(b"more")
+        assert port.report == ReplayReport(1, (Difference(2.1, None, b"more", 0),), 0)
+
+    run(story())
+
+
+@pytest.mark.parametrize("timing", ["clock", "request"])
+@pytest.mark.parametrize(("model", "hz"), [("c320", 5.0), ("vc660", 5.0), ("dzb100", 0.5), ("df800", 5.0)])
+def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model: str, hz: float, timing: str) -> None:
+    """To the last reply, and the same story sends the same bytes."""
+    path = tmp_path / "a.dbcap"
+
+    async def work(bus: Bus) -> list[str]:
+        async with bus:
+            drive = Drive(bus, model, 1)
+            told = [shown(await drive.status()), (await drive.run(hz)).text()]
+            await asyncio.sleep(2)
+            return [*told, shown(await drive.status()), (await drive.stop()).text()]
+
+    def shown(status: DriveStatus) -> str:
+        return f"{status.state} {[(name, one.value) for name, one in status.readings.items()]}"
+
+    async def record() -> list[str]:
+        port = CapturingPort(open_port(f"sim://{model}@1"), path)
+        told = await work(Bus(port))
+        port.end_capture()
+        return told
+
+    async def play() -> tuple[list[str], object]:
+        bus = open_bus(f"replay://{path}?timing={timing}")
+        told = await work(bus)
+        return told, bus.port.report  # type: ignore[attr-defined]
+
+    told = run(record())
+    again, report = run(play())
+    sent = sum(isinstance(one, Bytes) and one.direction == "tx" for one in read_capture(path).records)
+    assert again == told
+    assert report == ReplayReport(sent, (), 0)
 
 
 def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_path: Path) -> None:

@@ -17,6 +17,9 @@ from drivebus.line import LineSettings
 from drivebus.ports.link import Link
 from drivebus.ports.port import Capabilities, Echo, Receiver
 
+END_S = 1.0
+"""The port is lost so long after the last record: a reply is believed only after a gap in silence, at any baud."""
+
 
 @dataclass(frozen=True, slots=True)
 class Difference:
@@ -42,7 +45,7 @@ class ReplayReport:
 
 
 class ReplayPort:
-    """Plays a capture. Loses the port where the capture did, and at its end."""
+    """Plays a capture. Loses the port where the capture did, and a second after its end."""
 
     def __init__(
         self, records: tuple[Record, ...], settings: LineSettings, url: str, *, waits: bool = False, echo: Echo = "off"
@@ -84,7 +87,7 @@ class ReplayPort:
         """Compare with what was sent. Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("ports.not-open", port=self.url)
-        if self._waits:
+        if self._waits and self._unsent:
             self._written.append(bytes(data))
             self._again(self._loop.call_soon(self._play))
         else:
@@ -99,7 +102,8 @@ class ReplayPort:
         self._again(None)
         while self._receiver is not None:
             if self._at == len(self._records):
-                self._lose("end of the capture")
+                end = self._zero + self._last_s + END_S
+                self._again(self._loop.call_at(end, self._lose, "end of the capture"))
                 return
             record = self._records[self._at]
             if isinstance(record, Bytes) and record.direction == "tx":
