@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks import codecs, master, motors, virtual
@@ -23,19 +25,23 @@ def commit() -> str:
 
 
 def measure(seconds: float, rounds: int) -> Figures:
-    """Everything, one after another, because the machine must be quiet."""
-    return {
-        "commit": commit(),
-        "cpu": master.cpu(seconds, rounds),
-        "line": master.one_line(2 * seconds),
-        "line_115200": master.one_line(2 * seconds, baud=115_200),
-        "one_dead": master.one_line(4 * seconds, dead=31),
-        "late": master.one_line(2 * seconds, late=(20, 150_000)),
-        "many_lines": master.many_lines(2 * seconds),
-        "codecs": codecs.run(),
-        "virtual": virtual.run(),
-        "motors": motors.run(),
+    """Everything, one after another, because the machine must be quiet; each part is shown when it is done."""
+    parts: dict[str, Callable[[], Figures]] = {
+        "cpu": lambda: master.cpu(seconds, rounds),
+        "line": lambda: master.one_line(2 * seconds),
+        "line_115200": lambda: master.one_line(2 * seconds, baud=115_200),
+        "one_dead": lambda: master.one_line(4 * seconds, dead=31),
+        "late": lambda: master.one_line(2 * seconds, late=(20, 150_000)),
+        "many_lines": lambda: master.many_lines(2 * seconds),
+        "codecs": codecs.run,
+        "virtual": virtual.run,
+        "motors": motors.run,
     }
+    found: Figures = {"commit": commit()}
+    for name, part in parts.items():
+        found[name] = part()
+        print(name, json.dumps(found[name]), file=sys.stderr, flush=True)
+    return found
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ def cases() -> dict[str, tuple[Codec, Any, Any]]:
     values = (5000, 3998, 128, 3100)
     read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.Registers(1, 3, values)
     monitor = sifang.ReadMonitor(3, 0)
-    status = sifang.Reply(3, 0, state=1, group=0, item=0, data=999)
+    status = sifang.Reply(3, sifang.Response(0), state=sifang.State(1), group=0, item=0, data=999)
     return {
         "c320 ascii": (sifang.SifangCodec("ascii"), monitor, status),
         "c320 hex": (sifang.SifangCodec("hex"), monitor, status),
