@@ -216,6 +216,7 @@ class Bench:
         for station in stations:
             everybody = frame.address == station.broadcast
             if frame.address != station.address and not everybody:
+                station.overheard(now)
                 continue
             station.note_gap(frame.quiet_s, frame.short_gap)
             reply = station.heard(frame.message, frame.codec, self.line, now, error=frame.error, everybody=everybody)

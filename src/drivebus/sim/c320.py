@@ -6,6 +6,8 @@ drive (T01). What the drive then does is in ``c320_drive``, its parameters are i
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 from drivebus.errors import ProtocolError
@@ -13,6 +15,7 @@ from drivebus.line import LineSettings
 from drivebus.message import Codec
 from drivebus.protocols import sifang
 from drivebus.protocols.sifang import Reply, Response, State
+from drivebus.sim import c320_spelling
 from drivebus.sim.c320_drive import JOGS, STARTS, C320Drive
 from drivebus.sim.c320_tables import (
     COMM_LOSS_TIME,
@@ -24,6 +27,7 @@ from drivebus.sim.c320_tables import (
 )
 from drivebus.sim.ear import EarRule
 from drivebus.sim.motor import Motor
+from drivebus.sim.station import Said
 
 
 class C320Station(C320Drive):
@@ -31,7 +35,8 @@ class C320Station(C320Drive):
 
     ``monitor_index``: how d.15 is asked for, 0FH or 15H [OPEN]. ``step_hz``: 0.01 on C320 and C300, 0.1 on the E
     series. ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. ``selector``, ``comm_loss_time``:
-    where a sister keeps what is F6.12 and F9.4 here. Frames for others do not feed the comm-loss timer [OPEN].
+    where a sister keeps what is F6.12 and F9.4 here. ``watchdog``: which frames feed the comm-loss timer, its own or
+    all [OPEN]. ``digits``, ``nibble``: how it spells its replies (``c320_spelling``) [OPEN].
     """
 
     family: ClassVar[str] = "c320"
@@ -44,6 +49,9 @@ class C320Station(C320Drive):
         address: int,
         *,
         monitor_index: Literal["binary", "bcd"] = "binary",
+        watchdog: Literal["own", "all"] = "own",
+        digits: Literal["strict", "tolerant"] = "strict",
+        nibble: Literal["off", "on"] = "off",
         step_hz: float = 0.01,
         current_at_1: bool = False,
         selector: int = MONITOR_SELECTOR,
@@ -54,6 +62,12 @@ class C320Station(C320Drive):
         super().__init__(address, step_hz, current_at_1, selector, comm_loss_time, motor)
         self.codecs: tuple[Codec, ...] = (sifang.SifangCodec("ascii"), sifang.SifangCodec("hex"))
         self.monitor_index = monitor_index
+        self.watchdog = watchdog
+        self._spellings: list[Callable[[bytes], bytes]] = []
+        if digits == "tolerant":
+            self._spellings.append(c320_spelling.odd_digits)
+        if nibble == "on":
+            self._spellings.append(c320_spelling.nibbles)
         self.delay_characters = delay_characters
         """At most 8 (2.2.4 (2))."""
 
@@ -61,6 +75,18 @@ class C320Station(C320Drive):
         return line.seconds(self.delay_characters)
 
     # Frames.
+
+    def heard(self, *frame: Any, **details: Any) -> Said | None:
+        said = super().heard(*frame, **details)
+        for spelled in self._spellings if said is not None else ():
+            assert said is not None
+            said = replace(said, data=spelled(said.data))
+        return said
+
+    def overheard(self, now: float) -> None:
+        self.advance(now)
+        if self.watchdog == "all":
+            self.silent_s = 0.0
 
     def refuse(self, error: ProtocolError, codec: Codec) -> Any:
         """Codes 6, 7 and 8 in the short frame; a bad sum or end mark gets no answer (section 3)."""

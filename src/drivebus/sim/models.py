@@ -15,7 +15,15 @@ from drivebus.sim.vc660 import VC660Station
 
 _CODINGS = ("hex-0.1", "hex-0.01", "decimal-0.1", "hex-1")
 _FAMILIES: Mapping[type[Station], tuple[range, Mapping[str, tuple[str, ...]]]] = {
-    C320Station: (range(31), {"monitor_index": ("binary", "bcd")}),
+    C320Station: (
+        range(31),
+        {
+            "monitor_index": ("binary", "bcd"),
+            "watchdog": ("own", "all"),
+            "digits": ("strict", "tolerant"),
+            "nibble": ("off", "on"),
+        },
+    ),
     DZB100Station: (
         range(32),
         {

@@ -143,6 +143,9 @@ class Station:
         late_s = self.faults.late_s.pop(0) if self.faults.late_s else 0.0
         return Said(codec.encode_reply(reply), self.reply_delay_s(line) + self.faults.slow_s + late_s)
 
+    def overheard(self, now: float) -> None:
+        """A frame for another station ended at ``now``."""
+
     def note_gap(self, quiet_s: float, short: bool) -> None:
         """A frame for this station came after so much silence."""
         self.shortest_gap_s = min(self.shortest_gap_s, quiet_s)

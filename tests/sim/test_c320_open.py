@@ -1,0 +1,74 @@
+"""A pretend C320 in each reading of what its manual leaves open, read by the host with and without the setting."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+import pytest
+
+from drivebus import Bus, Drive
+from drivebus.errors import NoReply, ProtocolError
+from drivebus.ports import open_port
+from drivebus.protocols import sifang
+from drivebus.sim import c320_spelling
+from drivebus.testing.virtual import run as story
+from simdesk import Desk
+
+
+def test_t02_the_spelling_is_the_one_that_the_manual_prints() -> None:
+    """4.5: the ten as 3AH, and the equals sign in the sum."""
+    plain = sifang.SifangCodec().encode_reply(
+        sifang.Reply(5, sifang.Response.OK, sifang.State.STOPPED, 1, 0x0A, 0x0016)
+    )
+    odd = c320_spelling.odd_digits(plain)
+    assert b"A" in plain[1:-5] and b":" in odd[1:-5] and b"A" not in odd[1:-5]
+    assert len(odd) == len(plain)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "hex"])
+@pytest.mark.parametrize("digits", ["strict", "tolerant"])
+@pytest.mark.parametrize("nibble", [False, True])
+def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, digits: str, nibble: bool) -> None:
+    async def told() -> None:
+        port = open_port(f"sim://c320@1?ramp=1&digits={digits}&nibble={'on' if nibble else 'off'}")
+        async with Bus(port) as bus:
+            drive = Drive(bus, "c320", 1, encoding=encoding, settings={"digits": digits, "nibble": nibble})
+            assert (await drive.run(30.0, wait=True)).word == "confirmed"
+            status = await drive.status()
+            assert status.state == "running"
+            assert status.readings["output_frequency"].value == pytest.approx(30.0, abs=0.05)
+            assert (await drive.write({"F1.10": 0x0ABC})).word == "confirmed"
+            assert (await drive.read(["F1.10"]))["F1.10"].value == 0x0ABC
+            assert (await drive.stop()).word == "confirmed"
+
+    story(told())
+
+
+@pytest.mark.parametrize(("encoding", "odd"), [("ascii", "digits=tolerant"), ("hex", "nibble=on")])
+def test_the_strict_host_publishes_nothing_of_the_other_spelling(encoding: str, odd: str) -> None:
+    async def told() -> None:
+        port = open_port(f"sim://c320@1?{odd}")
+        async with Bus(port) as bus:
+            drive = Drive(bus, "c320", 1, encoding=encoding)
+            port.bench.station(1).press_set(0x010A, 0x0ABC)  # type: ignore[attr-defined]
+            with contextlib.suppress(ProtocolError, NoReply):
+                assert (await drive.read(["F1.10"]))["F1.10"].value is None
+            assert set(bus.statistics().errors) & {"AlphabetError", "ChecksumError"}
+
+    story(told())
+
+
+@pytest.mark.parametrize(("watchdog", "runs"), [("own", False), ("all", True)])
+def test_frames_for_others_feed_the_comm_loss_timer_of_one_reading_only(watchdog: str, runs: bool) -> None:
+    async def told() -> None:
+        async with Desk(f"sim://c320@1,2?watchdog={watchdog}") as desk:
+            await desk.ask(sifang.WriteParameter(2, 9, 4, 20))
+            await desk.ask(sifang.Control(2, sifang.Operation.RUN_FORWARD_AT, 3000))
+            for _ in range(12):
+                await desk.ask(sifang.ReadMonitor(1, 0), 1.0)
+            assert desk.station(2).running is runs
+            await asyncio.sleep(20.0)
+            assert not desk.station(2).running
+
+    story(told())
