@@ -36,6 +36,11 @@ class Bar:
             left = voice.say("scan.left", time=clock(max(0.0, total - done)))
             self._bar.update(self._task, description=what, total=total, completed=done, left=left)
 
+    def count(self, what: str, done: int, total: int, unit: str) -> None:
+        """``done`` of ``total`` trials."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=what, total=total, completed=done, left=f"{done}/{total} {unit}")
+
     def line(self, text: str) -> None:
         """A line above the bar; nothing where there is no bar."""
         if self._bar is not None:

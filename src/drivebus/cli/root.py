@@ -16,7 +16,10 @@ SECTIONS = {
     "cli.section.look": _verbs("status", "monitor", "read", "scan"),
     "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
     "cli.section.change": _verbs("write"),
-    "cli.section.tools": _verbs("decode", "models", "ports", "profile", "completion"),
+    "cli.section.tools": {
+        **_verbs("decode", "models", "ports", "profile", "completion"),
+        "lab": "drivebus.lab.verbs:command",
+    },
 }
 
 

@@ -1,0 +1,110 @@
+"""What every campaign is: a name, a unit that it counts trials in, and a function that runs them.
+
+A campaign learns its seed and budget from a ``Session`` and tells it everything: trials, counts, violations, and one
+line of text for each thing that happened. The same seed and budget give the same lines, and so the same SHA-256.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from hashlib import sha256
+from importlib import import_module
+from random import Random
+from typing import Any
+
+KEPT = 50
+"""So many violations are told in full; the rest is counted."""
+NAMES = (
+    "fuzz", "flips", "late", "commands", "stop", "fairness", "replug", "matrix", "gate", "soak", "clock", "failures",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """``full``: the budget of the committed report; ``slice``: that of CI. Both in ``unit``."""
+
+    name: str
+    unit: str
+    """What a trial is, plural: "bytes", "transactions", "instants"."""
+    ids: tuple[str, ...]
+    """Goals, invariants and traps that it is evidence for, e.g. "G04", "I5"."""
+    full: int
+    slice: int
+    run: Callable[[Session], None]
+
+
+@dataclass(slots=True)
+class Session:
+    """One run of a campaign: its seed and budget, and what came of it."""
+
+    campaign: str
+    seed: int
+    budget: int
+    progress: Callable[[int], None] = lambda done: None
+    """Called with the trials done so far."""
+    listener: Callable[[str], None] | None = None
+    """Gets every trace line, for people who read them."""
+    trials: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    figures: dict[str, object] = field(default_factory=dict)
+    """What was measured; virtual seconds, ratios and bytes only, never this machine's time."""
+    machine: dict[str, object] = field(default_factory=dict)
+    """What depends on the machine (a real-time factor, memory); told apart in the report."""
+    violations: list[str] = field(default_factory=list)
+    violated: int = 0
+    _hash: Any = field(default_factory=sha256)
+
+    @property
+    def left(self) -> int:
+        """Trials still to do."""
+        return max(0, self.budget - self.trials)
+
+    def rng(self, *names: object) -> Random:
+        """Chance of its own for each part of a campaign: one part more does not change the others."""
+        return Random(f"{self.campaign}/{self.seed}/" + "/".join(map(str, names)))
+
+    def did(self, trials: int = 1) -> None:
+        """So many more trials are done."""
+        self.trials += trials
+        self.progress(self.trials)
+
+    def count(self, name: str, amount: int = 1) -> None:
+        self.counts[name] += amount
+
+    def line(self, text: str) -> None:
+        """One thing that happened, readable by itself; part of the digest."""
+        self._hash.update(text.encode() + b"\n")
+        if self.listener is not None:
+            self.listener(text)
+
+    def violation(self, text: str) -> None:
+        """Something that must never be. ``text`` names what, when and with which seed it is seen again."""
+        self.line(f"VIOLATION {text}")
+        self.violated += 1
+        if len(self.violations) < KEPT:
+            self.violations.append(text)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all lines."""
+        return str(self._hash.hexdigest())
+
+
+def find(name: str) -> Campaign:
+    """The campaign of this name. Raises KeyError."""
+    if name not in NAMES:
+        raise KeyError(name)
+    found: Campaign = import_module(f"drivebus.lab.campaigns.{name}").CAMPAIGN
+    return found
+
+
+def perform(campaign: Campaign, session: Session) -> Session:
+    """Run it; whatever escapes from it is a violation too (I8), never a traceback that hides the rest."""
+    try:
+        campaign.run(session)
+    except Exception as error:
+        session.violation(f"{type(error).__name__} escaped: {error}")
+        raise
+    return session

@@ -1,0 +1,66 @@
+"""What a campaign leaves behind: one JSON file a campaign under ``docs/reports/``, and its summary as a line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from math import log
+from pathlib import Path
+from typing import Any
+
+from drivebus.lab.campaign import Campaign, Session
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def document(campaign: Campaign, session: Session) -> dict[str, Any]:
+    """All that the run found. The same seed, budget and commit give the same, but for ``machine``."""
+    return {
+        "campaign": campaign.name,
+        "evidence_for": list(campaign.ids),
+        "commit": commit(),
+        "seed": session.seed,
+        "budget": session.budget,
+        "unit": campaign.unit,
+        "trials": session.trials,
+        "violations": session.violated,
+        "upper_bound_95": bound(session.violated, session.trials),
+        "counts": dict(sorted(session.counts.items())),
+        "figures": session.figures,
+        "machine": session.machine,
+        "trace_sha256": session.digest,
+        "violated": session.violations,
+    }
+
+
+def bound(violations: int, trials: int) -> float | None:
+    """With no violation in n trials its rate is below this with 95 % confidence: 1 - 0.05^(1/n), about 3/n.
+
+    None where there was one (then the count itself is the finding), or nothing was tried.
+    """
+    if violations or not trials:
+        return None
+    return float(f"{-log(0.05) / trials:.2g}")
+
+
+def write(folder: Path, campaign: Campaign, session: Session) -> Path:
+    """``lab-<campaign>.json`` in ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"lab-{campaign.name}.json"
+    text = json.dumps(document(campaign, session), indent=1, ensure_ascii=False, default=str)
+    path.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def commit() -> str:
+    """The commit that was tried, "-dirty" where the package's files were changed since; "" without a repository."""
+    try:
+        found = _git("rev-parse", "--short=12", "HEAD")
+        return found + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", ".") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=PACKAGE, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
