@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from buskit import LINE, C, Station, ask_read, ask_write, book, link, read
-from drivebus.bus import Poll, arithmetic
+from drivebus.bus import BusStatistics, Poll, StationStatistics, arithmetic
 from drivebus.bus.planner import Plan
 from drivebus.line import LineSettings
 from drivebus.message import Effect, Lane, StationLink, StationTiming
@@ -171,6 +171,60 @@ def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
     assert found.bytes_received == 13 * found.replies
     assert found.elapsed_s == 31
     assert 0 < found.load_percent < found.occupied_percent <= 100
+
+
+def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:
+    """In 30 s 300 exchanges with the first drive, 30 with the second, none with the third."""
+    play = book(Station(1, delay_s=0.004), Station(2, delay_s=0.008), Station(3))
+    play.watch(1, [Poll(read(1), 0.1, phase_s=0.05)], 1)
+    play.watch(2, [Poll(read(2), 1.0, phase_s=0.5)], 2)
+    play.until(30)
+    found = play.core.statistics(play.now)
+    for address, count, delay_s in ((1, 300, 0.004), (2, 30, 0.008)):
+        one = found.stations[address]
+        assert one.transactions_per_s == pytest.approx(count / 30)
+        assert one.load_percent == pytest.approx(100 * count * 21 * C / 30)
+        assert one.occupied_percent == pytest.approx(100 * count * (24.5 * C + delay_s) / 30)
+    assert _line_use(found.stations[3]) == (0, 0, 0)
+    _adds_up(found)
+    play.until(99)  # now it is the time since the end of the 512th last, less than a minute
+    found = play.core.statistics(play.now)
+    ends = sorted((answer.received_at or 0) + 3.5 * C for address in (1, 2) for answer in play.answers[address])
+    assert found.transactions_per_s == pytest.approx(511 / (99 - ends[-512]))
+    assert found.stations[2].transactions_per_s == pytest.approx(46 / (99 - ends[-512]))
+    _adds_up(found)
+
+
+def test_the_recent_figures_of_a_slow_bus_look_back_a_minute() -> None:
+    play = book(Station(1))
+    play.watch(1, [Poll(read(1), 2.0, phase_s=0.5)], 1)
+    play.until(100)
+    assert play.core.statistics(play.now).stations[1].transactions_per_s == pytest.approx(30 / 60)
+    play._perform(play.core.unwatch(1, play.now))
+    play.until(200)
+    assert _line_use(play.core.statistics(play.now)) == (0, 0, 0)
+
+
+def test_what_a_removed_drive_used_stays_with_the_bus_and_is_not_its_successors() -> None:
+    play = book(Station(1), Station(2))
+    for address in (1, 2):
+        play.watch(address, [Poll(read(address), 0.1)], address)
+    play.until(10)
+    before = play.core.statistics(play.now)
+    play._perform(play.core.remove(1, play.now))
+    play.core.add(link(1))
+    after = play.core.statistics(play.now)
+    assert _line_use(after) == _line_use(before) and _line_use(after.stations[1]) == (0, 0, 0)
+    assert _line_use(after.stations[2]) == _line_use(before.stations[2]) > (0, 0, 0)
+
+
+def _line_use(found: StationStatistics) -> tuple[float, float, float]:
+    return found.load_percent, found.occupied_percent, found.transactions_per_s
+
+
+def _adds_up(found: BusStatistics) -> None:
+    sums = [sum(shares) for shares in zip(*map(_line_use, found.stations.values()), strict=True)]
+    assert sums == pytest.approx(_line_use(found)) and min(sums) > 0
 
 
 def test_a_watch_that_was_cancelled_while_its_station_was_silent_stays_cancelled() -> None:

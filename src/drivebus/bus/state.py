@@ -116,5 +116,6 @@ class BusState:
     def count(self, flight: Transaction, now: float) -> None:
         """The wire was used by both frames, and kept from everybody until now."""
         wire_s = flight.job.send_s + (flight.heard + len(flight.early)) * self.character_s
-        self.activity.add(now, wire_s, now - flight.sent_at)
-        flight.job.station.counters.bytes_received += flight.heard
+        counters = flight.job.station.counters
+        self.activity.add(now, wire_s, now - flight.sent_at, counters)
+        counters.bytes_received += flight.heard

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from drivebus.errors import NoReply
 
@@ -112,6 +113,12 @@ class StationStatistics:
     (RELIABILITY 4, link-quality gate). Silence does not count."""
     damage_rate: float = 0.0
     """Their share of the transactions, 0 to 1."""
+    load_percent: float = 0.0
+    """Share of recent time in which bytes were on the wire, either way."""
+    occupied_percent: float = 0.0
+    """Share of recent time in which the bus could take no other frame (frames, waiting, gaps)."""
+    transactions_per_s: float = 0.0
+    """In the same recent time as the whole bus's, so that the drives of a bus add up to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,49 +127,58 @@ class BusStatistics(StationStatistics):
 
     name: str = ""
     elapsed_s: float = 0.0
-    load_percent: float = 0.0
-    """Share of recent time in which bytes were on the wire, either way."""
-    occupied_percent: float = 0.0
-    """Share of recent time in which the bus could take no other frame (frames, waiting, gaps)."""
-    transactions_per_s: float = 0.0
     queued: int = 0
     stations: Mapping[int, StationStatistics] = field(default_factory=dict)
 
 
+class Share(NamedTuple):
+    """What somebody took of a bus's recent time: load %, occupied %, transactions per second."""
+
+    load_percent: float = 0.0
+    occupied_percent: float = 0.0
+    transactions_per_s: float = 0.0
+
+
+NOTHING = Share()
+
+
 class Activity:
-    """The most recent transactions of a bus: when each ended, how long it used the wire and kept the bus."""
+    """The most recent transactions of a bus: when each ended, how long it used the wire and kept the bus, and whose."""
 
     __slots__ = ("_recent",)
 
     def __init__(self) -> None:
-        self._recent: deque[tuple[float, float, float]] = deque(maxlen=RECENT)
+        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT)
 
-    def add(self, now: float, wire_s: float, kept_s: float) -> None:
-        self._recent.append((now, wire_s, kept_s))
+    def add(self, now: float, wire_s: float, kept_s: float, station: Counters) -> None:
+        self._recent.append((now, wire_s, kept_s, station))
 
-    def figures(self, now: float, since: float) -> tuple[float, float, float]:
-        """Load %, occupied %, transactions per second over the last minute at most."""
+    def shares(self, now: float, since: float) -> dict[Counters | None, Share]:
+        """Of the whole bus (None) and of each station that was spoken to, over the last minute at most."""
         earliest = max(since, now - 60.0)
         recent = [entry for entry in self._recent if entry[0] > earliest]
-        if not recent:
-            return 0.0, 0.0, 0.0
         full = len(recent) == RECENT
         begun = recent[0][0] if full else earliest
-        counted = recent[1:] if full else recent
         span = max(now - begun, 1e-9)
-        wire = sum(entry[1] for entry in counted)
-        kept = sum(entry[2] for entry in counted)
-        return min(100.0, 100 * wire / span), min(100.0, 100 * kept / span), len(counted) / span
+        sums: dict[Counters | None, tuple[float, float, int]] = {}
+        for _, wire_s, kept_s, station in recent[full:]:
+            for whose in (None, station):
+                wire, kept, count = sums.get(whose, (0.0, 0.0, 0))
+                sums[whose] = wire + wire_s, kept + kept_s, count + 1
+        return {
+            whose: Share(min(100.0, 100 * wire / span), min(100.0, 100 * kept / span), count / span)
+            for whose, (wire, kept, count) in sums.items()
+        }
 
 
-def figures(counters: Counters, now: float) -> StationStatistics:
-    """A picture of one station's counters."""
+def figures(counters: Counters, share: Share, now: float) -> StationStatistics:
+    """A picture of one station's counters and of its share of the bus."""
     p50, p95, p99 = percentiles(sorted(counters.recent))
     totals = counters.window.totals(now)
     failed, damaged = _shares(totals)
     return StationStatistics(
         counters.transactions, counters.replies, counters.bytes_sent, counters.bytes_received, p50, p95, p99,
-        failed, dict(counters.errors), dict(counters.kinds), totals[DAMAGED], damaged,
+        failed, dict(counters.errors), dict(counters.kinds), totals[DAMAGED], damaged, *share,
     )  # fmt: skip
 
 
@@ -180,7 +196,7 @@ def snapshot(
     queued: int, echoes: int,
 ) -> BusStatistics:  # fmt: skip
     """The whole bus at ``now``; it was opened at ``since``. ``counters``: what belongs to no station (any more)."""
-    load, occupied, rate = activity.figures(now, since)
+    shares = activity.shares(now, since)
     everyone = [counters, *stations.values()]
     good, silent, spoiled = (sum(ending) for ending in zip(*(one.window.totals(now) for one in everyone), strict=True))
     failed, damaged = _shares((good, silent, spoiled))
@@ -188,8 +204,8 @@ def snapshot(
     return BusStatistics(
         sum(one.transactions for one in everyone), sum(one.replies for one in everyone),
         sum(one.bytes_sent for one in everyone), counters.bytes_received, p50, p95, p99, failed, dict(counters.errors),
-        {**counters.kinds, "echo": echoes}, spoiled, damaged, name, now - since, load, occupied, rate, queued,
-        {address: figures(one, now) for address, one in stations.items()},
+        {**counters.kinds, "echo": echoes}, spoiled, damaged, *shares.get(None, NOTHING), name, now - since, queued,
+        {address: figures(one, shares.get(one, NOTHING), now) for address, one in stations.items()},
     )  # fmt: skip
 
 
