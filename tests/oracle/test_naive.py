@@ -1,0 +1,63 @@
+"""The naive codecs read the manuals' own worked frames (C320 section 4, DZB100 section 3), typed from there."""
+
+from __future__ import annotations
+
+import pytest
+from oracle import naive_c320, naive_dzb100
+
+# (section, what is asked, request, reply, data of the reply); 4.5's and 4.6's misprinted hex and 3AH forms are left out.
+C320 = [
+    ("4.1", dict(kind=0), "2A30303030313030303031 38310D", "2A 30303030313034303030323230323439 0D", 0x22),
+    ("4.1", dict(kind=0), "5A00000000010000000000 00010D", "5A 00000000010004000000002200000027 0D", 0x22),
+    ("4.2", dict(kind=1), "2A30303130313030303031 38320D", "2A 30303030313030303033453730323630 0D", 999),
+    ("4.2", dict(kind=1), "5A00000100010000000000 00020D", "5A 0000000001000000000003E7000000EB 0D", 999),
+    ("4.3", dict(kind=2, item=1), "2A30303230313030313031 38340D", "2A 30303030313030313030303230323434 0D", 2),
+    ("4.3", dict(kind=2, item=1), "5A00000200010000010000 00040D", "5A 00000000010000010000000200000004 0D", 2),
+    (
+        "4.4",
+        dict(kind=3, group=4, data=1),
+        "2A 30303330313430303030303130323439 0D",
+        "2A 30303030313430303030303130323436 0D",
+        1,
+    ),
+    (
+        "4.4",
+        dict(kind=3, group=4, data=1),
+        "5A 00000300010400000000000100000009 0D",
+        "5A 00000000010400000000000100000006 0D",
+        1,
+    ),
+]
+
+
+@pytest.mark.parametrize(("section", "asked", "request_hex", "reply_hex", "data"), C320)
+def test_the_naive_c320_builds_and_reads_the_manuals_frames(
+    section: str, asked: dict[str, int], request_hex: str, reply_hex: str, data: int
+) -> None:
+    request, reply = bytes.fromhex(request_hex), bytes.fromhex(reply_hex)
+    encoding = "ascii" if request[0] == 0x2A else "hex"
+    assert naive_c320.build(encoding, 0, operation=1, **asked) == request, section
+    read = naive_c320.judge(request, reply)
+    assert (read["address"], read["response"], read["state"], read["data"]) == (0, 0, 1, data), section
+
+
+def test_the_naive_c320_builds_example_4_6() -> None:
+    request = bytes.fromhex("2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D")
+    assert naive_c320.build("ascii", 0, 4, operation=0x11, data=999) == request
+
+
+DZB100 = [
+    ("1", ("control", 1, 1, 1000), "43030130313031 30334538", "43030630313031 30334538", 1000),
+    ("2", ("write", 2, 10, 0x96), "50030130323130 30303936", "50030630323130 30303936", 0x96),
+    ("3", ("read", 3, 23, 0), "52030130333233 30303030", "52030630333233 30303634", 100),
+]
+
+
+@pytest.mark.parametrize(("example", "asked", "request_hex", "reply_hex", "data"), DZB100)
+def test_the_naive_dzb100_builds_and_reads_the_manuals_frames(
+    example: str, asked: tuple[str, int, int, int], request_hex: str, reply_hex: str, data: int
+) -> None:
+    request, reply = bytes.fromhex(request_hex), bytes.fromhex(reply_hex)
+    assert naive_dzb100.build(*asked) == request, example
+    read = naive_dzb100.judge(request, reply)
+    assert (read["b"], read["data"]) == (6, data), example
