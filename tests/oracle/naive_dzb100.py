@@ -1,7 +1,7 @@
 """DZB100, read a second time: slow, plain, and sharing no line with ``drivebus``. Sections are the manual's.
 
-Where the manual contradicts itself or is silent: a read's head is R (the text prints P, example 3 prints R), Q is padded
-with 0000 like example 3's R, and a C reply's B may be 06 (example 1) as well as the text's X0 to X8.
+Where the manual contradicts itself or is silent: a read's head is R (the text prints P, example 3 prints R), Q is
+padded with 0000 like that R, and a C reply's B may be 06 (example 1) as well as the text's X0 to X8.
 """
 
 # Section 2 (4): each digit is one of these characters.
