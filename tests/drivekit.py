@@ -61,7 +61,7 @@ class World:
         if isinstance(step, Look):
             return self.around
         if isinstance(step, Keep):
-            return self.store.put(step.key, step.value)
+            return self.store.update(step.key, step.change)
         return self.transact(step)
 
     def pass_time(self, seconds: float) -> None:

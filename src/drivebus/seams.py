@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 
@@ -19,7 +20,11 @@ class Rng(Protocol):
 
 
 class Store(Protocol):
-    """A small persistent mapping (EEPROM wear, proofs); writes are durable when ``put`` returns."""
+    """A small persistent mapping (EEPROM wear, proofs); writes are durable when ``put`` and ``update`` return."""
 
     def get(self, key: str) -> str | None: ...
     def put(self, key: str, value: str) -> None: ...
+
+    def update(self, key: str, change: Callable[[str | None], str]) -> None:
+        """Put what ``change`` makes of the value, with no other writer in between; where it raises, put nothing."""
+        ...

@@ -83,6 +83,26 @@ def test_a_model_that_cannot_tell_ram_from_eeprom_needs_save_said() -> None:
     assert ask(*words, "--save")["outcome"] == "confirmed"
 
 
+def test_g16_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a serial port: a simulated drive's own count would end with the program."""
+    monkeypatch.setattr("drivebus.drives.drive.FORGETFUL", ())
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    words = ("write", "sim://df800@1", "--save", "--model", "df800", "--address", "1")
+    assert ask(*words, "F1.07=12", "--saves-per-day", "1")["outcome"] == "confirmed"
+    error = ask(*words, "F1.07=13", "--saves-per-day", "1", code=1)["error"]
+    assert (error["type"], error["params"]["budget"]) == ("WearBudget", 1)
+    assert "--saves-per-day" in error["hint"]
+    assert ask(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
+
+
+def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expected() -> None:
+    words = ("write", "sim://df800@1", "F1.07=12", "--save", "--model", "df800", "--address", "1")
+    text = ask(*words, "--saves-per-day", "-1", code=2)["error"]["text"]
+    assert "--saves-per-day" in text and "found -1" in text and "expected a whole number" in text
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
     said = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from drivebus.drives.commloss import if_host_dies
-from drivebus.drives.memory import Memory
+from drivebus.drives.memory import DriveLimits, Memory
 from drivebus.drives.operation import Talk
 from drivebus.drives.parameters import read, write
 from drivebus.drives.preflight import preflight
@@ -30,7 +31,7 @@ from drivebus.errors import (
 )
 from drivebus.protocols import modbus, sifang
 from drivebus.reading import Reading
-from drivekit import PaperC320, PaperModbus, World, dialect_of
+from drivekit import Bench, PaperC320, PaperModbus, World, dialect_of, story
 
 
 class Desk:
@@ -152,6 +153,31 @@ def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
         Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
     with pytest.raises(WearBudget):
         Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
+
+
+@pytest.mark.parametrize("found", [-1, 2.0, "5", True, None])
+def test_a_budget_is_a_whole_number(found: Any) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        DriveLimits(saves_per_day=found)
+    assert (caught.value.key, caught.value.params["found"]) == ("drives.saves_per_day", found)
+
+
+def test_g16_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
+    """Counted whatever the budget is: one that is raised goes on where the old one ended, 0 saves nothing."""
+
+    async def saved(budget: int, value: float) -> bool:
+        limits = DriveLimits(saves_per_day=budget)
+        async with Bench("c320") as bench:
+            drive = bench.drive(limits=limits, store=FileStore(tmp_path / "s.json"))
+            try:
+                return (await drive.write({"F0.2": value}, save=True)).done
+            except WearBudget as error:
+                assert error.params["budget"] == budget
+                assert not bench.station().memory.eeprom_writes
+                return False
+
+    tries = [(0, 10.0), (2, 11.0), (2, 12.0), (2, 13.0), (3, 14.0), (3, 15.0), (0, 16.0)]
+    assert [story(saved(*one)) for one in tries] == [False, True, True, False, True, False, False]
 
 
 def test_a_save_is_counted_before_it_is_sent() -> None:
@@ -343,6 +369,85 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
     monkeypatch.undo()
     assert FileStore(path).get("a") == "1"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["s.json", "s.lock"]
+
+
+def test_an_update_that_raises_changes_nothing(tmp_path: Path) -> None:
+    def refuse(old: str | None) -> str:
+        raise LookupError(old)
+
+    for store in (MemoryStore(), FileStore(tmp_path / "s.json")):
+        store.put("a", "1")
+        with pytest.raises(LookupError, match="1"):
+            store.update("a", refuse)
+        assert store.get("a") == "1"
+
+
+CHARGE_MANY = """
+import sys
+from drivebus.drives.store import FileStore
+from drivebus.drives.talk import play
+from drivebus.drives.wear import Wear
+from drivebus.errors import WearBudget
+store, counted = FileStore(sys.argv[1]), 0
+for n in range(25):
+    try:
+        charge = Wear(store, "port/1", int(sys.argv[2])).charge("F0.2", "2026-01-02")
+        play(charge, lambda step: store.update(step.key, step.change))
+        counted += 1
+    except WearBudget:
+        pass
+print(counted)
+"""
+
+
+@pytest.mark.parametrize(("budget", "expected"), [(1000, 50), (30, 30)])
+def test_g16_two_programs_that_save_the_same_parameter_lose_no_count(
+    tmp_path: Path, budget: int, expected: int
+) -> None:
+    """Nor do they, together, save more often than the budget allows."""
+    path = tmp_path / "s.json"
+    command = [sys.executable, "-c", CHARGE_MANY, str(path), str(budget)]
+    programs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    counted = [int(program.communicate(timeout=60)[0]) for program in programs]
+    assert sum(counted) == Wear(FileStore(path), "port/1").count("F0.2").total == expected
+
+
+class Msvcrt:
+    """Windows' lock of a byte: somebody holds it for the first ``busy`` tries of ten seconds each."""
+
+    LK_LOCK, LK_UNLCK = 1, 0
+
+    def __init__(self, busy: int, error: int = errno.EDEADLK) -> None:
+        self.busy, self.error = busy, error
+        self.calls: list[tuple[int, int]] = []
+
+    def locking(self, fd: int, mode: int, count: int) -> None:
+        self.calls.append((mode, count))
+        if mode == self.LK_LOCK and len(self.calls) <= self.busy:
+            raise OSError(self.error, "locked")
+
+
+def on_windows(monkeypatch: pytest.MonkeyPatch, msvcrt: Msvcrt) -> None:
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setitem(sys.modules, "msvcrt", msvcrt)
+
+
+def test_windows_waits_for_the_lock_and_gives_it_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    msvcrt = Msvcrt(busy=2)
+    on_windows(monkeypatch, msvcrt)
+    store = FileStore(tmp_path / "s.json")
+    store.update("a", lambda old: f"{len(msvcrt.calls)}")
+    assert store.get("a") == "3", "changed before it held the lock"
+    assert msvcrt.calls == [(1, 1), (1, 1), (1, 1), (0, 1)]
+
+
+def test_a_lock_that_windows_refuses_is_an_error_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    on_windows(monkeypatch, Msvcrt(busy=1, error=errno.EBADF))
+    with pytest.raises(OSError, match="locked"):
+        FileStore(tmp_path / "s.json").put("a", "1")
+    assert not (tmp_path / "s.json").exists()
 
 
 PUT_MANY = """

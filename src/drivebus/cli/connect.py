@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
-    from drivebus.drives import Drive
+    from drivebus.drives import Drive, DriveLimits
     from drivebus.line import LineSettings
     from drivebus.ports.port import Port
     from drivebus.profiles import DriveProfile
@@ -87,8 +87,8 @@ def open_port(link: str, profile: DriveProfile | None, baud: int | None, format:
 
 
 @asynccontextmanager
-async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
-    """The open bus with the drive on it; closed afterwards.
+async def drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
+    """The open bus with the drive on it, within the user's ``limits``; closed afterwards.
 
     Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created.
     """
@@ -101,7 +101,7 @@ async def drive(target: Target) -> AsyncIterator[tuple[Bus, Drive]]:
     settings = target.settings()
     with recorded(open_port(target.link, profile, target.baud, target.format), target.record) as port:
         async with Bus(port) as bus:
-            found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings)
+            found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings, limits=limits)
             try:
                 yield bus, found
             except BusError:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import click
 
     from drivebus.cli.dry import DryRun
-    from drivebus.drives import Drive
+    from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.state import Outcome
 
 
@@ -49,9 +49,9 @@ def drive_verb(
     return Verb(name, callback=run, params=[*params, options.dry_run()], examples=examples)
 
 
-async def command(target: Target, do: Callable[[Drive], Awaitable[Outcome]]) -> Exit:
+async def command(target: Target, do: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None) -> Exit:
     """One command to one drive; its outcome decides the exit code."""
-    async with connect.drive(target) as (bus, drive):
+    async with connect.drive(target, limits) as (bus, drive):
         return tell(await do(drive), bus.now())
 
 

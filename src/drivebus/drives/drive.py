@@ -79,7 +79,8 @@ class Drive:
         self._store = store if store is not None else _default_store(bus)
         self._given = dict(settings or {})
         self.dialect: Dialect = make_dialect(loaded, address, encoding=encoding, settings=self._given, timing=timing)
-        self._memory = Memory(self.dialect, Wear(self._store, self._key), limits or DriveLimits())
+        given_limits = limits or DriveLimits()
+        self._memory = Memory(self.dialect, self._wear(given_limits), given_limits)
         self._recalled = False
         self._lock = asyncio.Lock()
         self._insisting: asyncio.Task[None] | None = None
@@ -98,6 +99,9 @@ class Drive:
         """What proofs and wear are kept under."""
         return f"{self.bus.port.identity}/{self.address}"
 
+    def _wear(self, limits: DriveLimits) -> Wear:
+        return Wear(self._store, self._key, limits.saves_per_day)
+
     def _recall(self) -> None:
         """What was proved and worn before: known once the port is open, as only then it knows which device it is (F12).
 
@@ -106,7 +110,7 @@ class Drive:
         if self._recalled or self.bus.is_closed:
             return
         self._recalled = True
-        self._memory.wear = Wear(self._store, self._key)
+        self._memory.wear = self._wear(self._memory.limits)
         for setting, value in self._proofs().items():
             if setting not in self._given:
                 self.dialect.settle(setting, value)

@@ -8,19 +8,29 @@ from drivebus.drives.dialect import Dialect
 from drivebus.drives.gate import Command, Kind
 from drivebus.drives.state import Direction
 from drivebus.drives.talk import Surroundings
-from drivebus.drives.wear import Wear
-from drivebus.errors import CapabilityError, LimitError
+from drivebus.drives.wear import DAILY_BUDGET, Wear
+from drivebus.errors import CapabilityError, ConfigurationError, LimitError
 from drivebus.profiles.model import Text
 
 
 @dataclass(frozen=True, slots=True)
 class DriveLimits:
-    """The user's own limits; they can only be narrower than the profile's. Hz."""
+    """The user's own limits. Those of frequency, in Hz, can only be narrower than the profile's.
+
+    Raises ConfigurationError where ``saves_per_day`` is no whole number from 0.
+    """
 
     minimum_hz: float = 0.0
     maximum_hz: float | None = None
     forward: bool = True
     reverse: bool = True
+    saves_per_day: int = DAILY_BUDGET
+    """How often a day each parameter may be written to EEPROM, 0: never (G16). Counted over restarts."""
+
+    def __post_init__(self) -> None:
+        found = self.saves_per_day
+        if type(found) is not int or found < 0:
+            raise ConfigurationError("drives.saves_per_day", found=found)
 
 
 @dataclass(frozen=True, slots=True)

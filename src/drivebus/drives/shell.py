@@ -36,7 +36,7 @@ async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
     if isinstance(step, Look):
         return surroundings(bus, address)
     assert isinstance(step, Keep)
-    return await asyncio.to_thread(store.put, step.key, step.value)
+    return await asyncio.to_thread(store.update, step.key, step.change)
 
 
 def surroundings(bus: Bus, address: int) -> Surroundings:

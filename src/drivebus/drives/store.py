@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from drivebus.errors import ConfigurationError
 
@@ -25,11 +27,15 @@ class MemoryStore:
     def put(self, key: str, value: str) -> None:
         self._values[key] = value
 
+    def update(self, key: str, change: Callable[[str | None], str]) -> None:
+        self._values[key] = change(self._values.get(key))
+
 
 class FileStore:
-    """A Store in a file. ``put`` returns when the value would survive a power cut (written, synced, renamed, synced).
+    """A Store in a file. ``put`` and ``update`` return when the value would survive a power cut (written, synced,
+    renamed, synced).
 
-    Several programs may use one file: each ``put`` reads it again under a lock. Raises ConfigurationError where the
+    Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the
     file is not one of ours: counters are never started again from nothing.
     """
 
@@ -40,10 +46,13 @@ class FileStore:
         return self._read().get(key)
 
     def put(self, key: str, value: str) -> None:
+        self.update(key, lambda _: value)
+
+    def update(self, key: str, change: Callable[[str | None], str]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with _locked(self.path.with_suffix(".lock")):
             values = self._read()
-            values[key] = value
+            values[key] = change(values.get(key))
             _replace(self.path, json.dumps({"format": FORMAT, "values": values}, indent=1, sort_keys=True))
 
     def _read(self) -> dict[str, str]:
@@ -93,12 +102,32 @@ def _replace(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """One writer at a time, also among programs, where the platform has advisory locks."""
+    """One writer at a time, also among programs and threads; whoever comes later waits."""
     try:
-        import fcntl
-    except ImportError:  # Windows: two drivebus programs that write in the same instant may lose one count
-        yield
+        from fcntl import LOCK_EX, flock
+    except ImportError:  # Windows
+        with path.open("w") as file, _locked_by_msvcrt(file.fileno()):
+            yield
         return
     with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        flock(file, LOCK_EX)
         yield
+
+
+@contextlib.contextmanager
+def _locked_by_msvcrt(fd: int) -> Iterator[None]:
+    """Windows locks bytes, here the first one. ``LK_LOCK`` gives up after ten seconds with EDEADLK: ask again."""
+    import msvcrt
+
+    windows: Any = msvcrt
+    while True:
+        try:
+            windows.locking(fd, windows.LK_LOCK, 1)
+            break
+        except OSError as error:
+            if error.errno != errno.EDEADLK:
+                raise
+    try:
+        yield
+    finally:
+        windows.locking(fd, windows.LK_UNLCK, 1)

@@ -5,7 +5,7 @@ A conversation is a generator: it yields a step and is sent what came of it.
     Ask(...)      → Answer            one transaction on the bus
     Wait(s)       → now               silence on our side
     LOOK          → Surroundings      time, stop generation, latch and health, at this moment
-    Keep(k, v)    → None              durable when it returns (EEPROM wear, proofs)
+    Keep(k, f)    → None              f(what is kept now) is durable when it returns (EEPROM wear); f may raise
 
 No clock, loop or port is imported here or by any conversation.
 """
@@ -35,10 +35,10 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Store a value so that it survives a power cut."""
+    """Change a stored value so that it survives a power cut, and so that no other program changes it in between."""
 
     key: str
-    value: str
+    change: Callable[[str | None], str]
 
 
 @dataclass(frozen=True, slots=True)

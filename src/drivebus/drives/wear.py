@@ -5,7 +5,8 @@ stores. These drives have no serial number to key on: the key is port identity +
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 
 from drivebus.drives.talk import Conversation, Keep
 from drivebus.errors import WearBudget
@@ -34,7 +35,9 @@ class Wear:
 
     def count(self, notation: str) -> Count:
         """What is stored; a record that can't be read counts as a used-up budget, never as none."""
-        text = self._store.get(self._name(notation))
+        return self._read(self._store.get(self._name(notation)))
+
+    def _read(self, text: str | None) -> Count:
         if text is None:
             return Count()
         try:
@@ -46,25 +49,28 @@ class Wear:
         return f"wear/{self._key}/{notation}"
 
     def charge(self, notation: str, day: str) -> Conversation[None]:
-        """Count one save *before* it is sent: a write that may have happened counts. Raises WearBudget."""
-        old = self.count(notation)
-        today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
-        if today >= self.budget:
-            raise WearBudget("drives.wear_budget", notation=notation, count=today, budget=self.budget)
-        yield from self._put(notation, Count(max(day, old.day), today + 1, old.total + 1, old.ram_written))
+        """Count one save *before* it is sent: a write that may have happened counts. Raises WearBudget.
+
+        Read, judged and counted as one: two programs never save on the same count.
+        """
+
+        def one_more(old: Count) -> Count:
+            today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
+            if today >= self.budget:
+                raise WearBudget("drives.wear_budget", notation=notation, count=today, budget=self.budget)
+            return replace(old, day=max(day, old.day), today=today + 1, total=old.total + 1)
+
+        yield from self._change(notation, one_more)
 
     def saved(self, notation: str) -> Conversation[None]:
         """The drive is known to have saved: RAM and EEPROM are the same again. Never before that is known."""
-        old = self.count(notation)
-        if old.ram_written:
-            yield from self._put(notation, Count(old.day, old.today, old.total, False))
+        if self.count(notation).ram_written:
+            yield from self._change(notation, lambda old: replace(old, ram_written=False))
 
     def ram_only(self, notation: str) -> Conversation[None]:
         """Remember that RAM and EEPROM may differ from now on."""
-        old = self.count(notation)
-        if not old.ram_written:
-            yield from self._put(notation, Count(old.day, old.today, old.total, True))
+        if not self.count(notation).ram_written:
+            yield from self._change(notation, lambda old: replace(old, ram_written=True))
 
-    def _put(self, notation: str, count: Count) -> Conversation[None]:
-        fields = {"day": count.day, "today": count.today, "total": count.total, "ram_written": count.ram_written}
-        yield Keep(self._name(notation), json.dumps(fields))
+    def _change(self, notation: str, change: Callable[[Count], Count]) -> Conversation[None]:
+        yield Keep(self._name(notation), lambda text: json.dumps(asdict(change(self._read(text)))))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import click
+
 from drivebus.cli import options
 from drivebus.cli.command import Argument, Option
 from drivebus.cli.connect import Target
@@ -25,11 +27,14 @@ def assigned(text: str) -> tuple[str, float]:
     return name, float(value)
 
 
-async def _write(target: Target, settings: Assignments, save: bool) -> Exit:
-    return await send(target, lambda drive: drive.write(dict(settings), save=save))
+async def _write(target: Target, settings: Assignments, save: bool, saves_per_day: int | None) -> Exit:
+    from drivebus.drives import DriveLimits
+
+    limits = None if saves_per_day is None else DriveLimits(saves_per_day=saves_per_day)
+    return await send(target, lambda drive: drive.write(dict(settings), save=save), limits)
 
 
-def _plan(dry: DryRun, settings: Assignments, save: bool) -> Exit:
+def _plan(dry: DryRun, settings: Assignments, save: bool, saves_per_day: int | None) -> Exit:
     from drivebus.errors import ConfigurationError
     from drivebus.profiles.model import Parameter
 
@@ -67,6 +72,12 @@ command = drive_verb(
             type=options.Parsed("assignment", assigned, "cli.expect.assignment"),
         ),
         Option(["--save"], is_flag=True),
+        Option(
+            ["--saves-per-day"],
+            type=options.Checked(click.IntRange(min=0), "cli.expect.whole_number"),
+            metavar="N",
+            example="--saves-per-day 50",
+        ),
     ),
     examples=(
         "drivebus write /dev/ttyUSB0 F1.10=1 --model c320 --address 1",
