@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus import errors
+from drivebus import errors, profiles
 from drivebus.cli import exits
 from drivebus.cli.root import cli
 from drivebus.sim.port import forget_benches
@@ -165,6 +165,45 @@ def test_models_lists_every_profile_with_its_grade() -> None:
     found = {one["model"]: one["grade"] for one in ask("models")["models"]}
     assert {"c320", "dzb100", "vc660", "df800"} <= set(found)
     assert found["c300"] == "draft"
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The directory for own profiles, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    directory = tmp_path / "drivebus" / "profiles"
+    directory.mkdir(parents=True)
+    return directory
+
+
+def test_a_broken_profile_of_ones_own_hides_no_other_and_is_named(own: Path) -> None:
+    """With file, line, key and remedy, once each; whatever is wrong with it."""
+    (own / "good.toml").write_text('format = 1\nextends = "c320"\n')
+    (own / "slip.toml").write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_herz = 60.0\n')
+    (own / "vc660.toml").write_text('format = 1\nextends = "df800"\n')
+    (own / "folder.toml").mkdir()
+    document = ask("models", code=2)
+    assert {"c320", "df800", "good"} <= {one["model"] for one in document["models"]}
+    refused = {Path(one["params"]["file"]).name: one["params"] for one in document["refused"]}
+    assert len(document["refused"]) == len(refused) == 3
+    slip = refused["slip.toml"]
+    assert (slip["line"], slip["key"], bool(slip["remedy"])) == (4, "limits.maximum_herz", True)
+    assert [refused[name]["complaints"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
+        "shadows",
+        "unreadable",
+    ]
+    result = CliRunner().invoke(cli, ["models", "--lang", "en"])
+    assert result.exit_code == 2
+    assert "good" in result.stdout and "slip.toml:4" in result.stderr and "limits.maximum_herz" in result.stderr
+
+
+def test_models_lists_what_the_option_model_takes_and_nothing_twice(own: Path) -> None:
+    """Also a file without ``model =``, which keeps its base's name within."""
+    (own / "mine.toml").write_text('format = 1\nextends = "c320"\n')
+    names = [one["model"] for one in ask("models")["models"]]
+    assert names.count("c320") == 1 and names[-1] == "mine"
+    for name in names:
+        assert ask("profile", "check", str(profiles.load(name).source))["valid"]
 
 
 def test_ports_answers_on_a_machine_without_serial_ports_too() -> None:

@@ -102,4 +102,4 @@ def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() 
     for kind in kinds:
         assert {f"profiles.{part}.{kind}" for part in ("kind", "expected", "remedy")} <= i18n.catalogue("en").keys()
     shown = {complaint["kind"] for path in FILES for complaint in expected(path)}
-    assert kinds - shown == {"no_file", "no_model", "shadows"}
+    assert kinds - shown == {"no_file", "no_model", "shadows", "unreadable"}

@@ -47,11 +47,16 @@ def code_of(error: BaseException) -> Exit:
 def report(error: DrivebusError) -> Exit:
     """Say what went wrong, on standard error, and as a document where JSON was asked for."""
     code = code_of(error)
+    complain(error)
+    voice.document(describe(error) | {"exit": int(code)}, stream=True)
+    return code
+
+
+def complain(error: DrivebusError) -> None:
+    """What went wrong and what to do about it, on standard error."""
     _complain(sentence(error))
     if said := hint(error):
         click.echo(voice.wrapped(said, sys.stderr), err=True)
-    voice.document(describe(error) | {"exit": int(code)}, stream=True)
-    return code
 
 
 def describe(error: DrivebusError) -> dict[str, Any]:

@@ -137,7 +137,10 @@ def _base(here: _Source, base: str) -> Path:
 
 def _read(path: Path) -> _Source:
     """One file as text and data. Only its format and encoding are judged here."""
-    raw = path.read_bytes()
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise _lone(path, problem("unreadable", (), error.strerror or str(error))) from None
     if raw.startswith(b"\xef\xbb\xbf"):
         raise _lone(path, problem("bom", (), "EF BB BF"), 1)
     try:

@@ -1,4 +1,4 @@
-"""``models``: what drivebus knows, with its grade."""
+"""``models``: what drivebus knows, with its grade; then the user's own files, and which of them are refused."""
 
 from __future__ import annotations
 
@@ -7,21 +7,35 @@ from typing import Any
 
 from drivebus.cli import voice
 from drivebus.cli.command import Verb
+from drivebus.cli.exits import Exit, complain, describe
 from drivebus.cli.layout import paragraphs
 
 
-def _models() -> None:
+def _models() -> Exit:
+    """A refused file hides no other; 2 where there is one."""
     from drivebus import profiles
+    from drivebus.errors import ProfileError
 
-    found = [_row(profiles.load(name)) for name in profiles.models()]
-    voice.document({"models": found})
+    found: list[dict[str, Any]] = []
+    refused: list[ProfileError] = []
+    for name in dict.fromkeys(profiles.models()):
+        try:
+            found.append(_row(name, profiles.load(name)))
+        except ProfileError as error:
+            refused.append(error)
+    code = Exit.USAGE if refused else Exit.DONE
+    voice.document({"models": found, "refused": [describe(error)["error"] for error in refused], "exit": int(code)})
     voice.show(_table(found))
     voice.show(paragraphs(voice.say("models.grades"), min(98, voice.room(sys.stdout)), indent=0))
+    for error in refused:
+        complain(error)
+    return code
 
 
-def _row(profile: Any) -> dict[str, Any]:
+def _row(name: str, profile: Any) -> dict[str, Any]:
+    """``name`` is what ``--model`` takes: a user's own file may keep its base's name within."""
     return {
-        "model": profile.model,
+        "model": name,
         "title": voice.plain(profile.title),
         "maker": voice.plain(profile.maker),
         "family": profile.family,
