@@ -85,7 +85,6 @@ extends = "df800"
 unit = "A"
 factor = 0.1
 decimals = 1
-scale_published = true
 [signals.output_frequency]
 notation = "F0.00"
 text = { en = "output frequency", zh = "输出频率" }
@@ -100,6 +99,23 @@ evidence = "user: DF800 manual, monitor list"
     assert profile.signals["output_frequency"].evidence.kind == "user"
     assert profile.signals["output_current"].uncertain is None
     assert profiles.load("df800").signals["output_current"].uncertain == "profiles.scale_unpublished"
+
+
+@pytest.mark.parametrize(
+    ("keys", "uncertain"),
+    [
+        ("factor = 1.0", False),
+        ("factor = 0.1\nscale_published = false", True),
+        ("scale_published = true", False),
+        ('unit = "A"\ndecimals = 1', True),
+    ],
+)
+@pytest.mark.parametrize("entry", ["signals.output_current", 'parameters."F1.00"'])
+def test_whoever_writes_a_factor_vouches_for_it(tmp_path: Path, entry: str, keys: str, uncertain: bool) -> None:
+    """DF800's manual gives neither step; a unit alone gives none either."""
+    profile = profiles.load(write(tmp_path, f'format = 1\nextends = "df800"\n[{entry}]\n{keys}\n'))
+    found = profile.signals["output_current"] if entry.startswith("signals") else profile.parameters["F1.00"]
+    assert (found.uncertain is not None) == uncertain
 
 
 def test_a_c320_monitor_table_can_be_extended(tmp_path: Path) -> None:

@@ -169,8 +169,21 @@ def _merged(sources: list[_Source]) -> dict[str, Any]:
     """The last base first, each file over it; ``extends`` itself is gone."""
     result: dict[str, Any] = {}
     for source in reversed(sources):
-        result = _over(result, {key: value for key, value in source.data.items() if key != "extends"})
+        data = {key: value for key, value in source.data.items() if key != "extends"}
+        result = _over(
+            result, data | {name: _vouched(data[name]) for name in ("signals", "parameters") if name in data}
+        )
     return result
+
+
+def _vouched(table: Any) -> Any:
+    """Whoever writes a ``factor`` knows the step, whatever the file below says; ``scale_published`` overrules."""
+    if not isinstance(table, Mapping):
+        return table
+    return {
+        name: {"scale_published": True} | entry if isinstance(entry, Mapping) and "factor" in entry else entry
+        for name, entry in table.items()
+    }
 
 
 def _over(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
