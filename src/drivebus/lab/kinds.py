@@ -1,0 +1,53 @@
+"""The drives that campaigns are run with, and what their manuals say of times, written here once more from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One family in one encoding. Times are the observer's own, from the manuals (RELIABILITY 5 where silent)."""
+
+    name: str
+    model: str
+    encoding: str
+    baud: int
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Open questions that the host takes for settled."""
+    options: Mapping[str, str] = field(default_factory=dict)
+    """The same for the simulated drives."""
+    gap_characters: float = 3.5
+    gap_floor_s: float = 0.0
+    patience_s: float = 0.1
+    """The host may give up no sooner after its last bit …"""
+    patience_characters: float = 8
+    """… plus so many characters."""
+    lateness_s: float = 0.5
+    """The family's longest lateness (ruling 2)."""
+    tells: bool = True
+    """The drive reports whether it runs."""
+    broadcast: int | None = 0
+
+
+_CODINGS = {"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_coding": "hex-0.1"}
+_PROVED = {"direction_proved": True}
+
+C320 = Kind(
+    "c320-ascii", "c320", "ascii", 9600, gap_characters=5, patience_s=0.0, patience_characters=26, lateness_s=0.18,
+    broadcast=31,
+)  # fmt: skip
+C320_HEX = Kind(
+    "c320-hex", "c320", "hex", 9600, gap_characters=5, patience_s=0.0, patience_characters=26, lateness_s=0.18,
+    broadcast=31,
+)  # fmt: skip
+DZB100 = Kind("dzb100", "dzb100", "ascii", 4800, _CODINGS, patience_characters=11)
+VC660 = Kind("vc660", "vc660", "rtu", 9600, gap_floor_s=0.00175, patience_s=0.004, lateness_s=0.204)
+DF800 = Kind("df800-rtu", "df800", "rtu", 9600, _PROVED, gap_floor_s=0.00175, tells=False)
+DF800_ASCII = Kind(
+    "df800-ascii", "df800", "ascii", 9600, _PROVED, {"encoding": "ascii"}, patience_characters=15, tells=False
+)  # fmt: skip
+KINDS = (C320, C320_HEX, DZB100, VC660, DF800, DF800_ASCII)
+BY_NAME = {kind.name: kind for kind in KINDS}

@@ -1,0 +1,161 @@
+"""The laboratory's own virtual-time loop: one heap of callbacks, one clock that jumps, nothing else.
+
+It speaks as much of asyncio's interface as the real bus, the real drives and the simulated bench ask for, so that
+they run on it unchanged, several times faster than on an asyncio loop whose clock is faked: no selector, no context
+switch, no wake-up pipe. Ties in time go in the order in which they were asked for, so that a run is repeatable to the
+last event.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from asyncio import events
+from collections import deque
+from collections.abc import Callable, Coroutine
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any, TypeVar
+
+T = TypeVar("T")
+
+
+class Stuck(RuntimeError):
+    """Nothing is ready and no timer is set: what is waited for can never come."""
+
+
+class Timer:
+    """A callback in the heap, or one that is ready."""
+
+    __slots__ = ("args", "callback", "when")
+
+    def __init__(self, callback: Callable[..., object], args: tuple[Any, ...], when: float) -> None:
+        self.callback: Callable[..., object] | None = callback
+        self.args = args
+        self.when = when
+
+    def cancel(self) -> None:
+        self.callback = None
+        self.args = ()
+
+
+if TYPE_CHECKING:
+
+    class _Interface:
+        """The loop gives what is asked of it; asyncio's interface has forty more methods."""
+
+else:
+    _Interface = asyncio.AbstractEventLoop
+
+
+class Loop(_Interface):
+    """Virtual seconds from ``start``. One thread; no sockets, signals or processes."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+        self._heap: list[tuple[float, int, Timer]] = []
+        self._ready: deque[Timer] = deque()
+        self._count = 0
+        self.tasks: set[asyncio.Task[Any]] = set()
+        self.failed: list[dict[str, Any]] = []
+        """What was given to the exception handler: every one of them is a finding (I8)."""
+
+    # --- what asyncio asks ---------------------------------------------------------------------------------------
+
+    def time(self) -> float:
+        return self._now
+
+    def call_soon(self, callback: Callable[..., object], *args: Any, context: Any = None) -> Any:
+        timer = Timer(callback, args, self._now) if context is None else Timer(context.run, (callback, *args), 0.0)
+        self._ready.append(timer)
+        return timer
+
+    call_soon_threadsafe = call_soon
+
+    def call_at(self, when: float, callback: Callable[..., object], *args: Any, context: Any = None) -> Any:
+        timer = Timer(callback, args, when)
+        self._count += 1
+        heappush(self._heap, (when, self._count, timer))
+        return timer
+
+    def call_later(self, delay: float, callback: Callable[..., object], *args: Any, context: Any = None) -> Any:
+        return self.call_at(self._now + delay, callback, *args)
+
+    def create_future(self) -> asyncio.Future[Any]:
+        return asyncio.Future(loop=self)  # type: ignore[arg-type]
+
+    def create_task(self, coro: Any, *, name: Any = None, context: Any = None) -> Any:
+        task = asyncio.Task(coro, loop=self, name=name)  # type: ignore[arg-type]
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+        return task
+
+    def run_in_executor(self, executor: Any, func: Callable[..., T], *args: Any) -> Any:
+        """At once: threads have no place in virtual time."""
+        future = self.create_future()
+        try:
+            future.set_result(func(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        self.failed.append(context)
+
+    def get_debug(self) -> bool:
+        return False
+
+    def is_running(self) -> bool:
+        return True
+
+    def is_closed(self) -> bool:
+        return False
+
+    # --- running -------------------------------------------------------------------------------------------------
+
+    def run_until(self, when: float) -> None:
+        """Everything up to and at that second."""
+        with running(self):
+            while self._step(when):
+                pass
+        self._now = max(self._now, when)
+
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """A coroutine to its end; its result or its error. Raises Stuck where it waits for what can't come."""
+        with running(self):
+            task = self.create_task(coroutine)
+            while not task.done():
+                if not self._step(float("inf")):
+                    raise Stuck(f"at {self._now:.6f} s: {len(self.tasks)} task(s) wait and no timer is set")
+        result: T = task.result()
+        return result
+
+    def _step(self, until: float) -> bool:
+        """All that is ready, or the next timer; False where there is neither by ``until``."""
+        ready, heap = self._ready, self._heap
+        if ready:
+            for _ in range(len(ready)):
+                timer = ready.popleft()
+                if timer.callback is not None:
+                    timer.callback(*timer.args)
+            return True
+        while heap and heap[0][0] <= until:
+            when, _, timer = heappop(heap)
+            if timer.callback is not None:
+                if when > self._now:
+                    self._now = when
+                timer.callback(*timer.args)
+                return True
+        return False
+
+
+class running:
+    """``with running(loop):`` this loop is the running one: for calls from outside its callbacks."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+
+    def __enter__(self) -> None:
+        self._outer = events._get_running_loop()
+        events._set_running_loop(self._loop)  # type: ignore[arg-type]
+
+    def __exit__(self, *_: object) -> None:
+        events._set_running_loop(self._outer)

@@ -1,0 +1,51 @@
+"""What users of a test stand wished for, when, and what they were told."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import Any
+
+STOPS = frozenset({"stop", "coast", "quick_stop"})
+MOVES = frozenset({"run", "jog"})
+
+
+@dataclass(slots=True, eq=False)
+class Wish:
+    """One command of a user."""
+
+    number: int
+    address: int
+    what: str
+    """The drive's method: "run", "stop", "set_frequency", "reset_fault", "write"."""
+    arguments: tuple[Any, ...]
+    at: float
+    ended_at: float | None = None
+    executions: int = 0
+    """How often a frame of this wish switched the motor on (I2)."""
+    outcome: Any = None
+    error: Exception | None = None
+    task: asyncio.Task[None] | None = field(default=None, repr=False)
+
+    @property
+    def over(self) -> bool:
+        return self.ended_at is not None
+
+    @property
+    def stops(self) -> bool:
+        return self.what in STOPS
+
+    @property
+    def moves(self) -> bool:
+        return self.what in MOVES
+
+    @property
+    def word(self) -> str:
+        """What the user was told: the outcome's word, else the error's name."""
+        if self.outcome is not None:
+            return str(self.outcome.word)
+        return type(self.error).__name__ if self.error is not None else "nothing"
+
+    def __str__(self) -> str:
+        shown = " ".join(str(argument) for argument in self.arguments)
+        return f"#{self.number} {self.what} {shown}".strip() + f" @{self.address}"
