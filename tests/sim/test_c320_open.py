@@ -8,10 +8,12 @@ import contextlib
 import pytest
 
 from drivebus import Bus, Drive
+from drivebus.drives.identity import Identity
 from drivebus.errors import NoReply, ProtocolError
 from drivebus.ports import open_port
 from drivebus.protocols import sifang
 from drivebus.sim import c320_spelling
+from drivebus.sim.motor import Trip
 from drivebus.testing.virtual import run as story
 from simdesk import Desk
 
@@ -70,5 +72,45 @@ def test_frames_for_others_feed_the_comm_loss_timer_of_one_reading_only(watchdog
             assert desk.station(2).running is runs
             await asyncio.sleep(20.0)
             assert not desk.station(2).running
+
+    story(told())
+
+
+async def identified(link: str, encoding: str) -> tuple[Identity, Identity, int | None, int]:
+    """Who a drive in a fault says that it is, then without the fault; the fault that is believed, and the true one."""
+    port = open_port(link)
+    async with Bus(port) as bus:
+        station = port.bench.station(1)  # type: ignore[attr-defined]
+        drive = Drive(bus, "c320", 1, encoding=encoding)
+        station.trip(Trip.OVERHEAT)
+        faulty = await drive.identify()
+        fault = (await drive.status()).fault
+        station.motor.reset()
+        return faulty, await drive.identify(), fault and fault.code, station.trip_code(Trip.OVERHEAT)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "hex"])
+@pytest.mark.parametrize("reading", ["code", "information"])
+def test_t05_of_an_identity_in_a_fault_nothing_is_told_that_one_reading_makes_untrue(
+    reading: str, encoding: str
+) -> None:
+    """Digits 7-8 are the fault's code or the voltage class: neither is believed of them, what stands behind them is."""
+    faulty, whole, code, true_code = story(identified(f"sim://c320@1?class0_fault={reading}", encoding))
+    assert code == true_code
+    assert (faulty.voltage_class_v, faulty.host_controls, faulty.host_sets_frequency) == (None, None, None)
+    assert faulty.power_kw == whole.power_kw == 2.2
+    assert (whole.voltage_class_v, whole.host_controls, whole.host_sets_frequency) == (380, True, True)
+    assert [(part, "--" + digits[2:]) for part, digits in whole.digits] == list(faulty.digits)
+
+
+@pytest.mark.parametrize("reading", ["code", "information"])
+def test_the_two_readings_of_an_identity_in_a_fault_differ_on_the_wire(reading: str) -> None:
+    async def told() -> None:
+        async with Desk(f"sim://c320@1?class0_fault={reading}") as desk:
+            desk.station().trip(Trip.OVERHEAT)
+            frame = await desk.raw(desk.codec.encode_request(sifang.ReadIdentity(1, 0)))
+            code = b"%02X" % desk.station().trip_code(Trip.OVERHEAT)
+            assert code != b"40"
+            assert (frame[4:6], frame[7:9]) == (b"20", code if reading == "code" else b"40")
 
     story(told())

@@ -36,7 +36,8 @@ class C320Station(C320Drive):
     ``monitor_index``: how d.15 is asked for, 0FH or 15H [OPEN]. ``step_hz``: 0.01 on C320 and C300, 0.1 on the E
     series. ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. ``selector``, ``comm_loss_time``:
     where a sister keeps what is F6.12 and F9.4 here. ``watchdog``: which frames feed the comm-loss timer, its own or
-    all [OPEN]. ``digits``, ``nibble``: how it spells its replies (``c320_spelling``) [OPEN].
+    all [OPEN]. ``digits``, ``nibble``: how it spells its replies (``c320_spelling``) [OPEN]. ``class0_fault``: what
+    stands in digits 7-8 of an identity reply in a fault, the fault's code or the information as ever [OPEN].
     """
 
     family: ClassVar[str] = "c320"
@@ -52,6 +53,7 @@ class C320Station(C320Drive):
         watchdog: Literal["own", "all"] = "own",
         digits: Literal["strict", "tolerant"] = "strict",
         nibble: Literal["off", "on"] = "off",
+        class0_fault: Literal["code", "information"] = "code",
         step_hz: float = 0.01,
         current_at_1: bool = False,
         selector: int = MONITOR_SELECTOR,
@@ -63,6 +65,7 @@ class C320Station(C320Drive):
         self.codecs: tuple[Codec, ...] = (sifang.SifangCodec("ascii"), sifang.SifangCodec("hex"))
         self.monitor_index = monitor_index
         self.watchdog = watchdog
+        self.class0_fault = class0_fault
         self._spellings: list[Callable[[bytes], bytes]] = []
         if digits == "tolerant":
             self._spellings.append(c320_spelling.odd_digits)
@@ -113,7 +116,7 @@ class C320Station(C320Drive):
             return reply
         code = self.trip_code(self.motor.trip) if state is State.FAULT and self.motor.trip else None
         info = reply.info
-        if code is None:
+        if code is None or (info is not None and self.class0_fault == "information"):
             return Reply(self.address, reply.response, state, reply.group, reply.item, reply.data, info=info)
         info = None if info is None else "--" + info[2:]
         return Reply(self.address, reply.response, state, reply.group, None, 0, code, info)

@@ -22,6 +22,7 @@ _FAMILIES: Mapping[type[Station], tuple[range, Mapping[str, tuple[str, ...]]]] =
             "watchdog": ("own", "all"),
             "digits": ("strict", "tolerant"),
             "nibble": ("off", "on"),
+            "class0_fault": ("code", "information"),
         },
     ),
     DZB100Station: (
