@@ -24,11 +24,11 @@ def _models() -> Exit:
         except ProfileError as error:
             refused.append(error)
     code = Exit.USAGE if refused else Exit.DONE
-    voice.document({"models": found, "refused": [describe(error)["error"] for error in refused], "exit": int(code)})
+    voice.document({"models": found, "refused": [describe(one)["error"] for one in refused], "exit": int(code)})
     voice.show(_table(found))
     voice.show(paragraphs(voice.say("models.grades"), min(98, voice.room(sys.stdout)), indent=0))
-    for error in refused:
-        complain(error)
+    for one in refused:
+        complain(one)
     return code
 
 
