@@ -105,6 +105,17 @@ def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() ->
                 assert request.data == 0
 
 
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
+def test_i7_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_with_a_permit(model: str) -> None:
+    """Exempt and lawful is one whole request, and nothing else."""
+    dialect = dialect_of(model)
+    plain = dialect.codec.encode_request(dialect.stop(Stop.STOP)[0])
+    assert dialect.link.effect(plain) is Effect.STOP and dialect.lawful(plain)
+    for data in (b"", plain[:1], plain[:-1], plain + b"\x00", plain + plain):
+        assert dialect.link.effect(data) is Effect.MOTION
+        assert not dialect.lawful(data)
+
+
 def test_t09_an_unlisted_dzb100_parameter_is_never_written() -> None:
     assert effect("dzb100", dzb.WriteParameter(1, 80, 1)) is Effect.SETTING
     dialect = dialect_of("dzb100")

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from drivebus import i18n
 from drivebus.drives.book import Book, Facts
 from drivebus.drives.state import Direction, Fault, Verdict
-from drivebus.errors import LimitError
-from drivebus.message import Codec, StationLink, WriteClass
+from drivebus.errors import LimitError, ProtocolError
+from drivebus.message import Codec, Complete, StationLink, WriteClass
 from drivebus.profiles.model import DriveProfile, Parameter, Signal, Text
 from drivebus.reading import Quality, Reading
 
@@ -184,6 +184,15 @@ class Dialect(Protocol):
     def noted(self, request: Any) -> None:
         """This request has left: shadows follow."""
         ...
+
+
+def whole_request(codec: Codec, frame: bytes) -> Any | None:
+    """The message of bytes that are exactly one whole request; None for all other bytes, which may move."""
+    try:
+        verdict = codec.decode_request(frame)
+    except ProtocolError:
+        return None
+    return verdict.message if isinstance(verdict, Complete) and verdict.size == len(frame) else None
 
 
 def reading_of(signal: Signal, raw: int, at: float | None) -> Reading:

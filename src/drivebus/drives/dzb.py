@@ -19,11 +19,12 @@ from drivebus.drives.dialect import (
     reading_of,
     shows,
     signals_in,
+    whole_request,
 )
 from drivebus.drives.dzb_coding import CAP_HZ, CODINGS, DEFAULT_CODING, candidates, cap_word, within_cap
 from drivebus.drives.state import Direction, DriveState, Verdict
 from drivebus.errors import CapabilityError, GateError, LimitError, ProtocolError
-from drivebus.message import Codec, Complete, Effect, StationLink, StationTiming, WriteClass
+from drivebus.message import Codec, Effect, StationLink, StationTiming, WriteClass
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.dzb import (
     Command,
@@ -66,13 +67,8 @@ class DzbDialect:
 
     def effect(self, frame: bytes) -> Effect:
         """What these bytes do; a stop with a frequency, an unknown number or a frame that is none may move (T11)."""
-        try:
-            verdict = self.codec.decode_request(frame)
-        except ProtocolError:
-            return Effect.MOTION
-        if not isinstance(verdict, Complete) or verdict.size != len(frame):
-            return Effect.MOTION
-        return _effect(verdict.message)
+        heard = whole_request(self.codec, frame)
+        return Effect.MOTION if heard is None else _effect(heard)
 
     def _bus_fence(self, n: int) -> ReadParameter:
         request = ReadParameter(self.address, 2 * n % (PARAMETERS + 1))
@@ -263,12 +259,8 @@ class DzbDialect:
 
     def lawful(self, frame: bytes) -> bool:
         """Every frame that the codec reads is in the manual's tables; numbers beyond them are not (I7)."""
-        try:
-            verdict = self.codec.decode_request(frame)
-        except ProtocolError:
-            return False
-        request = getattr(verdict, "message", None)
-        return not isinstance(request, WriteParameter) or request.parameter < PARAMETERS
+        request = whole_request(self.codec, frame)
+        return request is not None and (not isinstance(request, WriteParameter) or request.parameter < PARAMETERS)
 
     def settle(self, setting: str, value: Any) -> None:
         self.settings[setting] = value

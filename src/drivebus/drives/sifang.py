@@ -18,11 +18,12 @@ from drivebus.drives.dialect import (
     reading_of,
     shows,
     signals_in,
+    whole_request,
 )
 from drivebus.drives.sifang_maps import RESPONSES, STATES, STOPS, effect_of, fence_keys
 from drivebus.drives.state import Direction, DriveState, Verdict
-from drivebus.errors import CapabilityError, ProtocolError
-from drivebus.message import Codec, Complete, Effect, StationLink, StationTiming, WriteClass
+from drivebus.errors import CapabilityError
+from drivebus.message import Codec, Effect, StationLink, StationTiming, WriteClass
 from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.protocols.sifang import (
     Control,
@@ -61,13 +62,8 @@ class SifangDialect:
 
     def effect(self, frame: bytes) -> Effect:
         """What these bytes do: the operation counts in every class (T01); what can't be read may move."""
-        try:
-            verdict = self.codec.decode_request(frame)
-        except ProtocolError:
-            return Effect.MOTION
-        if not isinstance(verdict, Complete) or verdict.size != len(frame):
-            return Effect.MOTION
-        return effect_of(verdict.message.request, verdict.message.operation)
+        heard = whole_request(self.codec, frame)
+        return Effect.MOTION if heard is None else effect_of(heard.request, heard.operation)
 
     def _bus_fence(self, n: int) -> ReadParameter:
         tags = self._tags[0::2] if len(self._tags) >= ENOUGH else self._tags
@@ -248,11 +244,7 @@ class SifangDialect:
 
     def lawful(self, frame: bytes) -> bool:
         """An operation only in a control frame (T07), and nothing but a stop to everybody (matrix: broadcast X)."""
-        try:
-            verdict = self.codec.decode_request(frame)
-        except ProtocolError:
-            return False
-        heard = getattr(verdict, "message", None)
+        heard = whole_request(self.codec, frame)
         if heard is None or heard.request.address == self.profile.broadcast:
             return False
         return isinstance(heard.request, Control) or heard.operation is Operation.NONE
