@@ -181,7 +181,7 @@ def _vouched(table: Any) -> Any:
     if not isinstance(table, Mapping):
         return table
     return {
-        name: {"scale_published": True} | entry if isinstance(entry, Mapping) and "factor" in entry else entry
+        name: {"scale_published": True, **entry} if isinstance(entry, Mapping) and "factor" in entry else entry
         for name, entry in table.items()
     }
 
