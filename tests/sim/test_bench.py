@@ -16,6 +16,7 @@ from drivebus.ports.port import Port
 from drivebus.protocols import modbus, sifang
 from drivebus.sim.models import make_station, parse_addresses
 from drivebus.sim.port import find_bench, forget_benches
+from drivebus.sim.station import Station
 from simdesk import Desk, story
 
 STATUS = modbus.ReadRegisters(1, 0x3000, 4)
@@ -26,6 +27,14 @@ def _fresh_names() -> Iterator[None]:
     forget_benches()
     yield
     forget_benches()
+
+
+@pytest.mark.parametrize("lacking", ["answer", "reply_delay_s", "trip_code", "power_up"])
+def test_a_family_that_leaves_out_what_only_it_can_say_is_no_station(lacking: str) -> None:
+    """It fails when it is made, not at the first frame, trip or power cut of a bench."""
+    given = {name: lambda self: None for name in {"answer", "reply_delay_s", "trip_code", "power_up"} - {lacking}}
+    with pytest.raises(TypeError, match=lacking):
+        type("Half", (Station,), given)(1, {})
 
 
 def test_a_transaction_takes_what_the_arithmetic_says() -> None:

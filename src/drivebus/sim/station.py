@@ -6,6 +6,7 @@ its delay. What a request means is the family's own module; nothing of the host'
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -46,7 +47,7 @@ class Said:
     delay_s: float
 
 
-class Station:
+class Station(ABC):
     """One drive on a bus. ``frames`` counts the requests that it heard, ``gap_violations`` those that came too soon."""
 
     family: ClassVar[str]
@@ -73,28 +74,29 @@ class Station:
 
     # What families say.
 
+    @abstractmethod
     def answer(self, message: Any, codec: Codec) -> Any:
         """Obey a request and give the reply message, or None for silence."""
-        raise NotImplementedError
 
     def refuse(self, error: ProtocolError, codec: Codec) -> Any:
         """The reply to a frame that could not be understood; None for silence."""
         return None
 
+    @abstractmethod
     def reply_delay_s(self, line: LineSettings) -> float:
         """From the last bit of a request to the first of the reply."""
-        raise NotImplementedError
 
     def elapse(self, dt: float) -> None:
         """Time passes: families add their timers."""
         self.motor.step(dt)
 
+    @abstractmethod
     def power_up(self) -> None:
         """Family state as after switching on; memory and motor are done already."""
 
+    @abstractmethod
     def trip_code(self, trip: Trip) -> int:
         """The family's fault code."""
-        raise NotImplementedError
 
     # What all do alike.
 
@@ -145,6 +147,7 @@ class Station:
 
     def overheard(self, now: float) -> None:
         """A frame for another station ended at ``now``."""
+        return  # most families take no notice
 
     def note_gap(self, quiet_s: float, short: bool) -> None:
         """A frame for this station came after so much silence."""
