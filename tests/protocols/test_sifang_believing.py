@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -204,20 +206,33 @@ def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize(
-    ("request_", "state", "data"),
-    [
-        (sifang.WriteParameter(5, 2, 1, 7, save=True), State.NOT_READY, 7),
-        (sifang.WriteParameter(5, 2, 1, 7), State.STOPPED, 7),
-        (sifang.WriteParameter(5, 2, 1, 0), State.NOT_READY, 0),
-    ],
-)
-def test_t21_a_refusal_that_is_not_the_echo_is_believed(
-    encoding: Encoding, request_: sifang.WriteParameter, state: State, data: int
-) -> None:
-    """A class-5 frame has no such echo, a state none, and a write of 0 is refused either way."""
-    refused = Reply(5, Response.PASSWORD, state, 2, 1, data)
-    assert accepted(request_, CODECS[encoding].encode_reply(refused), encoding) == refused
+@pytest.mark.parametrize("save", [False, True])
+@pytest.mark.parametrize("response", [r for r in Response if r is not Response.OK and not r.short])
+def test_t21_a_refused_write_carries_0000_and_nothing_else(encoding: Encoding, save: bool, response: Response) -> None:
+    """Note of section 3 (4). A refusal with data is a damaged "done", or our own echo."""
+    request = sifang.WriteParameter(5, 2, 1, 7, save)
+    refused = Reply(5, response, State.STOPPED, 2, 1, 0)
+    assert accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
+    for data in (7, 8):
+        with pytest.raises(EchoError) as caught:
+            CODECS[encoding].decode_reply(request, CODECS[encoding].encode_reply(replace(refused, data=data)))
+        assert (caught.value.key, caught.value.found) == ("protocols.sifang.refused_data", data)
+
+
+def test_t21_a_write_of_0_is_refused_like_its_echo() -> None:
+    refused = Reply(5, Response.PASSWORD, State.NOT_READY, 2, 1, 0)
+    request = sifang.WriteParameter(5, 2, 1, 0)
+    assert accepted(request, CODECS["ascii"].encode_reply(refused)) == refused
+
+
+def test_two_neighbours_that_change_places_do_not_turn_done_into_refused() -> None:
+    """No sum sees it: "done, accelerating" becomes "out of range, running forward"."""
+    request = sifang.WriteParameter(5, 2, 1, 7)
+    done = CODECS["ascii"].encode_reply(Reply(5, Response.OK, State.ACCELERATING_FORWARD, 2, 1, 7))
+    swapped = done[:3] + done[4:5] + done[3:4] + done[5:]
+    assert (done[3:6], swapped[3:6]) == (b"011", b"101")
+    with pytest.raises(EchoError):
+        CODECS["ascii"].decode_reply(request, swapped)
 
 
 def test_a_hex_class_or_response_is_one_digit() -> None:

@@ -143,12 +143,14 @@ def _control_reply(request: Control, reply: Reply) -> Reply:
 
 
 def _check_written(request: WriteParameter, reply: Reply) -> None:
-    """Done: the drive echoes the data. Refused: it says 0000 (section 3); the data that we sent mean our own echo."""
+    """Done: the drive echoes the data. Refused: it says 0000 (note of section 3 (4)), and nothing else."""
     if reply.response is Response.OK:
         if request.data not in (reply.data, reply.other_data):
             raise EchoError("protocols.sifang.echo.data", expected=request.data, found=reply.data)
-    elif request.data and reply.data == request.data and _looks_sent(request, reply):
-        raise EchoError("protocols.sifang.own_echo", expected=0, found=reply.data)
+    elif reply.data:
+        echoed = reply.data == request.data and _looks_sent(request, reply)
+        key = "protocols.sifang.own_echo" if echoed else "protocols.sifang.refused_data"
+        raise EchoError(key, expected=0, found=reply.data)
 
 
 def _looks_sent(request: WriteParameter, reply: Reply) -> bool:
