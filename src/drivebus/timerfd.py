@@ -11,7 +11,8 @@ import sys
 from functools import cache
 from typing import Any
 
-_CLOCK_MONOTONIC = 1
+MONOTONIC, BOOTTIME = 1, 7
+"""Kernel clock ids (time(7)). BOOTTIME goes on while the system is suspended, MONOTONIC stands still."""
 _FLAGS = 0o2000000 | 0o4000
 """TFD_CLOEXEC | TFD_NONBLOCK."""
 _ABSOLUTE = 1
@@ -36,17 +37,17 @@ def _failed() -> OSError:
 
 
 class TimerFd:
-    """One timer on CLOCK_MONOTONIC; ``fd`` is readable once it has expired. Raises OSError where there is none.
+    """One timer on that clock; ``fd`` is readable once it has expired. Raises OSError where there is none.
 
     Each has its own structure for the kernel: buses of several threads arm theirs at the same time.
     """
 
     __slots__ = ("_address", "_settime", "_spec", "fd")
 
-    def __init__(self) -> None:
+    def __init__(self, clock: int = MONOTONIC) -> None:
         if sys.platform != "linux":
             raise OSError("timerfd is Linux only")
-        self.fd: int = _libc().timerfd_create(_CLOCK_MONOTONIC, _FLAGS)
+        self.fd: int = _libc().timerfd_create(clock, _FLAGS)
         if self.fd < 0:
             raise _failed()
         self._spec = _Spec()

@@ -111,7 +111,7 @@ class Bus(Shell):
     # --- traffic -----------------------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """Monotonic seconds: the time of everything that this bus says."""
+        """Monotonic seconds: the time of everything that this bus says. On Linux they go on while the system sleeps."""
         if self._clock is not None:
             return self._clock()
         return timers.clock_of(asyncio.get_running_loop())

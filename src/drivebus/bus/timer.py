@@ -2,7 +2,10 @@
 
 An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; at 19,200 baud that is half a
 character gap. A timerfd wakes the loop's selector at the very microsecond. Where there is none (Windows, macOS,
-virtual loops) the loop's own ``call_at`` serves.
+virtual loops) the loop's own ``call_at`` and its clock serve.
+
+The clock of a bus goes on while the system is suspended, which a loop's does not: what was queued before has expired
+when the system resumes, and nothing of it is sent hours late (I1, ruling 12).
 """
 
 from __future__ import annotations
@@ -12,11 +15,12 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from heapq import heappop, heappush
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
-from drivebus.timerfd import TimerFd
+from drivebus.timerfd import BOOTTIME, TimerFd
 
 NEVER = float("inf")
 SLACK_S = 20e-6
@@ -72,7 +76,7 @@ class PreciseTimer:
             with contextlib.suppress(OSError, NotImplementedError, AttributeError):
                 near, far = _FdWaker(loop, self._fire), _FdWaker(loop, self._fire)
                 self.precise = True
-                self.now = time.monotonic
+                self.now = partial(time.clock_gettime, BOOTTIME)
                 return near, far
         waker = _LoopWaker(loop, self._fire)
         return waker, waker
@@ -132,14 +136,14 @@ def spin(now: Callable[[], float], when: float) -> None:
 
 
 class _FdWaker:
-    """A kernel timer on CLOCK_MONOTONIC, watched by the loop's selector."""
+    """A kernel timer on CLOCK_BOOTTIME, watched by the loop's selector."""
 
     __slots__ = ("_callback", "_loop", "_timer", "armed")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self.armed = NEVER
         self._callback = callback
-        self._timer = TimerFd()
+        self._timer = TimerFd(BOOTTIME)
         self._loop = loop
         try:
             loop.add_reader(self._timer.fd, self._rang)
@@ -195,8 +199,11 @@ _timers: WeakKeyDictionary[asyncio.AbstractEventLoop, tuple[PreciseTimer, list[i
 
 def clock_of(loop: asyncio.AbstractEventLoop) -> float:
     """Now, on the clock that the loop's timer uses (or would use)."""
-    found = _timers.get(loop)
-    return found[0].now() if found else loop.time()
+    timer = acquire(loop)
+    try:
+        return timer.now()
+    finally:
+        release(loop)
 
 
 def acquire(loop: asyncio.AbstractEventLoop) -> PreciseTimer:

@@ -1,0 +1,89 @@
+"""The machine sleeps: the clock of a bus goes on meanwhile, so that what was queued before is too old afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from buskit import Station, ask_read, ask_start, link, wire
+from drivebus.bus import Bus
+from drivebus.errors import Expired
+from drivebus.testing.playbook import ScriptedPort
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a clock that goes on during suspend")
+
+
+async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """I1, 6.6: an hour passes on the clock that counts sleep, and on no other, while the frame before is out."""
+    slept_s, kernel = 0.0, time.clock_gettime
+
+    def clock(which: int) -> float:
+        return kernel(which) + (slept_s if which == time.CLOCK_BOOTTIME else 0.0)
+
+    monkeypatch.setattr(time, "clock_gettime", clock)
+    station = Station()
+    port = ScriptedPort(wire(station))
+    bus = Bus(port)
+    bus.add(link())
+    async with bus:
+        sent = asyncio.Event()
+        bus.trace(lambda _: sent.set())
+        reading = asyncio.create_task(bus.transact(ask_read()))
+        await sent.wait()
+        starting = asyncio.create_task(bus.transact(ask_start(bus.core, until=bus.now() + 2.0)))
+        await asyncio.sleep(0)
+        slept_s = 3600.0
+        answer = await asyncio.wait_for(starting, 5)
+        reading.cancel()
+    assert isinstance(answer.error, Expired) and answer.error.params["late_ms"] > 3_590_000
+    assert answer.sent == b"" and len(port.sent) == 1 and station.started == 0
+
+
+async def test_a_bus_that_is_not_open_tells_the_same_time_and_keeps_nothing_open() -> None:
+    bus, files = Bus(ScriptedPort(wire())), open_files()
+    before = bus.now()
+    assert 0 <= time.clock_gettime(time.CLOCK_BOOTTIME) - before < 1 and before < bus.now()
+    assert open_files() == files
+
+
+def open_files() -> set[Path]:
+    return set(Path("/proc/self/fd").iterdir())
+
+
+AFTER_A_SLEEP = """
+import asyncio, time
+from drivebus.bus import Bus, Poll
+from drivebus.testing.playbook import ScriptedPort
+from buskit import Station, ask_read, link, read, wire
+
+async def story():
+    bus = Bus(ScriptedPort(wire(Station())))
+    bus.add(link())
+    before = bus.now()
+    assert before - time.monotonic() > 3590, "not the clock that counts sleep"
+    async with bus:
+        answer = await bus.transact(ask_read())
+        assert answer.error is None and before <= answer.sent_at < answer.received_at <= bus.now() < before + 60
+        seen = asyncio.Queue()
+        bus.watch(1, [Poll(read(), 0.02)], seen.put_nowait)
+        for _ in range(5):
+            assert (await seen.get()).error is None
+asyncio.run(asyncio.wait_for(story(), 20))
+"""
+
+
+def test_on_a_machine_that_has_slept_timers_and_clock_agree() -> None:
+    """A time namespace whose boot clock is an hour ahead of the monotonic one, as after an hour of suspend."""
+    ahead = ["unshare", "--user", "--map-root-user", "--time", "--boottime", "3600", "--fork"]
+    try:
+        subprocess.run([*ahead, "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no time namespace may be made here")
+    script = f"import sys; sys.path[:] = {sys.path!r}\n{AFTER_A_SLEEP}"
+    done = subprocess.run([*ahead, sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
