@@ -314,6 +314,20 @@ def test_monitor_streams_documents_without_a_terminal_and_commands_nothing() -> 
     assert last["lines"][0]["transactions_per_s"] > 0
 
 
+def test_monitor_shows_whom_it_found_by_the_profile_that_was_asked_for(tmp_path: Path) -> None:
+    """A file of one's own keeps its base's name within; the base itself lacks the signal."""
+    own = tmp_path / "mine.toml"
+    own.write_text(
+        'format = 1\nextends = "c320"\naddresses = [1, 2]\n[signals.output_current]\nnotation = "d.2"\nunit = "A"\n'
+        'factor = 0.1\ndecimals = 1\ntext = { en = "current", zh = "电流" }\nevidence = "user"\n'
+    )
+    words = ["monitor", "sim://c320@1?baud=9600&format=8E1", "--model", str(own), "--encoding", "ascii"]
+    result = CliRunner().invoke(cli, [*words, "--duration", "1.5", "--period", "0.5", "--json"])
+    assert result.exit_code == 0, result.output
+    last = [json.loads(line) for line in result.stdout.splitlines()][-1]
+    assert [row["readings"]["output_current"]["value"] for row in last["drives"]] == [0.0]
+
+
 def recorded() -> Capture:
     """Two polls of a VC660: one answered, one not."""
     ask, reply = bytes.fromhex("0103300200012ACA"), bytes.fromhex("010302138 8B512".replace(" ", ""))

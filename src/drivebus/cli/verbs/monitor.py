@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
@@ -12,110 +13,112 @@ from drivebus.cli.verbs.scan import DEFAULT_MODELS
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from drivebus.cli.live.feed import Feed
+    from drivebus.commissioning.scan_plan import Pass
     from drivebus.line import LineSettings
     from drivebus.profiles import DriveProfile
 
 Known = list[tuple["DriveProfile", str | None, int]]
 
 
-def _monitor(
-    source: str,
-    model: str | None,
-    addresses: tuple[int, ...] | None,
-    baud: int | None,
-    format: str | None,
-    encoding: str | None,
-    plain: bool,
-    period: float,
-    duration: float | None,
-    speed: float,
-    record: str | None,
-    dry_run: bool,
-) -> Exit:
-    if record and source.endswith(".dbcap"):
-        raise ConfigurationError("record.of_capture", file=source)
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The verb's options."""
+
+    source: str
+    model: str | None
+    addresses: tuple[int, ...] | None
+    baud: int | None
+    format: str | None
+    encoding: str | None
+    plain: bool
+    period: float
+    duration: float | None
+    speed: float
+    record: str | None
+
+    @property
+    def of_capture(self) -> bool:
+        return self.source.endswith(".dbcap")
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        return (self.model,) if self.model else DEFAULT_MODELS
+
+    def passes(self) -> list[Pass]:
+        """The scan that finds out who is there, where the options do not say it."""
+        from drivebus.cli.verbs.scan import make_plan
+
+        bauds, formats = (self.baud,) if self.baud else None, (self.format,) if self.format else None
+        return make_plan(self.source, self.models, self.addresses, bauds, formats, self.encoding)
+
+    def show(self, feed: Feed) -> Exit:
+        from drivebus.cli.live.start import show
+
+        return show(feed, None, self.plain, self.period, self.duration)
+
+
+def _monitor(dry_run: bool, **given: Any) -> Exit:
+    asked = Asked(**given)
+    if asked.record and asked.of_capture:
+        raise ConfigurationError("record.of_capture", file=asked.source)
     if dry_run:
-        return _dry(source, model, addresses, baud, format, encoding)
-    if source.endswith(".dbcap"):
-        return _capture(source, model, encoding, plain, period, duration, speed)
-    return _line(source, model, addresses, baud, format, encoding, plain, period, duration, record)
+        return _dry(asked)
+    return _capture(asked) if asked.of_capture else _line(asked)
 
 
-def _capture(
-    file: str, model: str | None, encoding: str | None, plain: bool, period: float, duration: float | None, speed: float
-) -> Exit:
+def _capture(asked: Asked) -> Exit:
     from drivebus import profiles
     from drivebus.capture import read_capture
     from drivebus.cli.live.playback import CaptureFeed
-    from drivebus.cli.live.start import show
 
+    file, speed = asked.source, asked.speed
     capture = read_capture(file)
-    chosen = [profiles.load(name) for name in ([model] if model else DEFAULT_MODELS)]
-    candidates = [(one, each) for one in chosen for each in one.encodings if encoding in (None, each)]
+    chosen = [profiles.load(name) for name in asked.models]
+    candidates = [(one, each) for one in chosen for each in one.encodings if asked.encoding in (None, each)]
     title = voice.say("monitor.title_file", file=file, line=capture.header.settings, speed=f"{speed:g}")
-    return show(CaptureFeed(capture, candidates, title, speed), None, plain, period, duration)
+    return asked.show(CaptureFeed(capture, candidates, title, speed))
 
 
-def _line(
-    link: str,
-    model: str | None,
-    addresses: tuple[int, ...] | None,
-    baud: int | None,
-    format: str | None,
-    encoding: str | None,
-    plain: bool,
-    period: float,
-    duration: float | None,
-    record: str | None,
-) -> Exit:
+def _line(asked: Asked) -> Exit:
     from drivebus import profiles
     from drivebus.cli.connect import open_port, recorded
     from drivebus.cli.live.line import LineFeed
-    from drivebus.cli.live.start import show
 
     known: Known
-    if model is not None and addresses is not None:
-        profile = profiles.load(model)
-        known = [(profile, encoding, address) for address in addresses]
+    baud, format = asked.baud, asked.format
+    if asked.model is not None and asked.addresses is not None:
+        profile = profiles.load(asked.model)
+        known = [(profile, asked.encoding, address) for address in asked.addresses]
     else:
-        known, baud, format = asyncio.run(_scanned(link, model, addresses, baud, format, encoding))
+        known, baud, format = asyncio.run(_scanned(asked))
         if not known:
             voice.tell("scan.nobody")
             return Exit.REFUSED
-    port = open_port(link, known[0][0], baud, format)
-    title = voice.say("monitor.title", link=link, line=port.settings, count=len(known))
-    with recorded(port, record) as heard:
-        return show(LineFeed(heard, known, title), None, plain, period, duration)
+    port = open_port(asked.source, known[0][0], baud, format)
+    title = voice.say("monitor.title", link=asked.source, line=port.settings, count=len(known))
+    with recorded(port, asked.record) as heard:
+        return asked.show(LineFeed(heard, known, title))
 
 
-def _dry(
-    link: str,
-    model: str | None,
-    addresses: tuple[int, ...] | None,
-    baud: int | None,
-    format: str | None,
-    encoding: str | None,
-) -> Exit:
+def _dry(asked: Asked) -> Exit:
     """One round of polls; without --model and --address the scan that would come first. A capture sends nothing."""
     from drivebus.cli import dry
     from drivebus.cli.connect import Target
     from drivebus.cli.live.model import SIGNALS
     from drivebus.cli.scan_page import show_plan as show_scan
-    from drivebus.cli.verbs.scan import make_plan
 
-    if link.endswith(".dbcap"):
-        return dry.show([], _line_of(link))
-    if model is None or addresses is None:
-        models = (model,) if model else DEFAULT_MODELS
-        bauds, formats = (baud,) if baud else None, (format,) if format else None
-        return show_scan(make_plan(link, models, addresses, bauds, formats, encoding))
+    if asked.of_capture:
+        return dry.show([], _line_of(asked.source))
+    if asked.model is None or asked.addresses is None:
+        return show_scan(asked.passes())
     planned: list[dry.Planned] = []
-    for address in addresses:
-        one = dry.DryRun(Target(link, model, address, baud, format, encoding))
+    for address in asked.addresses:
+        one = dry.DryRun(Target(asked.source, asked.model, address, asked.baud, asked.format, asked.encoding))
         names = tuple(name for name in SIGNALS if name in one.dialect.profile.signals)
         one.add("signals", [request for request, _ in one.dialect.polls(names)])
         planned += one.planned
-    return dry.show(planned, Target(link, model, addresses[0], baud, format).line(), ["dry.note.rounds"])
+    return dry.show(planned, one.line, ["dry.note.rounds"])
 
 
 def _line_of(file: str) -> LineSettings:
@@ -124,39 +127,26 @@ def _line_of(file: str) -> LineSettings:
     return read_capture(file).header.settings
 
 
-async def _scanned(
-    link: str,
-    model: str | None,
-    addresses: tuple[int, ...] | None,
-    baud: int | None,
-    format: str | None,
-    encoding: str | None,
-) -> tuple[Known, int | None, str | None]:
+async def _scanned(asked: Asked) -> tuple[Known, int | None, str | None]:
     """Find out who is there; reads only, after listening. Another master ends it: nothing is found."""
     from drivebus import ports, profiles
     from drivebus.cli.scan_page import Meter
-    from drivebus.cli.verbs.scan import make_plan
     from drivebus.commissioning import scan
 
-    models = (model,) if model else DEFAULT_MODELS
-    passes = make_plan(link, models, addresses, (baud,) if baud else None, (format,) if format else None, encoding)
+    def open_port(settings: LineSettings) -> ports.Port:
+        return ports.open_port(asked.source, baud=settings.baud, format=settings.format)
+
+    passes = asked.passes()
     voice.note("scan.listening", seconds=2)
-    overheard = await scan.listen(
-        ports.open_port(link, baud=passes[0].settings.baud, format=passes[0].settings.format), 2.0
-    )
+    overheard = await scan.listen(open_port(passes[0].settings), 2.0)
     if overheard.count:
         voice.note("scan.foreign", count=overheard.count, seconds=2)
         return [], None, None
     progress = scan.Progress(sum(one.seconds for one in passes))
     with Meter() as meter:
-        await scan.scan(
-            passes,
-            lambda settings: ports.open_port(link, baud=settings.baud, format=settings.format),
-            progress,
-            meter.tell,
-        )
+        await scan.scan(passes, open_port, progress, meter.tell)
     found = [one for one in progress.found if not one.doubtful]
-    known: Known = [(profiles.load(one.models[0]), one.encoding, one.address) for one in found]
+    known: Known = [(profiles.load(asked.model or one.models[0]), one.encoding, one.address) for one in found]
     if not found:
         return [], None, None
     return known, found[0].settings.baud, found[0].settings.format
