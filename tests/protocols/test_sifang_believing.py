@@ -20,7 +20,7 @@ from drivebus.errors import (
 from drivebus.message import Complete
 from drivebus.protocols import sifang
 from drivebus.protocols.sifang import Operation, Reply, Response, State
-from drivebus.protocols.sifang.frame import WRITE, PackedForm
+from drivebus.protocols.sifang.frame import SHORT, WRITE, PackedForm
 from protocols.sifangkit import (
     CODECS,
     ENCODINGS,
@@ -105,6 +105,15 @@ def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: E
         with pytest.raises(AddressError) as caught:
             CODECS[encoding].decode_reply(MONITOR, CODECS[encoding].encode_reply(reply))
         assert (caught.value.expected, caught.value.found, caught.value.size) == (5, 6, size)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_f10_nobody_answers_a_broadcast(encoding: Encoding) -> None:
+    form, stop = FORMS[encoding], sifang.Control(sifang.BROADCAST, Operation.STOP)
+    for frame in (form.build(WRITE, 31, 0, State.STOPPED, 0, 0, 0), form.build(SHORT, 31, Response.BAD_CODE, 0)):
+        with pytest.raises(AddressError) as caught:
+            CODECS[encoding].decode_reply(stop, frame)
+        assert caught.value.found == sifang.BROADCAST
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

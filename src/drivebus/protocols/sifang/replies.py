@@ -124,6 +124,8 @@ def judged_short(request: Request, frame: bytes, form: Form) -> Reply:
 
 def _check_address(request: Request, reply: Reply) -> None:
     """Another station's whole and valid frame has its size in the error: the bus drops it and waits on (F02)."""
+    if request.address == BROADCAST:  # 2.2: no answer is due
+        raise AddressError("protocols.sifang.broadcast_answered", expected=BROADCAST - 1, found=reply.address)
     if reply.address != request.address:
         size = SHORT.size if reply.response.short else WRITE.size
         raise AddressError("protocols.address", expected=request.address, found=reply.address, size=size)
