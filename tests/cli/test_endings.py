@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -18,6 +19,16 @@ import pytest
 from cli.children import COMMAND, ENVIRONMENT, PATIENCE_S, Terminal, child, lines_until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
+
+
+DRIVE = ("--model", "c320", "--address", "1")
+
+
+def finished(*words: str) -> subprocess.CompletedProcess[str]:
+    """A verb on the drive that ends by itself."""
+    return subprocess.run(
+        [*COMMAND, *words, *DRIVE, "--json"], capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S
+    )
 
 
 class Plant:
@@ -28,10 +39,7 @@ class Plant:
 
     def ask(self, verb: str, *more: str, codes: tuple[int, ...] = (0,)) -> dict[str, Any]:
         """Another verb on the same drive, once the port is free."""
-        done = subprocess.run(
-            [*COMMAND, verb, self.url, *more, "--model", "c320", "--address", "1", "--json"],
-            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
-        )  # fmt: skip
+        done = finished(verb, self.url, *more)
         assert done.returncode in codes, done.stderr
         document: dict[str, Any] = json.loads(done.stdout)
         return document
@@ -41,30 +49,35 @@ class Plant:
         return str(self.ask("status")["state"])
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
-    link = tmp_path_factory.mktemp("plant") / "drive"
-    words = (
-        "simulate",
-        "--json",
-        "--model",
-        "c320",
-        "--address",
-        "1",
-        "--ramp",
-        "1",
-        "--baud",
-        "19200",
-        "--link",
-        str(link),
-    )
-    with child(*words) as process:
+@contextmanager
+def simulated(*where: str) -> Iterator[Plant]:
+    with child("simulate", "--json", *DRIVE, "--ramp", "1", "--baud", "19200", *where) as process:
         assert process.stdout is not None
         yield Plant(json.loads(process.stdout.readline())["url"])
 
 
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    with simulated("--link", str(tmp_path_factory.mktemp("plant") / "drive")) as found:
+        yield found
+
+
+@pytest.fixture
+def plant_for_two() -> Iterator[Plant]:
+    """Behind TCP, where a second master can speak."""
+    with simulated("--listen", "tcp://127.0.0.1:0") as found:
+        yield found
+
+
+@pytest.fixture
+def dead() -> Iterator[str]:
+    """A server that accepts everything and never answers: a drive that lost its power."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+
 def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
-    return ("run", plant.url, "--model", "c320", "--address", "1", "--frequency", "20", *more)
+    return ("run", plant.url, *DRIVE, "--frequency", "20", *more)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -122,39 +135,22 @@ def test_a_detached_run_says_what_the_comm_loss_timer_will_do_and_leaves_the_dri
     assert plant.state() == "stopped"
 
 
-def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand() -> None:
+def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand(plant_for_two: Plant) -> None:
     """Somebody else's stop reaches the drive while our host is frozen; it sees a drive that no longer runs."""
-    words = (
-        "simulate",
-        "--json",
-        "--model",
-        "c320",
-        "--address",
-        "1",
-        "--ramp",
-        "1",
-        "--baud",
-        "19200",
-        "--listen",
-        "tcp://127.0.0.1:0",
-    )
-    with child(*words) as simulated:
-        assert simulated.stdout is not None
-        plant = Plant(json.loads(simulated.stdout.readline())["url"])
-        with child(*run_words(plant)) as process:
-            lines_until(process, lambda line: line.startswith("running"))
-            os.kill(process.pid, signal.SIGSTOP)
-            with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", plant.url)[0]))) as other:
-                other.sendall(bytes.fromhex("2A 30 31 34 30 33 30 30 30 30 30 31 42 38 0D"))
-                time.sleep(1.0)
-            os.kill(process.pid, signal.SIGCONT)
-            process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 1
+    with child(*run_words(plant_for_two)) as process:
+        lines_until(process, lambda line: line.startswith("running"))
+        os.kill(process.pid, signal.SIGSTOP)
+        with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", plant_for_two.url)[0]))) as other:
+            other.sendall(bytes.fromhex("2A 30 31 34 30 33 30 30 30 30 30 31 42 38 0D"))
+            time.sleep(1.0)
+        os.kill(process.pid, signal.SIGCONT)
+        process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
 
 
 def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: Plant) -> None:
     """T13: one press starts nothing; the repeat of a held key does; silence stops within the lease."""
-    with Terminal("jog", plant.url, "--model", "c320", "--address", "1") as terminal:
+    with Terminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")
         terminal.press(" ")
         time.sleep(1.2)
@@ -168,7 +164,7 @@ def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: P
 
 
 def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
-    with Terminal("jog", plant.url, "--model", "c320", "--address", "1") as terminal:
+    with Terminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")
         terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press("f"))
         terminal.hang_up()
@@ -176,26 +172,15 @@ def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
     assert plant.state() == "stopped"
 
 
-def test_a_stop_that_nobody_confirms_exits_with_4() -> None:
-    """A server that accepts everything and never answers: a drive that lost its power."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        link = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        done = subprocess.run(
-            [*COMMAND, "stop", link, "--model", "c320", "--address", "1", "--json"],
-            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
-        )  # fmt: skip
+def test_a_stop_that_nobody_confirms_exits_with_4(dead: str) -> None:
+    done = finished("stop", dead)
     assert done.returncode == 4
     document = json.loads(done.stdout)
     assert document["error"]["type"] == "StopUnconfirmed"
     assert document["exit"] == 4
 
 
-def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        link = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        done = subprocess.run(
-            [*COMMAND, "run", link, "--model", "c320", "--address", "1", "--frequency", "20", "--json"],
-            capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S,
-        )  # fmt: skip
+def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1(dead: str) -> None:
+    done = finished("run", dead, "--frequency", "20")
     assert done.returncode == 1
     assert json.loads(done.stdout)["error"]["type"] in ("NoReply", "PreflightError")
