@@ -6,7 +6,7 @@ from typing import Any
 
 from drivebus.profiles.model import Text
 
-HEAD, ADDRESS, END = Text("head", "帧头"), Text("address", "从机地址"), Text("end mark", "帧尾")
+HEAD, ADDRESS, END = Text("head", "帧头"), Text("address", "站号"), Text("end mark", "帧尾")
 KIND, OPERATION = Text("class", "命令类别"), Text("operation", "操作命令")
 RESPONSE, STATE = Text("response", "从机响应"), Text("state", "状态反馈")
 GROUP, ITEM = Text("group", "数据分类"), Text("item", "数据地址/分项")

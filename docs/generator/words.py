@@ -12,7 +12,7 @@ from drivebus.profiles.model import Evidence, Text
 PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
 """Sentences that vectors and evidence have in English only → Chinese."""
 BITS = {
-    "start": Text("start", "起动"),
+    "start": Text("start", "启动"),
     "stop": Text("stop as the drive is set to", "按停机方式停机"),
     "forward": Text("forward", "正转"),
     "reverse": Text("reverse", "反转"),
@@ -33,7 +33,7 @@ BITS = {
     "speed_search": Text("searching the speed", "检测速度过程中"),
     "dc_braking": Text("DC braking", "直流制动运行中"),
     "jogging": Text("jogging", "点动运行中"),
-    "set_reverse": Text("set direction is reverse", "给定频率方向为反转"),
+    "set_reverse": Text("set direction is reverse", "设定频率方向为反转"),
     "output_reverse": Text("output direction is reverse", "输出频率方向为反转"),
 }
 """What the bits of command and status words do, in the words of the manuals."""
@@ -42,7 +42,7 @@ WORDS = {
     "maker": Text("maker", "厂家"),
     "encodings": Text("encodings", "编码"),
     "line": Text("default line", "默认线路"),
-    "addresses": Text("addresses", "地址"),
+    "addresses": Text("addresses", "站号"),
     "broadcast": Text("broadcast", "广播"),
     "none": Text("none", "无"),
     "can": Text("does not have", "不具备"),
