@@ -97,8 +97,8 @@ def build(encoding, address, kind, operation=0, group=0, item=0, data=0):
         raise ValueError("2.4.4: operation")
     if not 0 <= group <= 15 or not 0 <= item <= 255 or not 0 <= data <= 65535:
         raise ValueError("2.3: a digit too many")
-    if kind == 0 and (group > 3 or item != 0):
-        raise ValueError("3 (1): groups 0 to 3, digits 7 and 8 are 0")
+    if kind == 0 and item != 0:
+        raise ValueError("3 (1): digits 7 and 8 are 0; 4 to F of digit 6 are reserved, but listed with an answer")
     if kind in (1, 4) and group != 0:
         raise ValueError("3 (2), (5): digit 6 of class 1 is 0, class 4 has none")
     if kind == 4 and item != 0:
@@ -113,13 +113,18 @@ def build(encoding, address, kind, operation=0, group=0, item=0, data=0):
         fields = fields + write_field(encoding, 2, item)
     if kind in (3, 4, 5):
         fields = fields + write_field(encoding, 4, data)
+    frame = seal(encoding, fields)
+    assert len(frame) == REQUEST_LENGTH[kind]
+    return frame
+
+
+def seal(encoding, fields):
+    """2.4.1, 2.4.7, 2.4.8: header, fields, sum, end."""
     if encoding == "ascii":
         head = 0x2A
     else:
         head = 0x5A
-    frame = [head] + fields + write_field(encoding, 4, checksum(fields)) + [0x0D]
-    assert len(frame) == REQUEST_LENGTH[kind]
-    return bytes(frame)
+    return bytes([head] + list(fields) + write_field(encoding, 4, checksum(fields)) + [0x0D])
 
 
 def read_field(encoding, part):
@@ -254,3 +259,27 @@ def judge_identity(encoding, asked, reply, meaning, data):
         meaning["digit_8"] = digit_8
     meaning["data"] = data
     return meaning
+
+
+def build_reply(encoding, address, response, state, group, item, data):
+    """2.3.2: what a drive sends. Nothing is judged, so that reserved numbers can be sent too."""
+    fields = write_field(encoding, 2, address)
+    fields = fields + write_field(encoding, 1, response)
+    fields = fields + write_field(encoding, 2, state)
+    if response not in SHORT_RESPONSES:
+        fields = fields + write_field(encoding, 1, group)
+        fields = fields + write_field(encoding, 2, item)
+        fields = fields + write_field(encoding, 4, data)
+    return seal(encoding, fields)
+
+
+def build_identity(encoding, address, response, state, group, digit_7, digit_8, data):
+    """3 (1): what a drive sends for class 0."""
+    fields = write_field(encoding, 2, address)
+    fields = fields + write_field(encoding, 1, response)
+    fields = fields + write_field(encoding, 2, state)
+    fields = fields + write_field(encoding, 1, group)
+    fields = fields + write_field(encoding, 1, digit_7)
+    fields = fields + write_field(encoding, 1, digit_8)
+    fields = fields + write_field(encoding, 4, data)
+    return seal(encoding, fields)

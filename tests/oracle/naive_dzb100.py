@@ -31,6 +31,10 @@ WRONG = 0x07
 COMMANDS = {0: "stop", 1: "forward", 2: "stop", 3: "reverse", 4: "jog forward", 5: "jog forward",
             6: "jog reverse", 7: "jog reverse", 8: "reset"}  # fmt: skip
 
+# CD of Q03, as printed: decimal. Whether the tenth is sent as 10 or 0A is not said; the fact sheet takes decimal.
+FAULTS = ["00", "01", "02", "03", "04", "05", "06", "07", "08", "09", "10",
+          "11", "12", "13", "14", "15", "16", "17", "18", "19", "20"]  # fmt: skip
+
 
 def two_decimal(number):
     """UU, MM and NN: two decimal digits."""
@@ -72,6 +76,20 @@ def build(kind, address, number, data=0):
     return bytes(frame)
 
 
+def build_reply(kind, b, address, number, data):
+    """What a drive sends. Nothing is judged, so that undefined numbers can be sent too."""
+    return bytes([HEADS[kind], S, b] + two_decimal(address) + two_decimal(number) + four_hex(data))
+
+
+def result(kind, b):
+    """B: 06 and 07 are words in every reply (C: example 1 shows 06); else the state digit, X not defined."""
+    if b == RIGHT:
+        return "right"
+    if b == WRONG:
+        return "wrong"
+    return b % 16
+
+
 def judge(request, reply):
     """What the reply to this request means, as a dict, or "refuse"."""
     kind = NAMES[request[0]]
@@ -96,19 +114,22 @@ def judge(request, reply):
     for byte in reply[7:11]:
         if byte not in VALUES:
             return "refuse"  # section 2 (4)
-    if kind in ("control", "write") and b == RIGHT and reply[7:11] != request[7:11]:
-        return "refuse"  # the reply's FFFF is "as above"; examples 1 and 2 give back what was sent
+    if kind in ("control", "write") and b != WRONG and reply[7:11] != request[7:11]:
+        return "refuse"  # the reply's FFFF is "as above", whatever B is; examples 1 and 2 give back what was sent
     meaning = {
         "kind": kind,
         "address": VALUES[reply[3]] * 10 + VALUES[reply[4]],
         "number": VALUES[reply[5]] * 10 + VALUES[reply[6]],
-        "b": b,
+        "result": result(kind, b),
         "data": VALUES[reply[7]] * 4096 + VALUES[reply[8]] * 256 + VALUES[reply[9]] * 16 + VALUES[reply[10]],
     }
     if kind == "query" and meaning["number"] == 3 and b == RIGHT:
         if VALUES[reply[7]] not in COMMANDS:
             return "refuse"  # NN = 03: A is the run command, 0 to 8
-        meaning["command_digit"] = VALUES[reply[7]]
+        fault = chr(reply[9]) + chr(reply[10])
+        if fault not in FAULTS:
+            return "refuse"  # NN = 03: CD is 00 to 20, 19 and 20 reserved
+        meaning["command"] = VALUES[reply[7]]
         meaning["state_digit"] = VALUES[reply[8]]
-        meaning["fault_digits"] = chr(reply[9]) + chr(reply[10])
+        meaning["fault_code"] = FAULTS.index(fault)
     return meaning

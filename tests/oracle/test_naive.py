@@ -61,4 +61,4 @@ def test_the_naive_dzb100_builds_and_reads_the_manuals_frames(
     request, reply = bytes.fromhex(request_hex), bytes.fromhex(reply_hex)
     assert naive_dzb100.build(*asked) == request, example
     read = naive_dzb100.judge(request, reply)
-    assert (read["b"], read["data"]) == (6, data), example
+    assert (read["result"], read["data"]) == ("right", data), example

@@ -1,0 +1,212 @@
+"""Both readings of the C320 brought into one shape, and the messages that they are shown."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.message import Complete
+from drivebus.protocols import sifang
+from oracle import naive_c320 as naive
+from oracle.mutate import ANY_FRAME
+
+REFUSE = "refuse"
+KINDS = ("read identity", "read monitor", "read parameter", "write RAM", "control", "write EEPROM")
+OPERATIONS = tuple(naive.OPERATIONS)
+PLAIN_STOPS = (0x03, 0x06, 0x21)
+STATES = tuple(naive.STATES)
+
+
+class C320Side:
+    """One encoding; ``codec`` may be another than ours, to see that the comparison can tell."""
+
+    def __init__(self, encoding: str, codec: Any = None) -> None:
+        self.name = f"c320-{encoding}"
+        self.encoding = encoding
+        self.other = "hex" if encoding == "ascii" else "ascii"
+        self.codec = codec or sifang.SifangCodec(encoding)  # type: ignore[arg-type]
+        self.hands = (*ANY_FRAME, self.mended, self.other_alphabet, self.other_encoding, self.wrong_address, self.old)
+
+    # -- requests ----------------------------------------------------------------------------------------------
+
+    def draw(self, rng: Random) -> dict[str, int]:
+        """A request's fields; one in sixteen has one that no frame can carry."""
+        kind = rng.randrange(6)
+        asked = {"address": rng.randrange(32), "kind": kind}
+        if kind == 4:
+            asked |= {"operation": rng.choice(OPERATIONS), "data": rng.choice((0, rng.randrange(0x10000)))}
+            asked |= rng.choice(({}, {"expected_item": rng.randrange(256)}))
+        elif kind != 1:
+            asked["group"] = rng.randrange(16)
+        if kind not in (0, 4):
+            asked["item"] = rng.randrange(256)
+        if kind in (3, 5):
+            asked["data"] = rng.choice((0, rng.randrange(0x10000)))
+        if rng.randrange(16) == 0:
+            name = rng.choice([name for name in asked if name not in ("kind", "expected_item")])
+            asked[name] = rng.choice((-1, 16, 32, 0x30, 0x31, 0x100, 0x10000))
+        return asked
+
+    def kind(self, asked: dict[str, int]) -> str:
+        return KINDS[asked["kind"]]
+
+    def naive_build(self, asked: dict[str, int]) -> bytes | None:
+        try:
+            return naive.build(self.encoding, **on_the_wire(asked))
+        except ValueError:
+            return None
+
+    def our_build(self, asked: dict[str, int]) -> bytes | None:
+        try:
+            return self.codec.encode_request(message(asked))
+        except ValueError:
+            return None
+
+    def wanted_request(self, asked: dict[str, int], plain: bytes | None) -> tuple[str | None, bytes | None]:
+        """What drivebus is to build, and the name of the choice where that is not what the manual would let it."""
+        if asked["kind"] in (0, 1, 2) and asked["address"] == naive.BROADCAST:
+            return "no read of everybody", None
+        if asked["kind"] == 4 and asked["data"]:
+            if asked["operation"] in PLAIN_STOPS:
+                return "a stop carries 0000", self.naive_build({**asked, "data": 0})
+            if asked["operation"] & 0xF0 != 0x10:
+                return "no data with an operation that sets no frequency", None
+        return None, plain
+
+    def heard(self, rng: Random, asked: dict[str, int]) -> bool:
+        """A station reads the naive frame, whatever operation it carries (2.4.4: every class has one)."""
+        operation = asked.get("operation", rng.choice(OPERATIONS))
+        frame = naive.build(self.encoding, **{**on_the_wire(asked), "operation": operation})
+        try:
+            verdict = self.codec.decode_request(frame)
+        except ProtocolError:
+            return False
+        expected = sifang.Heard(message(on_the_wire(asked)), sifang.Operation(operation))
+        return bool(verdict == Complete(expected, len(frame)))
+
+    # -- replies -----------------------------------------------------------------------------------------------
+
+    def answer(self, rng: Random, asked: dict[str, int]) -> bytes:
+        """A reply as a drive might send it: mostly lawful, mostly with the right echoes."""
+        return self._answer(rng, asked, self.encoding, asked["address"])
+
+    def _answer(self, rng: Random, asked: dict[str, int], encoding: str, address: int) -> bytes:
+        response = rng.choice((0, 0, 0, 0, rng.randrange(16), rng.choice((1, 2, 3, 4, 6, 7, 8))))
+        state = rng.choice((rng.choice(STATES), rng.choice(STATES), rng.choice(STATES), 0x20, rng.randrange(0x24)))
+        if response in naive.SHORT_RESPONSES:
+            state = rng.choice((0, 0, 0, state))
+        group = maybe(rng, asked.get("group", 0), rng.randrange(16))
+        if asked["kind"] == 0 and rng.randrange(8):
+            digits = rng.randrange(16), rng.randrange(16)
+            if response not in naive.SHORT_RESPONSES:
+                return naive.build_identity(encoding, address, response, state, group, *digits, rng.randrange(0x10000))
+        item = maybe(rng, asked.get("item", asked.get("expected_item", rng.randrange(256))), rng.randrange(256))
+        set_data = rng.choice((0, asked.get("data", 0))) if response else asked.get("data", rng.randrange(0x10000))
+        data = maybe(rng, set_data, rng.randrange(0x10000))
+        return naive.build_reply(encoding, address, response, state, group, item, data)
+
+    def naive_judge(self, request: bytes, reply: bytes) -> Any:
+        return naive.judge(request, reply)
+
+    def our_judge(self, asked: dict[str, int], reply: bytes) -> Any:
+        """The same shape as the naive one's. Any exception but ProtocolError escapes: that would be a finding too."""
+        try:
+            verdict = self.codec.decode_reply(message(asked), reply)
+        except ProtocolError:
+            return REFUSE
+        if not isinstance(verdict, Complete) or verdict.size != len(reply):
+            return REFUSE  # the bus waits for the rest, or finds too much
+        return shown(verdict.message)
+
+    def wanted_reply(self, asked: dict[str, int], request: bytes, reply: bytes, plain: Any) -> tuple[str | None, Any]:
+        """What drivebus is to believe, and the name of the choice where that is not the manual's letter."""
+        if (
+            asked["kind"] == 4
+            and plain != REFUSE
+            and "data" in plain
+            and plain.get("item", -1) != asked.get("expected_item")
+        ):
+            published = {name: plain[name] for name in plain if name not in ("item", "data")}
+            return "a control reply's item and data are withheld", published
+        if self.encoding == "hex" and plain == REFUSE and self._seven(request, reply):
+            return "response 7 after a hex request is told", {"address": asked["address"], "response": 7}
+        return None, plain
+
+    def _seven(self, request: bytes, reply: bytes) -> bool:
+        """The naive one would take the same reply with code 8 in it: code 7 alone is what it does not believe."""
+        if len(reply) != 11 or reply[3] != 7 or reply != naive.seal("hex", reply[1:-5]):
+            return False
+        return naive.judge(request, naive.seal("hex", reply[1:3] + bytes((8,)) + reply[4:-5])) != REFUSE
+
+    # -- hands -------------------------------------------------------------------------------------------------
+
+    def mended(self, rng: Random, frame: bytes) -> bytes:
+        """A field's byte changes and the sum with it: only the field's own rule can see it."""
+        fields = bytearray(frame[1:-5])
+        digits = b"0123456789ABCDEF" if self.encoding == "ascii" else bytes(range(34))
+        fields[rng.randrange(len(fields))] = rng.choice((rng.choice(digits), rng.randrange(256)))
+        return naive.seal(self.encoding, fields)
+
+    def other_alphabet(self, rng: Random, frame: bytes) -> bytes:
+        """The misprints of 4.5 and 4.6: 3AH-3FH for A-F, or one nibble a byte; the sum fits."""
+        if self.encoding == "ascii":
+            fields = bytes(byte - 7 if byte >= 0x41 else byte for byte in frame[1:-5])
+            return naive.seal("ascii", fields)
+        fields = bytearray(frame[1:-5])
+        if len(fields) > 6:
+            high, low = fields[-2:]
+            fields[-4:] = bytes((high >> 4, high & 15, low >> 4, low & 15))
+        return naive.seal("hex", fields)
+
+    def other_encoding(self, rng: Random, frame: bytes) -> bytes:
+        """The other header over these fields, with a sum in that header's own spelling."""
+        return naive.seal(self.other, frame[1:-5])
+
+    def wrong_address(self, rng: Random, frame: bytes) -> bytes:
+        address = naive.write_field(self.encoding, 2, rng.randrange(256))
+        return naive.seal(self.encoding, bytes(address) + frame[3:-5])
+
+    def old(self, rng: Random, frame: bytes) -> bytes:
+        """The reply to something else."""
+        return self._answer(rng, self.draw_lawful(rng), self.encoding, rng.randrange(31))
+
+    def draw_lawful(self, rng: Random) -> dict[str, int]:
+        while True:
+            asked = self.draw(rng)
+            if self.naive_build(asked) is not None:
+                return asked
+
+
+def maybe(rng: Random, right: int, other: int) -> int:
+    return other if rng.randrange(12) == 0 else right
+
+
+def on_the_wire(asked: dict[str, int]) -> dict[str, int]:
+    """Without what only the host knows: the monitor that F6.12 is set to."""
+    return {name: asked[name] for name in asked if name != "expected_item"}
+
+
+def message(asked: dict[str, int]) -> sifang.Request:
+    """The same request in our words."""
+    address, kind = asked["address"], asked["kind"]
+    if kind == 0:
+        return sifang.ReadIdentity(address, asked["group"])
+    if kind == 1:
+        return sifang.ReadMonitor(address, asked["item"])
+    if kind == 2:
+        return sifang.ReadParameter(address, asked["group"], asked["item"])
+    if kind == 4:
+        return sifang.Control(address, asked["operation"], asked["data"], asked.get("expected_item"))  # type: ignore[arg-type]
+    return sifang.WriteParameter(address, asked["group"], asked["item"], asked["data"], save=kind == 5)
+
+
+def shown(reply: sifang.Reply) -> dict[str, int]:
+    """A reply of ours as the naive one's dict."""
+    names = ("address", "response", "state", "group", "item", "fault_code", "data", "other_data")
+    found = {name: int(getattr(reply, name)) for name in names if getattr(reply, name) is not None}
+    if reply.info is not None:
+        found["data"] = int(reply.info[2:], 16)
+        if reply.info[:2] != "--":
+            found |= {"digit_7": int(reply.info[0], 16), "digit_8": int(reply.info[1], 16)}
+    return found

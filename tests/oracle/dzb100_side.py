@@ -1,0 +1,155 @@
+"""Both readings of the DZB100 brought into one shape, and the messages that they are shown."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.message import Complete
+from drivebus.protocols import dzb
+from oracle import naive_dzb100 as naive
+from oracle.mutate import ANY_FRAME
+
+REFUSE = "refuse"
+KINDS = tuple(naive.HEADS)
+
+
+class Dzb100Side:
+    """``codec`` may be another than ours, to see that the comparison can tell."""
+
+    def __init__(self, codec: Any = None) -> None:
+        self.name = "dzb100"
+        self.codec = codec or dzb.DzbCodec()
+        self.hands = (*ANY_FRAME, self.another_b, self.other_alphabet, self.other_head, self.wrong_address, self.old)
+
+    # -- requests ----------------------------------------------------------------------------------------------
+
+    def draw(self, rng: Random) -> dict[str, Any]:
+        """A request's fields; one in sixteen has one that no frame can carry."""
+        kind = rng.choice(KINDS)
+        last = {"control": 8, "query": 3}.get(kind, 80)
+        asked: dict[str, Any] = {"kind": kind, "address": rng.randint(1, 31), "number": rng.randint(0, last)}
+        if kind == "control":
+            asked["address"] = rng.choice((asked["address"], asked["address"], asked["address"], 0))
+        if kind in ("control", "write"):
+            asked["data"] = rng.choice((0, rng.randrange(0x10000)))
+        if rng.randrange(16) == 0:
+            asked[rng.choice([name for name in asked if name != "kind"])] = rng.choice((-1, 0, 9, 32, 81, 100, 0x10000))
+        return asked
+
+    def kind(self, asked: dict[str, Any]) -> str:
+        return str(asked["kind"])
+
+    def naive_build(self, asked: dict[str, Any]) -> bytes | None:
+        try:
+            return naive.build(**asked)
+        except ValueError:
+            return None
+
+    def our_build(self, asked: dict[str, Any]) -> bytes | None:
+        try:
+            return self.codec.encode_request(message(asked))
+        except ValueError:
+            return None
+
+    def wanted_request(self, asked: dict[str, Any], plain: bytes | None) -> tuple[str | None, bytes | None]:
+        """What drivebus is to build, and the name of the choice where that is not what the manual would let it."""
+        if asked["kind"] == "control" and asked["data"]:
+            if asked["number"] in (0, 2):
+                return "a stop carries 0000", self.naive_build({**asked, "data": 0})
+            if asked["number"] == 8:
+                return "no data with a reset", None
+        return None, plain
+
+    def heard(self, rng: Random, asked: dict[str, Any]) -> bool:
+        """A station reads the naive frame."""
+        frame = naive.build(**asked)
+        try:
+            return bool(self.codec.decode_request(frame) == Complete(message(asked), len(frame)))
+        except ProtocolError:
+            return False
+
+    # -- replies -----------------------------------------------------------------------------------------------
+
+    def answer(self, rng: Random, asked: dict[str, Any]) -> bytes:
+        """A reply as a drive might send it: mostly lawful, mostly with the right echoes."""
+        b = rng.choice((6, 6, 6, 6, 7))
+        if asked["kind"] == "control":
+            b = rng.choice((b, b, rng.randrange(10), rng.choice(b"0123456789:"), rng.randrange(256)))
+        data = rng.randrange(0x10000)
+        if asked["kind"] == "query" and asked["number"] == 3:
+            data = rng.choice((data, rng.randrange(10) << 12 | rng.randrange(16) << 8 | rng.randrange(0x24)))
+        data = maybe(rng, asked.get("data", data), rng.randrange(0x10000))
+        number = maybe(rng, asked["number"], rng.randrange(100))
+        return naive.build_reply(asked["kind"], b, asked["address"], number, data)
+
+    def naive_judge(self, request: bytes, reply: bytes) -> Any:
+        return naive.judge(request, reply)
+
+    def our_judge(self, asked: dict[str, Any], reply: bytes) -> Any:
+        """The same shape as the naive one's, Q03 read as the drives room reads it."""
+        try:
+            verdict = self.codec.decode_reply(message(asked), reply)
+            if not isinstance(verdict, Complete) or verdict.size != len(reply):
+                return REFUSE  # the bus waits for the rest, or finds too much
+            return shown(verdict.message)
+        except ProtocolError:
+            return REFUSE
+
+    def wanted_reply(self, asked: dict[str, Any], request: bytes, reply: bytes, plain: Any) -> tuple[str | None, Any]:
+        """What drivebus is to believe, and the name of the choice where that is not the manual's letter."""
+        if asked["kind"] == "control" and plain != REFUSE and reply[2] >> 4 not in (0, 3):
+            return "B of a control reply: X is 0 or an ASCII digit", REFUSE
+        return None, plain
+
+    # -- hands -------------------------------------------------------------------------------------------------
+
+    def another_b(self, rng: Random, frame: bytes) -> bytes:
+        return frame[:2] + rng.randbytes(1) + frame[3:]
+
+    def other_alphabet(self, rng: Random, frame: bytes) -> bytes:
+        """3AH-3FH for A-F, as the C320's manual prints them."""
+        return frame[:3] + bytes(byte - 7 if byte >= 0x41 else byte for byte in frame[3:])
+
+    def other_head(self, rng: Random, frame: bytes) -> bytes:
+        return bytes((rng.choice(b"CPRQ"),)) + frame[1:]
+
+    def wrong_address(self, rng: Random, frame: bytes) -> bytes:
+        return frame[:3] + bytes(naive.two_decimal(rng.randrange(100))) + frame[5:]
+
+    def old(self, rng: Random, frame: bytes) -> bytes:
+        """The reply to something else."""
+        while True:
+            asked = self.draw(rng)
+            if self.naive_build(asked) is not None:
+                return self.answer(rng, asked)
+
+
+def maybe(rng: Random, right: int, other: int) -> int:
+    return other if rng.randrange(12) == 0 else right
+
+
+def message(asked: dict[str, Any]) -> dzb.Request:
+    """The same request in our words."""
+    address, number = asked["address"], asked["number"]
+    if asked["kind"] == "control":
+        return dzb.Control(address, number, asked["data"], everyone=address == dzb.BROADCAST)
+    if asked["kind"] == "write":
+        return dzb.WriteParameter(address, number, asked["data"])
+    return dzb.ReadParameter(address, number) if asked["kind"] == "read" else dzb.Query(address, number)
+
+
+def shown(reply: dzb.Reply) -> dict[str, Any]:
+    """A reply of ours as the naive one's dict. Raises CodeError for a state word that is not the manual's."""
+    found: dict[str, Any] = {
+        "kind": naive.NAMES[ord(reply.head)],
+        "address": reply.address,
+        "number": reply.index,
+        "result": {True: "right", False: "wrong", None: reply.digit}[reply.accepted],
+        "data": reply.data,
+    }
+    if reply.head == "Q" and reply.index == 3 and reply.accepted:
+        word = dzb.StateWord.parse(reply.data)
+        found |= {"command": word.command, "state_digit": word.state, "fault_code": word.fault_code}
+    return found
