@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from drivebus.capture import Bytes, read_capture
+from drivebus.capture import Bytes, Event, read_capture
 from drivebus.cli.root import cli
 from drivebus.sim.port import forget_benches
 
@@ -56,6 +56,17 @@ def test_a_recorded_line_is_shown_again_by_monitor(tmp_path: Path) -> None:
     assert shown.exit_code == 0
     drives = json.loads(shown.stdout.splitlines()[-1])["drives"]
     assert [(one["model"], one["address"], one["state"]) for one in drives] == [("vc660", 1, "stopped")]
+
+
+def test_one_capture_holds_a_whole_scan_with_the_settings_that_each_part_was_asked_under(tmp_path: Path) -> None:
+    file = tmp_path / "scan.dbcap"
+    words = ("scan", "sim://vc660@1?drives=19200-8N1", "--models", "vc660", "--addresses", "1-2", "--formats", "8N1")
+    result = invoke(*words, "--bauds", "9600,19200", "--listen", "0.1", "--record", str(file), "--json")
+    assert result.exit_code == 0, result.output
+    opened = [one for one in read_capture(file).records if isinstance(one, Event) and one.name == "opened"]
+    assert [one.details["baud"] for one in opened] == [9600, 9600, 19200], "listened first, then both settings"
+    assert json.loads(result.stdout)["found"][0]["sent"] in sent(file)
+    assert f"drivebus monitor {file}" in result.stderr
 
 
 def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path: Path) -> None:

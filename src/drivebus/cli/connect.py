@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -114,23 +114,37 @@ async def drive(target: Target, limits: DriveLimits | None = None) -> AsyncItera
 
 @contextmanager
 def recorded(port: Port, file: str | None) -> Iterator[Port]:
-    """The port, with a capture of all that passes through it where ``file`` names one; says so at the end.
+    """The port, with a capture of all that passes through it where ``file`` names one; says so at the end."""
+    with recording(file) as around:
+        yield around(port)
+
+
+@contextmanager
+def recording(file: str | None) -> Iterator[Callable[[Port], Port]]:
+    """What puts one capture around port after port, each opened before the next; says at the end what became of it.
 
     A disk that fails ends the capture, never what the bus does.
     """
     from drivebus.cli import voice
 
     if file is None:
-        yield port
+        yield lambda port: port
         return
     from drivebus.ports.capturing import CapturingPort
 
-    capturing = CapturingPort(port, file)
+    capturing: list[CapturingPort] = []
+
+    def around(port: Port) -> Port:
+        capturing[:] = [capturing[0].around(port) if capturing else CapturingPort(port, file)]
+        return capturing[0]
+
     try:
-        yield capturing
+        yield around
     finally:
-        capturing.end_capture()
-    if capturing.error is not None:
-        voice.note("record.cut", file=file, reason=capturing.error.strerror or str(capturing.error))
-    else:
+        for one in capturing:
+            one.end_capture()
+    error = capturing[0].error if capturing else None
+    if error is not None:
+        voice.note("record.cut", file=file, reason=error.strerror or str(error))
+    elif capturing:
         voice.note("record.done", file=file)

@@ -28,6 +28,12 @@ class CapturingPort:
         if isinstance(port, Quietable):
             self.quiet_until = port.quiet_until
 
+    def around(self, port: Port) -> CapturingPort:
+        """The same capture, going on around another port: the next line setting of a scan. Opened before this."""
+        other = CapturingPort(port, self._path)
+        other._writer = self._writer
+        return other
+
     @property
     def settings(self) -> LineSettings:
         return self._port.settings

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
+from drivebus.cli.connect import recording
 from drivebus.cli.exits import Exit
 from drivebus.cli.progress import duration
 from drivebus.cli.scan_page import Meter, show, show_plan
@@ -54,12 +56,14 @@ def _scan(
     listen: float,
     anyway: bool,
     everything: bool,
+    record: str | None,
     dry_run: bool,
 ) -> Exit:
     passes = make_plan(link, models, addresses, bauds, formats, encoding)
     if dry_run:
         return show_plan(passes)
-    return asyncio.run(_run(link, passes, listen, anyway, everything))
+    with recording(record) as around:
+        return asyncio.run(_run(link, passes, listen, anyway, everything, around))
 
 
 def make_plan(
@@ -87,14 +91,16 @@ def make_plan(
     )
 
 
-async def _run(link: str, passes: list[Pass], listen_s: float, anyway: bool, everything: bool) -> Exit:
+async def _run(
+    link: str, passes: list[Pass], listen_s: float, anyway: bool, everything: bool, around: Callable[[Port], Port]
+) -> Exit:
     from drivebus import ports
     from drivebus.cli.ending import listening
     from drivebus.commissioning import scan
     from drivebus.errors import DrivebusError
 
     def open_port(settings: LineSettings) -> Port:
-        return ports.open_port(link, baud=settings.baud, format=settings.format)
+        return around(ports.open_port(link, baud=settings.baud, format=settings.format))
 
     progress = scan.Progress(sum(one.seconds for one in passes))
     with listening() as ending:
@@ -157,6 +163,7 @@ command = Verb(
         ),
         Option(["--anyway"], is_flag=True),
         Option(["--all", "everything"], is_flag=True, key="help.option.all"),
+        options.record(),
         options.dry_run(),
     ],
     examples=(
@@ -164,5 +171,6 @@ command = Verb(
         "drivebus scan /dev/ttyUSB0 --models c320 --addresses 1-8 --bauds 9600 --formats 8E1,8N1",
         "drivebus scan sim://vc660@3 --models vc660 --addresses 1-5 --json",
         "drivebus scan tcp://192.168.1.50:4001 --dry-run",
+        "drivebus scan /dev/ttyUSB0 --record what-answered.dbcap",
     ),
 )
