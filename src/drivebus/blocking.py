@@ -198,10 +198,13 @@ class Drive:
         return self._bus.wait(self.drive.status(signals))
 
     def monitor(
-        self, signals: Iterable[str] | None = None, on_change: Callable[[DriveStatus], None] | None = None
+        self,
+        signals: Iterable[str] | None = None,
+        on_change: Callable[[DriveStatus], None] | None = None,
+        period_s: float = 0.0,
     ) -> Monitor:
         """Poll in the background. ``on_change`` is called on the bus's thread: be quick there, and call no drive."""
-        return Monitor(self._bus, lambda: self.drive.monitor(signals, on_change))
+        return Monitor(self._bus, lambda: self.drive.monitor(signals, on_change, period_s))
 
     def run(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 
@@ -135,6 +136,18 @@ def test_a_stop_in_any_lane_is_a_stop() -> None:
     play.ask(Ask(1, ask_stop().request, Lane.POLL, WriteClass.ABSOLUTE), "stop")
     play.answer("stop")
     assert play.frames[1] == STOP_FRAME
+
+
+def test_i3_what_follows_a_stop_lets_the_other_drives_stops_go_first() -> None:
+    """VC660 writes the levels after each stop pulse: asked for in the command lane, still ahead of everything else."""
+    play = book(Station(1), Station(2))
+    play.ask(ask_read(1), "in flight")
+    play.ask(ask_read(2), "read")
+    play.ask(replace(ask_stop(1), lane=Lane.COMMAND), "levels of 1")
+    play.ask(ask_stop(2), "stop of 2")
+    play.play()
+    stop_1, stop_2 = (CODEC.encode_request(ask_stop(address).request) for address in (1, 2))
+    assert play.frames[1:3] == [stop_2, stop_1]
 
 
 def test_nothing_else_may_use_the_stop_lane() -> None:

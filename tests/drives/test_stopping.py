@@ -10,7 +10,7 @@ from drivebus.drives.dialect import Stop
 from drivebus.drives.state import OutcomeWord
 from drivebus.drives.stopping import PATIENCE_S, stop
 from drivebus.errors import Superseded
-from drivebus.message import Lane
+from drivebus.message import Lane, WriteClass
 from drivebus.protocols import dzb, modbus, sifang
 from drivekit import PaperC320, PaperModbus, World, dialect_of, talk_of
 
@@ -31,6 +31,13 @@ def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_re
     assert isinstance(first.request, sifang.Control)
     assert (first.lane, first.permit, first.expires_at) == (Lane.STOP, None, None)
     assert (outcome.word, outcome.key) == (OutcomeWord.CONFIRMED, "drives.stop_confirmed")
+
+
+def test_i3_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
+    world = World(dialect_of("vc660"), PaperModbus())
+    world.play(stop(talk_of(world.dialect)))
+    pulse, levels, *_ = (ask for ask in world.asks if ask.write_class is WriteClass.ABSOLUTE)
+    assert (pulse.lane, levels.lane) == (Lane.STOP, Lane.COMMAND)
 
 
 def test_ruling_1_a_stop_is_not_confirmed_by_its_own_reply() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import Any
 
 import pytest
@@ -168,6 +168,31 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: Kind) ->
             back = monitor.status()
             assert back.state == "stopped"
             assert {name for name, reading in back.readings.items() if reading.quality is Quality.GOOD} >= good
+
+    story(told())
+
+
+@every_family
+def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_values_good_as_long(kind: Kind) -> None:
+    """For lines with more drives than the profile's own periods allow; good for three periods (ruling 12)."""
+
+    async def told() -> None:
+        async with plant(kind) as here:
+            monitor = here.drive.monitor(period_s=5.0)
+            await asyncio.sleep(60.0)
+            often = Counter(one.data for one in here.tap.asked)
+            assert max(often.values()) <= 13
+            assert max(often.values()) >= 12
+            here.station().faults.silent = True
+            await asyncio.sleep(9.0)
+            quick = [name for name, signal in here.drive.profile.signals.items() if signal.period_s <= 5.0]
+            found = monitor.status().readings
+            good = [name for name in quick if name in found and found[name].quality is not Quality.BAD]
+            await asyncio.sleep(9.0)
+            found = monitor.status().readings
+            assert good
+            assert {found[name].quality for name in good} == {Quality.BAD}
+            monitor.close()
 
     story(told())
 

@@ -60,11 +60,14 @@ class Scheduler:
             self.lanes[job.lane].appendleft(job)
 
     def next(self, now: float) -> Job | None:
-        """The frame that is to be sent next (its gap may still have to pass), or None."""
+        """The frame that is to be sent next (its gap may still have to pass), or None.
+
+        A stop that was asked for in another lane (the levels that follow a VC660's stop pulse) lets stops go first.
+        """
         self.wake_at = FOREVER
         stops, commands, parameters, polls, probes = self.lanes
         if stops:
-            return stops[0]
+            return next((job for job in stops if job.ask.lane is Lane.STOP), stops[0])
         if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
             return job
         if commands and (job := self._first(commands, now)):

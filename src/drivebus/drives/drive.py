@@ -164,11 +164,18 @@ class Drive:
         return await self._talk(statusread.status(Talk(self._memory), names))
 
     def monitor(
-        self, signals: Iterable[str] | None = None, on_change: Callable[[DriveStatus], None] | None = None
+        self,
+        signals: Iterable[str] | None = None,
+        on_change: Callable[[DriveStatus], None] | None = None,
+        period_s: float = 0.0,
     ) -> Monitor:
-        """Poll these signals (None: all of the profile) until closed; ``on_change`` gets a status per answer."""
+        """Poll these signals (None: all of the profile) until closed; ``on_change`` gets a status per answer.
+
+        ``period_s``: nothing more often than that, for a line with more drives than the profile's own periods allow;
+        readings are then good for three of these periods.
+        """
         self._recall()
-        return Monitor(self.bus, self.dialect, signals, on_change)
+        return Monitor(self.bus, self.dialect, signals, on_change, period_s)
 
     async def identify(self) -> Identity:
         """What the drive says of itself (C320 class 0); for the others only that it answers."""

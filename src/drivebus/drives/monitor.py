@@ -28,6 +28,7 @@ class Monitor:
         dialect: Dialect,
         signals: Iterable[str] | None = None,
         on_change: Callable[[DriveStatus], None] | None = None,
+        period_s: float = 0.0,
     ) -> None:
         self._bus, self._dialect = bus, dialect
         self._names = tuple(dialect.profile.signals if signals is None else signals)
@@ -37,7 +38,7 @@ class Monitor:
         self._on_change = on_change
         self.last_error: Exception | None = None
         self._fresh_s: dict[str, float] = {}
-        polls = [Poll(request, period) for request, period in self._wanted()]
+        polls = [Poll(request, max(period, period_s)) for request, period in self._wanted()]
         self._limits: dict[Any, float] = {poll.request: self._limit(poll) for poll in polls}
         self._state_fresh_s = min(self._limits.values(), default=LEAST_FRESH_S)
         self._watch: Watch | None = bus.watch(dialect.address, polls, self._heard)

@@ -69,10 +69,10 @@ def _stop(talk: Talk, how: Stop, wait_for_it: bool) -> Conversation[Outcome]:
 
 
 def send_stop(talk: Talk, how: Stop) -> Conversation[bool]:
-    """One stop and what must follow it. True where the drive answered and did not refuse."""
+    """One stop and what must follow it, after the other drives' stops. True where the drive answered and did not refuse."""
     answered = False
     for place, request in enumerate(talk.dialect.stop(how)):
-        answer: Answer = yield from talk.ask(request, Lane.STOP, WriteClass.ABSOLUTE)
+        answer: Answer = yield from talk.ask(request, Lane.COMMAND if place else Lane.STOP, WriteClass.ABSOLUTE)
         if place == 0:
             accepted = answer.reply is not None and talk.dialect.refusal(answer.reply) is None
             answered = answer.error is None and accepted

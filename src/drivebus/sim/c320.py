@@ -87,8 +87,8 @@ class C320Station(C320Drive):
         return said
 
     def overheard(self, now: float) -> None:
-        self.advance(now)
         if self.watchdog == "all":
+            self.advance(now)
             self.silent_s = 0.0
 
     def refuse(self, error: ProtocolError, codec: Codec) -> Any:
