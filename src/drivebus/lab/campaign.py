@@ -35,6 +35,20 @@ class Campaign:
     run: Callable[[Session], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one part of a run found."""
+
+    seed: int
+    trials: int
+    counts: Counter[str]
+    figures: dict[str, object]
+    machine: dict[str, object]
+    violations: list[str]
+    violated: int
+    digest: str
+
+
 @dataclass(slots=True)
 class Session:
     """One run of a campaign: its seed and budget, and what came of it."""
@@ -54,7 +68,7 @@ class Session:
     """What depends on the machine (a real-time factor, memory); told apart in the report."""
     violations: list[str] = field(default_factory=list)
     violated: int = 0
-    _hash: Any = field(default_factory=sha256)
+    _hash: Any = field(default_factory=sha256, repr=False)
 
     @property
     def left(self) -> int:
@@ -86,10 +100,26 @@ class Session:
         if len(self.violations) < KEPT:
             self.violations.append(text)
 
+    def merge(self, part: Part) -> None:
+        """Take over what a part of this run found."""
+        self.line(f"seed {part.seed}: {part.trials} {self.campaign}, trace {part.digest}")
+        self.counts.update(part.counts)
+        self.figures |= part.figures
+        self.machine |= part.machine
+        self.violated += part.violated
+        self.violations += part.violations[: KEPT - len(self.violations)]
+        self.did(part.trials)
+
     @property
     def digest(self) -> str:
         """SHA-256 of all lines."""
         return str(self._hash.hexdigest())
+
+    def part(self) -> Part:
+        """What was found, as values: for a part of a campaign that ran in a process of its own."""
+        return Part(
+            self.seed, self.trials, self.counts, self.figures, self.machine, self.violations, self.violated, self.digest
+        )  # fmt: skip
 
 
 def find(name: str) -> Campaign:

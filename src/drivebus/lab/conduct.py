@@ -40,11 +40,11 @@ class Conduct:
         self._lost_at = -inf
         self._wished: set[int] = set()
 
-    def stop_wished(self, wish: Wish) -> None:
-        """From now on the next frame must be a stop."""
+    def stop_wished(self, wish: Wish, can_speak: bool) -> None:
+        """From now on the next frame must be a stop; where the port is lost there is none that could come next."""
         self._wished.add(wish.address)
         self._stop_at[wish.address] = wish.at
-        if self._stop_due is None:
+        if self._stop_due is None and can_speak:
             self._stop_due = wish.at
 
     def lost(self, now: float) -> None:

@@ -51,6 +51,7 @@ class Stand:
                 station.memory.ram_writes.clear()
             self.drives = {station.address: self._drive(station.address) for station in self.bench.stations if drives}
         self.monitors: dict[int, Monitor] = {}
+        self.period_s = 0.0
         self.loop.run(self.bus.open())
 
     def _drive(self, address: int) -> Drive:
@@ -66,10 +67,11 @@ class Stand:
 
     # --- what a campaign does with it ------------------------------------------------------------------------------
 
-    def monitor(self, address: int, signals: Iterable[str] | None = None) -> Monitor:
-        """Poll a drive from now on."""
+    def monitor(self, address: int, signals: Iterable[str] | None = None, period_s: float = 0.0) -> Monitor:
+        """Poll a drive from now on, nothing more often than ``period_s``."""
+        self.period_s = max(self.period_s, period_s)
         with running(self.loop):
-            monitor = self.monitors[address] = self.drives[address].monitor(signals)
+            monitor = self.monitors[address] = self.drives[address].monitor(signals, period_s=period_s)
         return monitor
 
     def wish(self, address: int, what: str, *arguments: Any, **named: Any) -> Wish:

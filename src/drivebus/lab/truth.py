@@ -55,5 +55,5 @@ def check_ages(stand: Stand, address: int, monitor: Any) -> None:
     for name, reading in monitor.status().readings.items():
         if reading.quality is Quality.GOOD:
             age = reading.age_s(now)
-            if age is None or age > max(3 * signals[name].period_s, 1.0) + MOST_TIMEOUT_S:
+            if age is None or age > max(3 * signals[name].period_s, 3 * stand.period_s, 1.0) + MOST_TIMEOUT_S:
                 stand.witness.violation(f"I4 {name} of {address} is called good at an age of {age} s")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 from drivebus.lab.campaign import Session
@@ -37,6 +38,8 @@ class Witness:
         """Replies, with the request that caused each."""
         self._heard: deque[tuple[float, Any]] = deque(maxlen=REMEMBERED)
         """What reached a host, and when."""
+        self._heard_end = -inf
+        """The end of the last character that reached a host: what collided with an earlier one is swallowed."""
         self._obeying: Frame | None = None
         self._tap()
 
@@ -59,6 +62,9 @@ class Witness:
 
         def on_to_hosts(said: Any, first: int, last: int) -> None:
             self._heard.append((self.now(), said))
+            kept = [index for index in range(first, last) if index not in said.dropped]
+            if kept:
+                self._heard_end = max(self._heard_end, said.start + (kept[-1] + 1) * said.character_s)
             to_hosts(said, first, last)
 
         def on_dispatch(frame: Any, stations: Any, said: Any, now: float) -> None:
@@ -94,10 +100,9 @@ class Witness:
         frame = Frame(said.start, said.end, address, does)
         self._line(f"> {address} {does} {data.hex()}", said.start)
         last_end = self._asked[-1][1].end if self._asked else 0.0
-        heard_end = max((one.end for at, one in self._heard if at <= said.start), default=-1e9)
-        answered = any(last_end < one.end <= said.start + 1e-9 for one, _ in self._said)
+        answered = any(last_end < one.end <= said.start + 1e-9 for _, one in reversed(self._heard))
         wish = self._wish_of(address, does)
-        self.conduct.asked(frame, wish, heard_end, answered)
+        self.conduct.asked(frame, wish, self._heard_end, answered)
         self._asked.append((said, frame))
 
     def _acted(self, station: Any, frame: Frame, was_on: bool) -> None:
@@ -119,7 +124,8 @@ class Witness:
         if does in (Does.READ, Does.STOP):
             return None
         for wish in reversed(self.wishes.get(address, ())):
-            if not wish.stops and (wish.moves or does is not Does.MOVE):
+            new_frequency = wish.what == "set_frequency" and self.kind.model == "dzb100"  # its frame is a run command
+            if not wish.stops and (wish.moves or new_frequency or does is not Does.MOVE):
                 return wish
         return None
 
@@ -132,7 +138,7 @@ class Witness:
         self.wishes.setdefault(address, []).append(wish)
         self.note(f"* {wish}")
         if wish.stops:
-            self.conduct.stop_wished(wish)
+            self.conduct.stop_wished(wish, bool(self.bench.hosts))
         return wish
 
     def ended(self, wish: Wish) -> None:
@@ -152,9 +158,8 @@ class Witness:
         if answer.error is not None or answer.reply is None:
             return
         self.accepted += 1
-        came = [said for at, said in self._heard if at == answer.received_at]
-        for said, cause in self._said:
-            if cause is not None and cause.start == answer.sent_at and any(said is one for one in came):
+        for said, cause in reversed(self._said):
+            if cause is not None and cause.start == answer.sent_at and (answer.received_at, said) in self._heard:
                 return
         self.violation(f"I5 {answer.received.hex()} was taken for the answer to {answer.sent.hex()}")
 
