@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from drivebus.bus import Bus
+from drivebus.bus.effects import Act, Done
 from drivebus.drives import Drive, MemoryStore, Monitor
 from drivebus.errors import DrivebusError
 from drivebus.lab.campaign import Session
@@ -14,7 +15,6 @@ from drivebus.lab.loop import Loop, running
 from drivebus.lab.truth import inspect
 from drivebus.lab.wishes import Wish
 from drivebus.lab.witness import Witness
-from drivebus.message import Answer
 from drivebus.ports import open_port
 
 
@@ -23,10 +23,12 @@ class WatchedBus(Bus):
 
     witness: Witness | None = None
 
-    def _answer(self, token: Any, answer: Answer) -> None:
+    def _perform(self, acts: list[Act]) -> None:
         if self.witness is not None:
-            self.witness.answered(answer)
-        super()._answer(token, answer)
+            for act in acts:
+                if isinstance(act, Done):
+                    self.witness.answered(act.answer)
+        super()._perform(acts)
 
 
 class Stand:
