@@ -8,6 +8,7 @@ import pytest
 
 from buskit import TIMING, C, Station, ask_read, book, read
 from drivebus.bus import Poll, Presence
+from drivebus.bus.stations import LAST_PROBE_S
 from drivebus.errors import NoReply
 from drivebus.testing.playbook import Playbook
 
@@ -73,7 +74,7 @@ def test_a_station_that_never_answered_is_never_seen_and_still_looked_for() -> N
     assert play.answers["watch"][-1].error is None
 
 
-def test_probes_back_off_from_one_to_sixty_seconds() -> None:
+def test_probes_back_off_from_one_second_to_the_longest_pause() -> None:
     station = Station()
     play = book(station)
     play.watch(1, [Poll(read(), 1.0, phase_s=0.0)])
@@ -83,7 +84,24 @@ def test_probes_back_off_from_one_to_sixty_seconds() -> None:
     probes = [at for at, frame in play.sent if frame[1] == 8 and at > 4]
     pauses = [later - earlier for earlier, later in pairwise(probes)]
     assert pauses[:6] == pytest.approx([1, 2, 4, 8, 16, 32], abs=0.6)
-    assert pauses[6:] == pytest.approx([60] * len(pauses[6:]), abs=0.6)
+    assert pauses[6:] == pytest.approx([LAST_PROBE_S] * len(pauses[6:]), abs=0.6)
+
+
+def test_g08_a_drive_that_comes_back_just_after_a_probe_is_found_within_a_minute() -> None:
+    station = Station()
+    play = book(station)
+    play.watch(1, [Poll(read(), 1.0, phase_s=0.0)])
+    play.until(3.5)
+    station.alive = False
+    play.until(200)
+    count = len(play.sent)
+    while len(play.sent) == count:
+        play.until(play.now + 0.001)
+    play.until(play.now + 0.02)
+    station.alive, back = True, play.now
+    while play.core.presence(1) is not Presence.ONLINE:
+        play.until(play.now + 0.01)
+    assert LAST_PROBE_S <= play.now - back <= 60.0
 
 
 def test_polls_of_a_silent_station_are_not_sent() -> None:

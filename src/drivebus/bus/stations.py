@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from drivebus.line import LineSettings
 
 FIRST_PROBE_S = 1.0
-LAST_PROBE_S = 60.0
+LAST_PROBE_S = 55.0
+"""G08: found within 60 s also by a probe that waits for its turn, on the slowest line."""
 DUPLICATE_HINTS = 2
 DUPLICATE_MEMORY_S = 600.0
 """So many second answers within ten minutes mean two drives at one address (F15): real ones show it at each read."""
@@ -123,7 +124,7 @@ class Station:
         return len(recent) >= DUPLICATE_HINTS
 
     def give_up(self, now: float) -> None:
-        """It did not answer its fence (or never answered at all): probe it with a growing pause, 1 to 60 s."""
+        """It did not answer its fence (or never answered at all): probe it with a growing pause, 1 to 55 s."""
         self.dead = True
         self.backoff_s = min(LAST_PROBE_S, max(FIRST_PROBE_S, 2 * self.backoff_s))
         self.probe_at = now + self.backoff_s
