@@ -88,7 +88,7 @@ def rows(found: dict[str, Any]) -> list[str]:
 def commit() -> str:
     """The commit that was compared, "-dirty" where a codec differs from it."""
     head = _git("rev-parse", "--short=12", "HEAD")
-    return head + ("-dirty" if _git("status", "--porcelain", "--", *JUDGED) else "")
+    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", *JUDGED) else "")
 
 
 def _git(*arguments: str) -> str:
