@@ -17,7 +17,7 @@ SECTIONS = {
     "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
     "cli.section.change": _verbs("write"),
     "cli.section.tools": {
-        **_verbs("decode", "models", "ports", "profile", "completion"),
+        **_verbs("decode", "models", "ports", "profile", "capture", "completion"),
         "lab": "drivebus.lab.verbs:command",
     },
 }
