@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from cli.children import Terminal
 from drivebus.cli import voice
 from drivebus.cli.connect import Target
 from drivebus.cli.exits import Exit
@@ -188,6 +190,18 @@ def test_a_drive_that_falls_silent_while_it_turns_is_stopped_and_said_to_be_unco
         proved(monkeypatch, "dzb100", Person(turn_keypad, silence))
     assert isinstance(caught.value, StopUnconfirmed)
     assert not station().motor.energised, "mute, not deaf: the stop reached it"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="ptys of POSIX")
+def test_at_a_terminal_each_step_waits_for_its_key() -> None:
+    with Terminal("prove", "sim://df800@1", "--model", "df800", "--address", "1") as terminal:
+        terminal.wait_for("Press y to jog it")
+        terminal.press("y")
+        terminal.wait_for("Which way did it turn?")
+        terminal.press("f")
+        terminal.wait_for("Proved: direction_field = b3b2")
+        assert terminal.exit_code() == 0
+    assert "forgotten now" in terminal.seen
 
 
 def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ SECTIONS = {
     "cli.section.first": _verbs("demo", "simulate"),
     "cli.section.look": _verbs("status", "monitor", "read", "scan"),
     "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
-    "cli.section.change": _verbs("write"),
+    "cli.section.change": _verbs("write", "prove"),
     "cli.section.tools": {
         **_verbs("decode", "models", "ports", "profile", "capture", "completion"),
         "lab": "drivebus.lab.verbs:command",

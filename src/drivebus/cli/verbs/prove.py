@@ -174,7 +174,7 @@ def _plan(dry: DryRun) -> Exit:
     if isinstance(dialect, ModbusDialect) and _direction in steps:
         word = dialect.setpoint_word(JOG_CAP_HZ)
         dry.add("set_frequency", [frame.request for frame in dialect.set_frequency(word, Book())])
-        dry.add("jog", [frame.request for frame in dialect.proof_jog()])
+        dry.add("jog_once", [frame.request for frame in dialect.proof_jog()])
     if steps:
         dry.add("stop", dialect.stop(Stop.STOP))
     return dry.show("dry.note.fewer", "dry.note.confirm")
