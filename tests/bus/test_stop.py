@@ -142,6 +142,7 @@ def test_i3_what_follows_a_stop_lets_the_other_drives_stops_go_first() -> None:
     """VC660 writes the levels after each stop pulse: asked for in the command lane, still ahead of everything else."""
     play = book(Station(1), Station(2))
     play.ask(ask_read(1), "in flight")
+    play.until(0.01)
     play.ask(ask_read(2), "read")
     play.ask(replace(ask_stop(1), lane=Lane.COMMAND), "levels of 1")
     play.ask(ask_stop(2), "stop of 2")
