@@ -135,8 +135,8 @@ def test_a_dry_run_is_told_to_people_in_both_languages(language: str) -> None:
     assert "dry." not in result.output
 
 
-SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "completion"}
-"""The demo speaks to its own simulated plant only."""
+SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion", "lab"}
+"""The demo and the lab's campaigns speak to their own simulated plants only."""
 
 
 def test_every_verb_that_sends_has_a_dry_run() -> None:
