@@ -1,0 +1,52 @@
+"""Every campaign's slice, as continuous integration runs it: nothing is violated; one seed, one story."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+
+import pytest
+
+from drivebus.lab.campaign import NAMES, Session, find, perform
+
+DONE = [name for name in NAMES if importlib.util.find_spec(f"drivebus.lab.campaigns.{name}")]
+SHORT = {
+    "fuzz": 20_000,
+    "flips": 2_000,
+    "late": 400,
+    "commands": 60,
+    "stop": 60,
+    "fairness": 2,
+    "replug": 8,
+    "clock": 20,
+}
+"""Enough to tell whether chance, hashes or addresses leak into a run."""
+
+
+def test_every_campaign_is_there() -> None:
+    assert [*NAMES] == DONE
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", DONE)
+def test_a_slice_violates_nothing(name: str) -> None:
+    campaign = find(name)
+    session = perform(campaign, Session(name, 1, campaign.slice))
+    assert session.violations == []
+    assert session.trials > 0
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> None:
+    """Determinism gate of RELIABILITY 6.1: another process, another hash seed, the same SHA-256."""
+    here = perform(find(name), Session(name, 7, SHORT[name])).digest
+    told = (
+        "from drivebus.lab.campaign import *; "
+        f"print(perform(find({name!r}), Session({name!r}, 7, {SHORT[name]})).digest)"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "4711"}
+    done = subprocess.run([sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [here]

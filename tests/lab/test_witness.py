@@ -1,0 +1,224 @@
+"""The witness must see what it is there to see: each invariant broken on purpose and found (I2: with the commands campaign)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus.bus.core import BusCore
+from drivebus.bus.scheduler import Scheduler
+from drivebus.bus.transaction import Transaction
+from drivebus.drives.operation import Talk
+from drivebus.drives.talk import look
+from drivebus.lab.campaign import Session
+from drivebus.lab.kinds import C320, C320_HEX, DZB100, KINDS, VC660, Kind
+from drivebus.lab.loop import running
+from drivebus.lab.manual import Does, request
+from drivebus.lab.stand import Stand
+from drivebus.message import Permit
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session("test", 1, 1)
+
+
+def stand(session: Session, kind: Kind = VC660, addresses: Any = (1, 2), **options: Any) -> Stand:
+    return Stand(session, kind, addresses, **options)
+
+
+def found(session: Session, invariant: str) -> bool:
+    return any(f": {invariant} " in text for text in session.violations)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_an_honest_run_has_no_violation_and_a_story(session: Session, kind: Kind) -> None:
+    story: list[str] = []
+    session.listener = story.append
+    here = stand(session, kind, weather="lossy")
+    here.monitor(1)
+    run = here.wish(1, "run", 12.0)
+    here.finish(run)
+    stop = here.wish(1, "stop")
+    here.finish(stop)
+    here.close()
+    assert session.violations == []
+    assert here.witness.accepted > 10
+    assert any(" > 1 move " in line for line in story) or run.word not in ("confirmed", "acknowledged")
+    assert stop.word in (("confirmed", "unknown") if kind.tells else ("acknowledged", "unknown"))
+
+
+def test_i1_a_move_that_nobody_wished_for(session: Session) -> None:
+    here = stand(session)
+    here.loop.run(here.drives[1].preflight())
+    here.loop.run(here.drives[1].run(12.0))
+    assert found(session, "I1")
+
+
+def test_i1_a_move_after_a_newer_stop(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivebus.bus.job.Job.refusal", lambda job, now: None)
+    monkeypatch.setattr(Scheduler, "supersede", lambda scheduler, stations: [])
+    monkeypatch.setattr(Talk, "still_wanted", _always)
+    monkeypatch.setattr("drivebus.drives.gate.grant", _granted)
+    for instant in range(60):
+        here = stand(session, C320)
+        run = here.wish(1, "run", 12.0)
+        here.run(0.02 * instant)
+        here.finish(here.wish(1, "stop"), run)
+        here.close()
+    assert found(session, "I1")
+
+
+def _always(talk: Talk, command: Any) -> Any:
+    return (yield from look()).now
+
+
+def _granted(command: Any, address: int, effect: Any, write_class: Any, around: Any, *rest: Any) -> Permit:
+    return Permit(address, effect, write_class, around.now + 2.0, around.generation)
+
+
+def test_i3_a_stop_that_waits_for_others(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Scheduler.next
+
+    def late(scheduler: Scheduler, now: float) -> Any:
+        """Polls before stops."""
+        lanes = scheduler.lanes
+        scheduler.lanes = (type(lanes[0])(), *lanes[1:])
+        job = plain(scheduler, now)
+        scheduler.lanes = lanes
+        return job or plain(scheduler, now)
+
+    monkeypatch.setattr(Scheduler, "next", late)
+    here = stand(session, VC660, range(1, 9))
+    for address in here.drives:
+        here.monitor(address)
+    here.run(1.0)
+    here.finish(here.wish(1, "stop"))
+    assert found(session, "I3")
+
+
+def test_i4_a_value_that_is_called_good_for_ever(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivebus.drives.book.Book.aged", lambda book, now, oldest: book.latest)
+    here = stand(session)
+    here.monitor(1)
+    here.run(5.0)
+    here.station(1).faults.silent = True
+    here.run(120.0)
+    assert found(session, "I4")
+
+
+def test_i5_a_late_reply_that_is_believed(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without quarantine and fence a late reply is the answer to the next request of its shape."""
+    monkeypatch.setattr("drivebus.bus.stations.Station.doubt", lambda station, now, *more: None)
+    monkeypatch.setattr("drivebus.bus.aftermath.disbelief", lambda core, flight: None)
+    here = stand(session, VC660, (1,), weather="late=0.2:0.3")
+    here.monitor(1)
+    here.run(300.0)
+    assert found(session, "I5")
+
+
+@pytest.mark.parametrize("kind", [C320, C320_HEX, VC660], ids=lambda kind: kind.name)
+def test_i6_a_gap_that_is_too_short(session: Session, monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    here = stand(session, kind, range(1, 9))
+    for address, station in here.bus.core.stations.items():
+        station.gap_s *= 0.9
+        here.monitor(address)
+    here.run(5.0)
+    assert found(session, "I6")
+
+
+def test_i6_a_second_request_while_one_is_out(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Transaction.__init__
+
+    def hasty(transaction: Transaction, *given: Any, **named: Any) -> None:
+        plain(transaction, *given, **named)
+        transaction.deadline = transaction.final_at = transaction.sent_end + 0.001
+
+    monkeypatch.setattr(Transaction, "__init__", hasty)
+    here = stand(session, DZB100, range(1, 9))
+    for address in here.drives:
+        here.monitor(address)
+    here.run(5.0)
+    assert found(session, "I6")
+
+
+def test_i8_an_error_that_escapes(session: Session) -> None:
+    here = stand(session)
+
+    def fails(status: Any) -> None:
+        raise ZeroDivisionError("a sink that fails")
+
+    with running(here.loop):
+        here.drives[1].monitor(on_change=fails)
+    here.run(1.0)
+    assert found(session, "I8")
+
+
+def test_i10_a_start_from_before_the_port_was_lost(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivebus.bus.job.Job.refusal", lambda job, now: None)
+    monkeypatch.setattr(BusCore, "lost", _forgets_nothing)
+    monkeypatch.setattr("drivebus.bus.scheduler.Scheduler._stale", lambda scheduler, lane, job, now: False)
+    here = stand(session, C320)
+    for instant in range(40):
+        run = here.wish(1, "run", 12.0)
+        here.run(0.02 * instant)
+        here.unplug()
+        here.replug()
+        here.finish(run)
+        here.station(1).press_stop()
+        here.run(20.0)
+    assert found(session, "I10")
+
+
+def _forgets_nothing(core: BusCore, error: Exception, now: float) -> list[Any]:
+    """The port is gone, and what was queued stays queued."""
+    core.is_open = False
+    flight, core.flight = core.flight, None
+    if flight is not None:
+        core.scheduler.put(flight.job)
+    out, core.out = core.out, []
+    return out
+
+
+def test_i11_a_read_that_acts(session: Session) -> None:
+    here = stand(session)
+    station = here.station(1)
+    answer = station.answer
+
+    def acts(message: Any, codec: Any) -> Any:
+        station.setpoint_hz += 1.0
+        return answer(message, codec)
+
+    station.answer = acts
+    here.monitor(1)
+    here.run(1.0)
+    assert found(session, "I11")
+
+
+def test_the_manuals_tables_know_every_request() -> None:
+    """T01, T07, T16: what the observer's own tables say of frames from the manuals."""
+    told = {
+        ("c320", "ascii", "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D"): (0, Does.READ),
+        ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, Does.MOVE),
+        ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, Does.MOVE),
+        ("c320", "ascii", "2A 31 46 34 32 31 30 30 30 30 30 31 43 45 0D"): (31, Does.STOP),
+        ("c320", "hex", "5A 00 00 03 00 00 00 00 02 00 00 17 72 00 00 00 8E 0D"): (0, Does.SET),
+        ("vc660", "rtu", "01 06 20 00 00 01 43 CA"): (1, Does.MOVE),
+        ("vc660", "rtu", "01 06 20 00 00 02 03 CB"): (1, Does.STOP),
+        ("vc660", "rtu", "01 06 20 00 00 84 00 00"): (1, Does.REST),
+        ("df800", "rtu", "01 06 20 00 00 01 43 CA"): (1, Does.STOP),
+        ("df800", "rtu", "01 06 20 00 00 0A 00 00"): (1, Does.MOVE),
+        ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, Does.MOVE),
+        ("dzb100", "ascii", "43 03 01 30 31 30 30 30 30 30 30"): (1, Does.STOP),
+    }
+    for (family, encoding, frame), meaning in told.items():
+        assert request(family, encoding, bytes.fromhex(frame)) == meaning, frame
+
+
+@pytest.mark.parametrize(
+    "frame", ["2A 30 30 37 30 30 30 30 30 30 31 38 31 0D", "2A 30 30 31 32 32 30 30 30 30 31 38 31 0D"]
+)
+def test_the_manuals_tables_refuse_what_no_manual_knows(frame: str) -> None:
+    with pytest.raises(ValueError):
+        request("c320", "ascii", bytes.fromhex(frame))
