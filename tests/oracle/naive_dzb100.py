@@ -31,7 +31,7 @@ WRONG = 0x07
 COMMANDS = {0: "stop", 1: "forward", 2: "stop", 3: "reverse", 4: "jog forward", 5: "jog forward",
             6: "jog reverse", 7: "jog reverse", 8: "reset"}  # fmt: skip
 
-# CD of Q03, as printed: decimal. Whether the tenth is sent as 10 or 0A is not said; the fact sheet takes decimal.
+# CD of Q03, as printed: decimal. Whether the tenth is sent as 10 or as 0A is not said; decimal is our default.
 FAULTS = ["00", "01", "02", "03", "04", "05", "06", "07", "08", "09", "10",
           "11", "12", "13", "14", "15", "16", "17", "18", "19", "20"]  # fmt: skip
 
