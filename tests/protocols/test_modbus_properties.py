@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivebus.errors import ProtocolError
+from drivebus.errors import LengthError, ProtocolError
 from drivebus.message import Complete, Incomplete, Verdict
 from drivebus.protocols.modbus import (
     AsciiCodec,
@@ -170,3 +170,11 @@ def test_any_function_gets_an_answer_or_an_exception(codec: Codec, function: int
         assert codec.encode_reply(ErrorReply(error.address, error.function, error.code))
     except ProtocolError as error:
         assert function in (1, 2, 3, 4, 5, 6, 8, 15, 16), error
+
+
+@every_codec
+def test_a_request_without_an_end_is_refused_alike_however_much_follows(codec: Codec) -> None:
+    """G01: nobody can tell the length of an unknown function; the error counts the bytes that a frame may have."""
+    head, largest = (b"\x01\x63", 256) if codec.encoding == "rtu" else (b":0163", 513)
+    refusals = {outcome_of(codec, None, (head + b"0" * 600)[:size]) for size in (largest, largest + 1, 600)}
+    assert refusals == {(LengthError, "modbus.too_long", largest, largest, 0)}

@@ -133,7 +133,7 @@ class AsciiCodec:
                 raise LengthError("modbus.odd_digits", expected=end, found=end - 1)
             return end + len(END)
         if len(frame) >= LARGEST:
-            raise LengthError("modbus.too_long", expected=LARGEST, found=len(frame))
+            raise LengthError("modbus.too_long", expected=LARGEST, found=LARGEST)
         return len(frame) + 1
 
     def _start(self, data: bytes) -> int:

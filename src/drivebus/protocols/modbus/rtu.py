@@ -130,7 +130,7 @@ class RtuCodec:
             if crc == 0:
                 return size
         if len(data) >= LARGEST:
-            raise LengthError("modbus.too_long", expected=LARGEST, found=len(data))
+            raise LengthError("modbus.too_long", expected=LARGEST, found=LARGEST)
         return len(data) + 1
 
     def reply_size(self, request: Request, /) -> int:
