@@ -247,6 +247,22 @@ async def test_a_quiet_without_end_is_ended_by_its_owner(pty: Pty) -> None:
     await port.close()
 
 
+async def test_what_waits_in_the_kernel_is_delivered_to_whom_asks_for_it(pty: Pty) -> None:
+    """Before a bus goes on it hears what is there, without a turn of the loop between."""
+    sink = Sink()
+    port = await opened(pty.path, sink)
+    port.quiet_until(0)
+    assert sink.data == b""
+    pty.send(b"abc")
+    port.quiet_until(0)
+    assert bytes(sink.data) == b"abc"
+    port.quiet_until(math.inf)
+    port.quiet_until(0)  # the quiet is over although nothing is there
+    pty.send(b"d")
+    await until(lambda: bytes(sink.data) == b"abcd")
+    await port.close()
+
+
 async def test_a_receiver_that_falls_quiet_again_is_never_watched(pty: Pty) -> None:
     """The cheapest way to poll: one read at the computed end of each reply, no epoll change at all."""
 
