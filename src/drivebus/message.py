@@ -164,9 +164,10 @@ class Permit:
     """Id of the command object it belongs to."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Ask:
-    """One transaction wanted of the bus."""
+    """One transaction wanted of the bus, which looks at it once: changing it afterwards changes nothing. Not frozen,
+    as ``Answer`` is not, because a frozen one takes four times as long to make, and each transaction makes both."""
 
     station: int
     request: Any
@@ -179,7 +180,7 @@ class Ask:
     """Carried through untouched."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Answer:
     """What became of an Ask. Exactly one of ``reply`` and ``error`` is set, except for broadcasts (neither)."""
 

@@ -54,6 +54,14 @@ def test_the_most_overdue_goes_first() -> None:
     assert [frame[0] for frame in play.frames] == [1, 2, 1]
 
 
+def test_polls_that_are_due_together_keep_their_order() -> None:
+    play = book(Station(1), Station(2))
+    for address in (1, 2):
+        play.watch(address, [Poll(read(address), 0.5, phase_s=0.0)], address)
+    play.until(2.9)
+    assert [frame[0] for frame in play.frames] == [1, 2] * 6
+
+
 def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
     """I4: during a backup the values stay fresh."""
     play = book(Station(1), Station(2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heapify, heappop, heappush
+from heapq import heapify, heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, Any
 
 from drivebus.bus.job import Job
@@ -104,9 +104,9 @@ class Plan:
 
     def took(self, job: PollJob, now: float) -> None:
         """``job``, which was first, is being sent (or skipped)."""
-        heappop(self._heap)
         job.miss_to(now)
-        self.put(job)
+        self._count += 1
+        heapreplace(self._heap, (job.due, self._count, job))
 
     def resume(self, station: Station, now: float) -> None:
         """The station answers again: its polls are due at once, those that were missed once only."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 from typing import Any
 
@@ -179,10 +179,9 @@ class Shell:
         self._performing = True
         try:
             self._send(acts)
-            for act in acts:
-                self._do(act)
+            self._do(acts)
             while self._acts:
-                self._do(self._acts.popleft())
+                self._do((self._acts.popleft(),))
         finally:
             self._performing = False
         if not self._staying:
@@ -207,21 +206,18 @@ class Shell:
                     self._complain(f"writing to bus {self.name} failed", error)
                     self.port_lost(PortLost("ports.lost", port=self.name, reason=str(error)))
 
-    def _do(self, act: Act) -> None:
-        kind = type(act)
-        if kind is Done:
-            self._answer(act.token, act.answer)  # type: ignore[union-attr]
-        elif kind is Traced:
-            for tracer in tuple(self._tracers):
-                self._tell(tracer, act.event)  # type: ignore[union-attr]
-        elif kind is WakeAt:
-            self._wake_at = act.when  # type: ignore[union-attr]
-
-    def _answer(self, token: Any, answer: Answer) -> None:
-        if type(token) is Watch:
-            self._tell(token.sink, answer)
-        elif not token.done():
-            token.set_result(answer)
+    def _do(self, acts: Iterable[Act]) -> None:
+        for act in acts:
+            if type(act) is Done:
+                if type(act.token) is Watch:
+                    self._tell(act.token.sink, act.answer)
+                elif not act.token.done():
+                    act.token.set_result(act.answer)
+            elif type(act) is WakeAt:
+                self._wake_at = act.when
+            elif type(act) is Traced:
+                for tracer in tuple(self._tracers):
+                    self._tell(tracer, act.event)
 
     def _tell(self, sink: Callable[[Any], None], value: Any) -> None:
         """A sink that fails is the sink's problem: the bus goes on, the loop's handler is told."""
