@@ -20,10 +20,10 @@ MOST_PATIENCE_S = 0.1
 class Frame:
     """Something that a host said, and what it means by the manual."""
 
-    __slots__ = ("address", "does", "end", "start")
+    __slots__ = ("address", "does", "end", "start", "wish")
 
-    def __init__(self, start: float, end: float, address: int, does: Does) -> None:
-        self.start, self.end, self.address, self.does = start, end, address, does
+    def __init__(self, start: float, end: float, address: int, does: Does, wish: Wish | None = None) -> None:
+        self.start, self.end, self.address, self.does, self.wish = start, end, address, does, wish
 
 
 class Conduct:
@@ -52,7 +52,7 @@ class Conduct:
         self._lost_at = now
         self._stop_due = None
 
-    def asked(self, frame: Frame, wish: Wish | None, heard_end: float, answered: bool) -> None:
+    def asked(self, frame: Frame, heard_end: float, answered: bool) -> None:
         """``heard_end``: the last bit that the host heard; ``answered``: a reply ended since the last request."""
         if self._last is not None:
             self._timing(frame, self._last, heard_end, answered)
@@ -63,7 +63,7 @@ class Conduct:
         if self._stop_due is not None and frame.start > self._stop_due + TOLERANCE_S:
             self._violation(f"I3 {frame.does} to {frame.address} went before a stop wished at {self._stop_due:.6f}")
         if frame.does is not Does.READ:
-            self._rights(frame, wish)
+            self._rights(frame)
 
     def _timing(self, frame: Frame, last: Frame, heard_end: float, answered: bool) -> None:
         """I6: one request outstanding, and the gap before each."""
@@ -75,8 +75,8 @@ class Conduct:
         if not answered and self._lost_at < last.start and since < self._patience_s - TOLERANCE_S:
             self._violation(f"I6 spoke {since:.6f} s after a request that was neither answered nor given up")
 
-    def _rights(self, frame: Frame, wish: Wish | None) -> None:
-        what = f"{frame.does} to {frame.address}"
+    def _rights(self, frame: Frame) -> None:
+        what, wish = f"{frame.does} to {frame.address}", frame.wish
         if frame.address == self._broadcast:
             self._violation(f"I7 {what}: a broadcast")
         elif frame.does is Does.REST:
@@ -91,7 +91,7 @@ class Conduct:
     def _wish(self, frame: Frame, wish: Wish, what: str) -> None:
         if frame.does is Does.MOVE and frame.start - wish.at > PREPARE_S + EXPIRY_S + 0.1:
             self._violation(f"I1 {what} {frame.start - wish.at:.3f} s after {wish}")
-        if self._stop_at.get(frame.address, -inf) > wish.at:
+        if self._stop_at.get(frame.address, -inf) > wish.at and wish.what != "write":  # 6.5 names start, setpoint, jog
             self._violation(f"I1 {what} for {wish}, after a newer stop")
         if self._lost_at > wish.at:
             self._violation(f"I10 {what} for {wish}, which is older than the port")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 from drivebus.bus import Bus
@@ -13,8 +13,9 @@ from drivebus.lab.campaign import Session
 from drivebus.lab.kinds import Kind
 from drivebus.lab.loop import Loop, running
 from drivebus.lab.truth import inspect
-from drivebus.lab.wishes import Wish
+from drivebus.lab.wishes import CURRENT, Wish
 from drivebus.lab.witness import Witness
+from drivebus.message import Answer, Ask, WriteClass
 from drivebus.ports import open_port
 
 
@@ -29,6 +30,14 @@ class WatchedBus(Bus):
                 if isinstance(act, Done):
                     self.witness.answered(act.answer)
         super()._perform(acts)
+
+    async def transact(self, ask: Ask) -> Answer:
+        """Whose wish a frame serves is known to the bit: nobody else asked for these bytes at this time."""
+        wish = CURRENT.get()
+        if self.witness is None or wish is None or ask.write_class is WriteClass.READ:
+            return await super().transact(ask)
+        with self.witness.asking(wish, self.core.stations[ask.station].codec.encode_request(ask.request)):
+            return await super().transact(ask)
 
 
 class Stand:
@@ -78,12 +87,19 @@ class Stand:
 
     def wish(self, address: int, what: str, *arguments: Any, **named: Any) -> Wish:
         """A user's command, given now: the method ``what`` of the drive. It goes on while time passes."""
+        return self.wish_by(getattr(self.drives[address], what), address, what, *arguments, **named)
+
+    def wish_by(
+        self, method: Callable[..., Awaitable[Any]], address: int, what: str, *arguments: Any, **named: Any
+    ) -> Wish:
+        """The same by a function of the campaign's own, for what takes more than one call (a jog and its lease)."""
         wish = self.witness.wished(address, what, arguments)
         with running(self.loop):
-            wish.task = self.loop.create_task(self._fulfil(wish, getattr(self.drives[address], what), arguments, named))
+            wish.task = self.loop.create_task(self._fulfil(wish, method, arguments, named))
         return wish
 
-    async def _fulfil(self, wish: Wish, method: Callable[..., Any], arguments: Any, named: Any) -> None:
+    async def _fulfil(self, wish: Wish, method: Callable[..., Awaitable[Any]], arguments: Any, named: Any) -> None:
+        CURRENT.set(wish)
         try:
             wish.outcome = await method(*arguments, **named)
         except DrivebusError as error:

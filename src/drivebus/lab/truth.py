@@ -1,38 +1,18 @@
-"""What users were told, against the motors: outcome words, ages of readings, and the sizes of everything."""
+"""What users are shown, against what is: ages of readings, and the sizes of everything."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from drivebus.lab.wishes import Wish
 from drivebus.reading import Quality
 
 if TYPE_CHECKING:
     from drivebus.lab.stand import Stand
 
-UNSENT = frozenset({"GateError", "LimitError", "PreflightError", "CapabilityError", "Expired", "WearBudget"})
-"""Errors that promise: nothing was sent that acts."""
 MOST_TIMEOUT_S = 0.4
 """The longest time to answer of any family at the campaigns' baud rates (ruling 12 adds it to the age)."""
 MOST = {"tasks": 400, "queued requests": 400, "events on the wire": 4000}
 """I12, for up to 31 drives under load."""
-
-
-def check_outcome(
-    wish: Wish, station: Any, tells: bool, moved_since: bool, violation: Callable[[str], None]
-) -> None:  # fmt: skip
-    """``tells``: the drive can say whether it runs. ``moved_since``: somebody wished for motion while this went on."""
-    if wish.word in UNSENT and wish.executions:
-        violation(f"{wish}: {wish.word}, but the motor was switched on for it")
-    if wish.word != "confirmed" or station.faults.stuck:
-        return
-    if not tells and wish.what in ("run", "stop"):
-        violation(f"{wish}: confirmed by a drive that can't tell")
-    if wish.stops and station.motor.energised and not moved_since:
-        violation(f"{wish}: confirmed, but the motor is on")
-    if wish.what == "run" and not wish.executions and not station.motor.energised:
-        violation(f"{wish}: confirmed, but it never switched the motor on")
 
 
 def inspect(stand: Stand) -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
+CURRENT: ContextVar[Wish | None] = ContextVar("wish", default=None)
+"""Whose wish this task fulfils; tasks that it starts inherit it."""
 STOPS = frozenset({"stop", "coast", "quick_stop"})
 MOVES = frozenset({"run", "jog"})
 
@@ -21,6 +24,10 @@ class Wish:
     arguments: tuple[Any, ...]
     at: float
     ended_at: float | None = None
+    sent: int = 0
+    """Frames of this wish that left, but for stops."""
+    heard: int = 0
+    """Those that the drive heard."""
     executions: int = 0
     """How often a frame of this wish switched the motor on (I2)."""
     outcome: Any = None

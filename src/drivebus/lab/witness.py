@@ -7,15 +7,17 @@ from ``kinds``. Every event is held against the invariants I1 to I12, here and i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import inf
 from typing import Any
 
 from drivebus.lab.campaign import Session
 from drivebus.lab.conduct import Conduct, Frame
+from drivebus.lab.deeds import Deeds
 from drivebus.lab.kinds import Kind
 from drivebus.lab.manual import Does, request
-from drivebus.lab.truth import check_outcome
+from drivebus.lab.outcomes import check_outcome
 from drivebus.lab.wishes import Wish
 from drivebus.message import Answer
 from drivebus.sim.bench import Bench
@@ -41,6 +43,10 @@ class Witness:
         self._heard_end = -inf
         """The end of the last character that reached a host: what collided with an earlier one is swallowed."""
         self._obeying: Frame | None = None
+        self._asking: list[tuple[bytes, Wish]] = []
+        """Frames that users' commands wait for."""
+        self.deeds: dict[int, Deeds] = {}
+        """What became of each drive, by address."""
         self._tap()
 
     # --- the tap on the copper -----------------------------------------------------------------------------------
@@ -78,12 +84,16 @@ class Witness:
 
     def watch(self, station: Any) -> None:
         """See what each frame does to the motor of this station (for one that joins later)."""
-        heard = station.heard
+        heard, deeds = station.heard, Deeds(station, self.now, self.note)
+        self.deeds[station.address] = deeds
 
         def on_heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             before = _state(station)
+            frames = station.frames
             said = heard(message, codec, line, now, **named)
+            if self._obeying is not None and station.frames > frames:
+                deeds.heard(self._obeying)
             if _state(station) != before and self._obeying is not None:
                 self._acted(station, self._obeying, was_on=bool(before[0]))
             return said
@@ -97,12 +107,11 @@ class Witness:
         except (ValueError, IndexError) as error:
             self.violation(f"I7 no manual knows the request {data.hex(' ')}: {error}")
             return
-        frame = Frame(said.start, said.end, address, does)
+        frame = Frame(said.start, said.end, address, does, self._asker(data, does))
         self._line(f"> {address} {does} {data.hex()}", said.start)
         last_end = self._asked[-1][1].end if self._asked else 0.0
         answered = any(last_end < one.end <= said.start + 1e-9 for _, one in reversed(self._heard))
-        wish = self._wish_of(address, does)
-        self.conduct.asked(frame, wish, self._heard_end, answered)
+        self.conduct.asked(frame, self._heard_end, answered)
         self._asked.append((said, frame))
 
     def _acted(self, station: Any, frame: Frame, was_on: bool) -> None:
@@ -113,21 +122,35 @@ class Witness:
         if not started:
             return
         self.note(f"motor {station.address} on")
-        wish = self._wish_of(station.address, Does.MOVE)
-        if wish is not None:
-            wish.executions += 1
-            if wish.executions > 1:
-                self.violation(f"I2 {wish} switched the motor on {wish.executions} times")
+        deeds, wish = self.deeds[station.address], frame.wish
+        stopped_by_hand = deeds.hand_stop_at > deeds.on_at
+        deeds.switched_on(wish)
+        if wish is None:
+            return
+        wish.executions += 1
+        if wish.executions > 1 and not stopped_by_hand:
+            self.violation(f"I2 {wish} switched the motor on {wish.executions} times")
+        elif wish.executions > 1:
+            self.session.count("resent after a person at the drive had stopped it unseen (ruling 6)")
 
-    def _wish_of(self, address: int, does: Does) -> Wish | None:
-        """The newest open wish that such a frame can belong to."""
-        if does in (Does.READ, Does.STOP):
+    @contextmanager
+    def asking(self, wish: Wish, data: bytes) -> Iterator[None]:
+        """While this lasts, a frame of these bytes is this wish's."""
+        entry = data, wish
+        self._asking.append(entry)
+        try:
+            yield
+        finally:
+            self._asking.remove(entry)
+
+    def _asker(self, data: bytes, does: Does) -> Wish | None:
+        """The wish that this frame serves; stops and what follows them need none."""
+        if does in (Does.READ, Does.STOP, Does.REST):
             return None
-        for wish in reversed(self.wishes.get(address, ())):
-            new_frequency = wish.what == "set_frequency" and self.kind.model == "dzb100"  # its frame is a run command
-            if not wish.stops and (wish.moves or new_frequency or does is not Does.MOVE):
-                return wish
-        return None
+        wish = next((wish for asked, wish in self._asking if asked == data), None)
+        if wish is not None:
+            wish.sent += 1
+        return wish
 
     # --- what users wish and are told ----------------------------------------------------------------------------
 
@@ -136,6 +159,8 @@ class Witness:
         self.made += 1
         wish = Wish(self.made, address, what, arguments, self.now())
         self.wishes.setdefault(address, []).append(wish)
+        if address in self.deeds:
+            self.deeds[address].wished(wish)
         self.note(f"* {wish}")
         if wish.stops:
             self.conduct.stop_wished(wish, bool(self.bench.hosts))
@@ -148,10 +173,11 @@ class Witness:
         self.session.count(f"{wish.what}: {wish.word}")
         self.note(f"= {wish} {wish.word}")
         self.bench.advance()
-        for station in self.bench.stations:
-            if station.address == wish.address:
-                since = [one for one in self.wishes[wish.address] if one.moves]
-                check_outcome(wish, station, self.kind.tells, bool(since), self.violation)
+        deeds = self.deeds.get(wish.address)
+        if deeds is None and wish.word in ("confirmed", "acknowledged"):
+            self.violation(f"G19 {wish}: {wish.word}, and there is no such drive")
+        elif deeds is not None:
+            check_outcome(wish, deeds, self.kind.tells, self.violation)
 
     def answered(self, answer: Answer) -> None:
         """I5: an accepted reply is the one that the station gave to this very request."""
