@@ -14,7 +14,7 @@ import pytest
 from drivebus import i18n
 from drivebus.errors import PortUnavailable, Scope
 from drivebus.ports import diagnose, open_port
-from drivebus.ports.holders import Holder, holders, process_name, running
+from drivebus.ports.holders import Holder, holders, locker, process_name, running
 from drivebus.ports.listing import PortInfo
 from ports.conftest import Pty
 from ports.sink import Sink
@@ -105,6 +105,33 @@ def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
         assert Holder(child.pid, process_name(child.pid)) in holders({pty.path})[pty.path]
         child.kill()
     assert process_name(child.pid) == ""
+
+
+def test_a_holder_that_proc_hides_is_known_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+    """G18: another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
+    monkeypatch.setattr(diagnose, "holders", lambda paths: {path: [] for path in paths})
+    program = (
+        "import fcntl, os, sys, time; fcntl.flock(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), fcntl.LOCK_EX); "
+        "print(1, flush=True); time.sleep(9)"
+    )
+    assert locker(pty.path) is None
+    with subprocess.Popen([sys.executable, "-c", program, pty.path], stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        error = diagnose.unavailable(pty.path, OSError(errno.EBUSY, "busy"))
+        assert (error.key, error.params["pid"]) == ("ports.held", child.pid)
+        child.kill()
+    assert locker(pty.path) is None
+    assert locker("/dev/no such port") is None
+
+
+def test_ones_own_lock_makes_nobody_else_a_holder(pty: Pty) -> None:
+    import fcntl
+
+    fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    assert locker(pty.path) is None
+    os.close(fd)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports.holders import Holder, holders, process_name, running
+from drivebus.ports.holders import Holder, holders, locker, process_name, running
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 _NOT_SERIAL = (errno.ENOTTY, errno.EISDIR)
@@ -46,8 +46,9 @@ def _busy(path: str, owner_pid: int | None) -> PortUnavailable:
         return PortUnavailable(key, port=path, pid=owner_pid, name=process_name(owner_pid))
     real = os.path.realpath(path)
     others = [holder for holder in holders({real})[real] if holder.pid != os.getpid()]
-    if others:
-        return held(path, others[0])
+    who = locker(real) or next(iter(others), None)
+    if who is not None:
+        return held(path, who)
     for name in _SUSPECTS:
         for pid in running(name):
             return held(path, Holder(pid, name))

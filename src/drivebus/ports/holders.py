@@ -27,6 +27,23 @@ def holders(devices: Collection[str]) -> dict[str, list[Holder]]:
     return found
 
 
+def locker(device: str) -> Holder | None:
+    """Who else has locked it with ``flock``: /proc/locks tells everybody, also of other users' processes.
+
+    A process outside this container has no pid here: None.
+    """
+    try:
+        node = Path(device).stat()
+        lines = (PROC / "locks").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return None
+    file = f"{os.major(node.st_dev):02x}:{os.minor(node.st_dev):02x}:{node.st_ino}"
+    for words in map(str.split, lines):
+        if len(words) > 5 and words[1] == "FLOCK" and words[5] == file and words[4] not in ("0", str(os.getpid())):
+            return Holder(int(words[4]), process_name(int(words[4])))
+    return None
+
+
 def process_name(pid: int) -> str:
     """Its name, or an empty text where it is gone."""
     try:
