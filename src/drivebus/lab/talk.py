@@ -1,0 +1,140 @@
+"""Lawful talk by chance: a request, its bytes, and the bytes of one of the replies that it may get."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from random import Random
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.message import Codec
+from drivebus.protocols import dzb as d
+from drivebus.protocols import modbus as m
+from drivebus.protocols import sifang as s
+from drivebus.protocols.dzb.values import FREQUENCY_CODINGS, FaultCoding
+
+FAULT_CODINGS: tuple[FaultCoding, ...] = ("decimal", "hex")
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    request: Any
+    sent: bytes
+    received: bytes
+
+
+def sifang(rng: Random, codec: Codec) -> Exchange:
+    """Any class, any response, a fault now and then."""
+    address, group, item, word = rng.randrange(31), rng.randrange(16), rng.randrange(256), rng.getrandbits(16)
+    operation = rng.choice(list(s.Operation))
+    request = rng.choice(
+        (
+            s.ReadIdentity(address, group),
+            s.ReadMonitor(address, item),
+            s.ReadParameter(address, group, item),
+            s.WriteParameter(address, group, item, word, save=word % 2 == 1),
+            s.Control(address, operation, word if operation.sets_frequency else 0, expected_item=item),
+        )
+    )
+    return Exchange(request, codec.encode_request(request), codec.encode_reply(_sifang_reply(rng, request, item, word)))
+
+
+def _sifang_reply(rng: Random, request: Any, item: int, word: int) -> s.Reply:
+    response, state = rng.choice((s.Response.OK, *s.Response)), rng.choice(list(s.State))
+    group = 0 if isinstance(request, s.ReadMonitor | s.Control) else request.group
+    if isinstance(request, s.ReadIdentity):
+        return s.Reply(request.address, response, state, group, info=f"{item:02X}{word:04X}")
+    if isinstance(request, s.WriteParameter) and response is not s.Response.OK:
+        word = 0
+    fault = rng.randrange(256) if state is s.State.FAULT else None
+    return s.Reply(request.address, response, state, group, item, word, fault)
+
+
+def dzb(rng: Random, codec: Codec) -> Exchange:
+    """Any head; done, refused, or for a command a state digit (T20)."""
+    address, parameter, word = rng.randint(1, 31), rng.randint(0, 80), rng.getrandbits(16)
+    command = rng.choice([each for each in d.Command if each is not d.Command.RESET])
+    choices = (
+        d.Control(address, command, word),
+        d.WriteParameter(address, parameter, word),
+        d.ReadParameter(address, parameter),
+        d.Query(address, rng.randint(0, 3)),
+    )
+    request = rng.choice(choices)
+    sent = codec.encode_request(request)
+    accepted = rng.choice((True, True, False, None)) if isinstance(request, d.Control) else rng.random() < 0.8
+    reads = isinstance(request, d.ReadParameter | d.Query) or accepted is False
+    data = rng.getrandbits(16) if reads else int(sent[7:], 16)
+    digit = None if accepted is not None else rng.randint(0, 8)
+    reply = d.Reply(chr(request.head), address, request.index, data, accepted, digit)
+    return Exchange(request, sent, codec.encode_reply(reply))
+
+
+def dzb_meanings(reply: d.Reply) -> None:
+    """The word of a reply in all frequency codings (T08) and as a state: a number, or the error that is promised."""
+    for coding in FREQUENCY_CODINGS:
+        with suppress(ValueError):
+            hz = d.decode_frequency(reply.data, coding)
+            if d.encode_frequency(hz, coding) != reply.data:
+                raise AssertionError(f"{coding}: {reply.data:04X} reads {hz} Hz, which is written otherwise")
+    for fault_coding in FAULT_CODINGS:
+        with suppress(ProtocolError):
+            if d.StateWord.parse(reply.data, fault_coding).word(fault_coding) != reply.data:
+                raise AssertionError(f"{fault_coding}: state {reply.data:04X} is written otherwise")
+
+
+def modbus(rng: Random, codec: Codec) -> Exchange:
+    """Any function; counts mostly small, at times the largest."""
+    count = rng.choice((1, 1, 2, 3, 4, rng.randint(1, 20), rng.randint(1, 123)))
+    address, register, word = rng.randint(1, 247), rng.randrange(0xFE00), rng.getrandbits(16)
+    request = rng.choice(
+        (
+            m.ReadRegisters(address, register, count, rng.choice((3, 4))),
+            m.ReadBits(address, register, count, rng.choice((1, 2))),
+            m.WriteRegister(address, register, word),
+            m.WriteRegisters(address, register, tuple(rng.getrandbits(16) for _ in range(count))),
+            m.WriteBit(address, register, word % 2 == 1),
+            m.WriteBits(address, register, tuple(rng.random() < 0.5 for _ in range(count))),
+            m.Loopback(address, word),
+        )
+    )
+    code = rng.choice((1, 2, 3, 4, 5, 6, 7, 8, 10, 11)) if rng.random() < 0.2 else 0
+    return _answered(rng, codec, request, code)
+
+
+def df800(rng: Random, codec: Codec) -> Exchange:
+    """What a DF800 is asked: reads of 1 to 4 registers, writes of one; its short errors, and exceptions."""
+    address, register, word = (
+        rng.randint(1, 247),
+        rng.choice((rng.randrange(2048), 0x2000, 0x2001)),
+        rng.getrandbits(16),
+    )
+    request = rng.choice(
+        (m.ReadRegisters(address, register, rng.randint(1, 4)), m.WriteRegister(address, register, word))
+    )
+    if rng.random() < 0.05:  # ruling 11: the one write whose echo begins like its error
+        request = m.WriteRegister(1, 0x0023, 0xA000 + rng.randrange(256))
+    return _answered(rng, codec, request, rng.choice((0, 0, 0, None, 2)))
+
+
+def _answered(rng: Random, codec: Codec, request: Any, code: int | None) -> Exchange:
+    address, function = request.address, request.function
+    reply: m.Reply
+    if code != 0:
+        reply = m.ErrorReply(address, function, code)
+    elif isinstance(request, m.ReadRegisters):
+        reply = m.Registers(address, function, tuple(rng.getrandbits(16) for _ in range(request.count)))
+    elif isinstance(request, m.ReadBits):
+        reply = m.Bits(address, function, tuple(rng.random() < 0.5 for _ in range(request.count)))
+    elif isinstance(request, m.Loopback):
+        reply = m.Looped(address, request.data)
+    else:
+        reply = m.Written(address, function, request.register, _written(request))
+    return Exchange(request, codec.encode_request(request), codec.encode_reply(reply))
+
+
+def _written(request: Any) -> int:
+    if isinstance(request, m.WriteBit):
+        return 0xFF00 if request.value else 0
+    return request.value if isinstance(request, m.WriteRegister) else len(request.values)
