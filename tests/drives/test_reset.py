@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -53,6 +54,20 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
     world = in_fault(obey=second)
     assert world.play(reset_fault(talk_of(world.dialect))).word is OutcomeWord.CONFIRMED
     assert world.sent(sifang.Control) == [RESET] * 2
+
+
+def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_was_sent() -> None:
+    """Ruling 1: GateError promises that nothing was sent."""
+    world = in_fault(obey=lambda paper, request: None)
+
+    def seen(ask: Any) -> None:
+        if ask.request == RESET:
+            world.around = replace(world.around, duplicate=True)
+
+    world.on_ask = seen
+    outcome = world.play(reset_fault(talk_of(world.dialect)))
+    assert (outcome.word, outcome.key) == (OutcomeWord.FAILED, "drives.fault_remains")
+    assert world.sent(sifang.Control) == [RESET]
 
 
 def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from drivebus.drives.start import run
 from drivebus.drives.state import Direction, Outcome, OutcomeWord
 from drivebus.errors import (
     CapabilityError,
+    Expired,
     GateError,
     LimitError,
     NotReached,
@@ -322,6 +324,46 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
     assert (outcome.word, outcome.key) == (OutcomeWord.FAILED, "drives.not_started")
     assert [register for register, _ in paper.written] == [0x2001]
     assert Effect.MOTION not in world.effects()
+
+
+@pytest.mark.parametrize("model", ["vc660", "df800"])
+def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_nothing_was_sent(model: str) -> None:
+    """Ruling 1: Expired and GateError promise that nothing was sent; here the drive holds a new frequency by then."""
+    paper = PaperModbus()
+    world, talk = vc660(paper) if model == "vc660" else df800(paper)
+    world.on_ask = lambda ask: world.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
+    outcome = start(world, talk, 10.0)
+    assert outcome.word is OutcomeWord.FAILED and outcome.key == "drives.not_started"
+    assert isinstance(outcome.params["why"], Expired)
+    assert world.sent(modbus.WriteRegister, register=0x2001) and not world.sent(modbus.WriteRegister, register=0x2000)
+
+
+def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_sent() -> None:
+    """Ruling 1: GateError promises that nothing was sent. The drive stood twice, so it is known to have failed."""
+    world, talk = c320(PaperC320(obey=lambda paper, request: None))
+
+    def seen(ask: Any) -> None:
+        if isinstance(ask.request, sifang.Control):
+            world.around = replace(world.around, duplicate=True)
+
+    world.on_ask = seen
+    outcome = start(world, talk)
+    assert (outcome.word, outcome.key) == (OutcomeWord.FAILED, "drives.start_ignored")
+    assert len(world.sent(sifang.Control)) == 1
+
+
+def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None:
+    """VC660: another drive shows up at its address between the pulse and its end; the start has left."""
+    paper = PaperModbus(obey=lambda paper, word: paper.registers.update({0x3000: 0x0009}) is None)
+    world, talk = vc660(paper)
+
+    def seen(ask: Any) -> None:
+        if getattr(ask.request, "register", 0) == 0x2000:
+            world.around = replace(world.around, duplicate=True)
+
+    world.on_ask = seen
+    assert start(world, talk).word is OutcomeWord.CONFIRMED
+    assert paper.written == [(0x2001, 1000), (0x2000, 0x0001)]
 
 
 def test_t13_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() -> None:

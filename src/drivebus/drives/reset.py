@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivebus.drives.gate import EXPIRY_S, Kind
 from drivebus.drives.operation import Talk
-from drivebus.drives.start import RESENDS, SETTLE_S, send
+from drivebus.drives.start import RESENDS, SETTLE_S, send, send_again
 from drivebus.drives.state import DriveState, Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
 from drivebus.errors import GateError
@@ -51,8 +51,8 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
             return talk.outcome(OutcomeWord.CONFIRMED, "drives.reset_confirmed", state=talk.verdict.state)
         still = error is None and talk.verdict.state in FAULTY
         if still and not answered and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.RESET]:
-            answer = yield from send(talk, command, frames)
-            answered, sent_again = answer.error is None, sent_again + 1
+            again = yield from send_again(talk, command, frames)
+            answered, sent_again = bool(again), RESENDS if again is None else sent_again + 1
         elif now > command.created_at + CLEARED_S:
             if still:
                 return talk.outcome(OutcomeWord.FAILED, "drives.fault_remains", state=talk.verdict.state)

@@ -11,13 +11,15 @@ from drivebus.drives.preflight import ensure
 from drivebus.drives.setpoint import set_frequency, shown, write_setpoint
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
-from drivebus.errors import CapabilityError, GateError, NotReached
+from drivebus.errors import CapabilityError, Expired, GateError, NotReached, Superseded
 from drivebus.message import Answer
 
 SETTLE_S = 0.15
 """Between a start and the first look: the reply to a start may still show "stopped" (C320 2.4.6)."""
 CONFIRM_S = 3.0
 """A drive that accepted a start and still stands after this did not obey it."""
+WITHHELD = (GateError, Expired, Superseded)
+"""Why a frame is not sent: no such error may hide that another one has left before."""
 RESENDS = 2
 """6.5, class A and B alike: at most twice, while the command lives."""
 
@@ -78,17 +80,25 @@ def _already_turning(talk: Talk, frequency_hz: float, direction: Direction | Non
 
 
 def _from_standstill(talk: Talk, frequency_hz: float, direction: Direction | None, word: int) -> Conversation[Outcome]:
+    if talk.dialect.carries_frequency:
+        return (yield from _started(talk, frequency_hz, direction, word))
     around = yield from look()
-    if not talk.dialect.carries_frequency:
-        start = talk.command(Kind.START, around)
-        yield from talk.permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
-        setpoint = talk.command(Kind.SETPOINT, around)
-        outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
-        if not outcome.done:
-            return outcome if outcome.word is OutcomeWord.REFUSED else _not_started(outcome)
-        yield from talk.still_wanted(setpoint)
+    start = talk.command(Kind.START, around)
+    yield from talk.permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
+    setpoint = talk.command(Kind.SETPOINT, around)
+    outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
+    if not outcome.done:
+        return outcome if outcome.word is OutcomeWord.REFUSED else _not_started(outcome)
+    yield from talk.still_wanted(setpoint)
+    try:
         if talk.dialect.can_tell:
             yield from _status_now(talk)
+        return (yield from _started(talk, frequency_hz, direction, word))
+    except (GateError, Expired) as withheld:  # they promise that nothing was sent, and the frequency has left
+        return talk.outcome(OutcomeWord.FAILED, "drives.not_started", why=withheld)
+
+
+def _started(talk: Talk, frequency_hz: float, direction: Direction | None, word: int) -> Conversation[Outcome]:
     around = yield from talk.in_time()
     command = talk.command(Kind.START, around)
     frames = talk.dialect.start(direction, word)
@@ -110,12 +120,27 @@ def _not_started(outcome: Outcome) -> Outcome:
 
 
 def send(talk: Talk, command: Command, frames: tuple[Frame, ...]) -> Conversation[Answer]:
-    """The acting frame, then what must follow it. Returns the answer to the acting one."""
+    """The acting frame, then what must follow it. Returns the answer to the acting one.
+
+    Raises GateError, Expired, Superseded only before the acting frame has left; whoever looks next sees the rest.
+    """
     first: Answer = yield from talk.act(command, frames[0])
     if first.sent:
-        for frame in frames[1:]:
-            yield from talk.act(command, frame)
+        try:
+            for frame in frames[1:]:
+                yield from talk.act(command, frame)
+        except WITHHELD:
+            pass
     return first
+
+
+def send_again(talk: Talk, command: Command, frames: tuple[Frame, ...]) -> Conversation[bool | None]:
+    """Was it answered? None where it may not be sent any more: what became of the first one is still to be seen."""
+    try:
+        answer = yield from send(talk, command, frames)
+    except WITHHELD:
+        return None
+    return answer.error is None
 
 
 def _refusal(talk: Talk, answer: Answer) -> Refusal | None:
@@ -144,8 +169,8 @@ def confirm(
         taken = talk.seen_turning or talk.dialect.start_seen(talk.book)
         may_resend = state is DriveState.STOPPED and not answered and not taken
         if may_resend and sent_again < RESENDS and now < command.created_at + EXPIRY_S[Kind.START]:
-            answer = yield from send(talk, command, frames)
-            answered, sent_again = answer.error is None, sent_again + 1
+            again = yield from send_again(talk, command, frames)
+            answered, sent_again = bool(again), RESENDS if again is None else sent_again + 1
         elif talk.seen_turning and state.output_off:
             return talk.outcome(OutcomeWord.FAILED, "drives.started_and_stopped", state=state)
         elif now > deadline:
