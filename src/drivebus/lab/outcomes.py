@@ -9,7 +9,7 @@ from drivebus.lab.wishes import Wish
 
 UNSENT = frozenset({"GateError", "LimitError", "PreflightError", "CapabilityError", "Expired", "WearBudget"})
 """Errors that promise: nothing was sent that acts."""
-BUS = frozenset({"NoReply", "LineFault", "NotPermitted", "Superseded"})
+BUS = frozenset({"NoReply", "NotBelieved", "LineFault", "NotPermitted", "Superseded"})
 """Errors of the bus without an outcome: whatever was asked of the bus, the motor was not switched on for it."""
 STEP_HZ = 0.11
 """The coarsest setpoint of the families is 0.1 Hz."""
