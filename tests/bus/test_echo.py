@@ -77,6 +77,26 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
             play.until(play.now + chance.random() * 2)
 
 
+@pytest.mark.parametrize("paced", [True, False])
+def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool) -> None:
+    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be believed."""
+    inner, lost = wire(Station()), [True]
+
+    def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        return () if lost and lost.pop() else echoing(inner)(frame, ended_at)
+
+    play = Playbook(core(1, paced=paced, echo="detect"), adapter)
+    play.ask(ask_read(), "lost")
+    play.answer("lost")
+    for number in range(3):
+        play.ask(ask_read(), number)
+        play.answer(number)
+        play.until(play.now + 70.0)
+    assert play.core.echo.state is EchoState.ON
+    play.ask(ask_write(play.core, until=play.now + 60), "write")
+    assert play.answer("write").error is None
+
+
 def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
     station = Station()
     inner = wire(station)

@@ -110,7 +110,7 @@ class EchoKeeper:
             self._missing += 1
             if self.detect and self._missing >= DOUBTS:
                 self.opened()
-        elif self.detect and flight.error is not None and flight.buffer.startswith(job.data) and not mirrorable(job):
+        elif self.detect and (_came_back_early(flight) or _came_back_instead(flight)):
             self.state, self.proved = EchoState.ON, False
 
     def believes(self, flight: Transaction) -> bool:
@@ -122,6 +122,16 @@ class EchoKeeper:
             self.proved = self.proved or not flight.early
             return True
         return self.proved
+
+
+def _came_back_early(flight: Transaction) -> bool:
+    """Our whole frame was heard by our own last bit, when nobody can have answered yet."""
+    return flight.early.startswith(flight.job.data)
+
+
+def _came_back_instead(flight: Transaction) -> bool:
+    """It stood where a reply should, and is none."""
+    return flight.error is not None and flight.buffer.startswith(flight.job.data) and not mirrorable(flight.job)
 
 
 def mirrorable(job: Job) -> bool:
