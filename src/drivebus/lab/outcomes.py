@@ -30,7 +30,7 @@ def check_outcome(wish: Wish, deeds: Deeds, tells: bool, violation: Tell) -> Non
             _acknowledged(wish, deeds, wrong)
         case "refused" | "failed":
             _not_done(wish, deeds, wrong)
-        case "unknown":
+        case "unknown" | "PortLost" | "nothing":  # nothing: the stand was taken down meanwhile
             pass
         case word if word in UNSENT or word in BUS:
             if wish.executions or (word in UNSENT and wish.sent):
