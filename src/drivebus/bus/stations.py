@@ -28,6 +28,8 @@ LAST_PROBE_S = 55.0
 DUPLICATE_HINTS = 2
 DUPLICATE_MEMORY_S = 600.0
 """So many second answers within ten minutes mean two drives at one address (F15): real ones show it at each read."""
+LISTEN_S = 0.25
+"""A station that answers twice is listened to for no longer than this, a quarter of what a frame waits for silence."""
 PROBE_SHARE = 0.1
 """Silent stations together get at most this share of the bus (RELIABILITY 5.2, G08)."""
 
@@ -60,7 +62,7 @@ class Station:
     """One registered address and its state."""
 
     __slots__ = (
-        "address", "asked", "backoff_s", "codec", "counters", "dead", "doubted_at", "fence_waiting",
+        "address", "asked", "asked_at", "backoff_s", "codec", "counters", "dead", "doubted_at", "fence_waiting",
         "fences", "gap_s", "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at",
         "quarantined_until", "refusals", "second_answers", "seen", "suspect", "unanswered",
     )  # fmt: skip
@@ -87,6 +89,8 @@ class Station:
         """Fences of the last seconds that nobody answered, and when they were sent."""
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
+        self.asked_at = 0.0
+        """When its last bit was out."""
         self.parked: list[PollJob] = []
         """Polls that wait until it answers again."""
         self.last_heard_at: float | None = None
@@ -122,6 +126,13 @@ class Station:
         """Do two drives seem to answer to this address (F15)?"""
         recent = [at for at in self.second_answers if now - at <= DUPLICATE_MEMORY_S]
         return len(recent) >= DUPLICATE_HINTS
+
+    def again_at(self, now: float) -> float:
+        """When it may be asked again, as it has answered twice: not before the answer to its last request has had its
+        time, whatever was taken for it. Else that one would be taken for the next, and so on for ever (F01, F15)."""
+        if now - self.second_answers[-1] > DUPLICATE_MEMORY_S:
+            return 0.0
+        return self.asked_at + min(max(self.counters.recent, default=0.0), LISTEN_S)
 
     def give_up(self, now: float) -> None:
         """It did not answer its fence (or never answered at all): probe it with a growing pause, 1 to 55 s."""
