@@ -1,0 +1,163 @@
+"""The checklist for hardware, tried on simulated drives: each step can pass, each can fail, and a report is left."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.cli.connect import Target
+from drivebus.cli.ending import Ending
+from drivebus.lab.hardware import verb
+from drivebus.lab.hardware.checklist import STEPS, Finding, Needs, Verdict, perform
+from drivebus.lab.hardware.rig import Rig
+from drivebus.ports import open_port
+from drivebus.sim.bench import Bench
+from drivebus.sim.port import find_bench, forget_benches
+from drivebus.testing.virtual import run
+
+LINK = "sim://vc660@1?name=hw&ramp=1"
+
+
+class Person(Rig):
+    """Agrees to everything and sees what the simulated motor does."""
+
+    async def answer(self, key: str, /, **params: Any) -> str:
+        motor = find_bench("hw").station(1).motor
+        if key in ("hardware.ask_turns", "hardware.ask_still_turns"):
+            return "y" if motor.energised else "n"
+        return "n" if key == "hardware.ask_stands" and motor.energised else "y"
+
+
+@pytest.fixture
+def bench() -> Any:
+    forget_benches()
+    port: Any = open_port(LINK)
+    yield port.bench
+    forget_benches()
+
+
+def step(
+    name: str, meanwhile: Callable[[], Any] | None = None, *, motor: bool = True, rig: type[Rig] = Person
+) -> Finding:
+    async def told() -> Finding:
+        target = Target(LINK, "vc660", 1)
+        other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
+        found = await perform(name, rig(target, Ending(), motor, 5.0))
+        if other is not None:
+            other.cancel()
+        return found
+
+    return run(told())
+
+
+@pytest.mark.parametrize("name", ["port", "quiet", "answers", "fences", "run_and_stop"])
+def test_on_a_good_line_a_step_passes(bench: Bench, name: str) -> None:
+    found = step(name)
+    assert found.verdict is Verdict.PASSED, found
+    assert found.figures
+
+
+@pytest.mark.parametrize("name", ["owner", "parity"])
+def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: Bench, name: str) -> None:
+    assert step(name).verdict is Verdict.SKIPPED
+
+
+def test_f14_another_master_is_heard(bench: Bench) -> None:
+    class Other:
+        settings = None
+
+        def hear(self, data: bytes, marks: int) -> None: ...
+        def lost(self) -> None: ...
+
+    async def speaks() -> None:
+        other = Other()
+        bench.attach(other)
+        while True:
+            await asyncio.sleep(0.5)
+            bench.say(other, bytes.fromhex("01 03 30 00 00 01 8B 0A"))
+
+    assert step("quiet", speaks).verdict is Verdict.FAILED
+
+
+def test_a_noisy_line_fails_the_reads(bench: Bench) -> None:
+    bench.weather = "lossy"
+    found = step("answers")
+    assert found.verdict is Verdict.FAILED
+    assert found.reason == "hardware.bad_answers"
+
+
+def test_late_replies_fail_the_fences(bench: Bench) -> None:
+    bench.weather = "late=0.1:0.3"
+    assert step("fences").verdict is Verdict.FAILED
+
+
+def test_g09_the_adapter_pulled_and_put_back(bench: Bench) -> None:
+    async def hands() -> None:
+        await asyncio.sleep(5.0)
+        bench.unplug()
+        await asyncio.sleep(3.0)
+        bench.replug()
+
+    found = step("unplug", hands)
+    assert found.verdict is Verdict.PASSED
+    assert 2.9 < found.figures["away_s"] < 4.0
+    assert step("unplug").figures == {"noticed": False}
+
+
+def test_g08_the_drive_switched_off_and_on(bench: Bench) -> None:
+    async def hands() -> None:
+        await asyncio.sleep(5.0)
+        bench.station(1).power_cycle(20.0)
+
+    assert step("power", hands).verdict is Verdict.PASSED
+    assert step("power").verdict is Verdict.FAILED
+
+
+def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: Bench) -> None:
+    class Sceptic(Person):
+        async def answer(self, key: str, /, **params: Any) -> str:
+            return "n" if key == "hardware.ask_turns" else "y"
+
+    assert step("run_and_stop", rig=Sceptic).verdict is Verdict.FAILED
+    assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
+
+
+def test_f18_the_drive_left_alone_is_stopped_afterwards(bench: Bench) -> None:
+    found = step("host_dies")
+    assert found.figures["stop"] == "confirmed"
+    assert found.figures["alone_s"] > 3.0
+
+
+def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(bench: Bench) -> None:
+    class Nobody(Rig):
+        async def answer(self, key: str, /, **params: Any) -> str:
+            return ""
+
+    for name, (needs, _) in STEPS.items():
+        if needs is Needs.MOTOR:
+            assert step(name, motor=False).reason == "hardware.no_motor"
+        if needs is not Needs.NOTHING:
+            assert step(name, rig=Nobody).verdict is Verdict.SKIPPED
+    assert not bench.stations[0].motor.energised
+
+
+def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: Bench) -> None:
+    bench.unplug()
+    found = step("answers")
+    assert found.verdict is Verdict.FAILED
+    assert verb._plain(found)["figures"]["error"]
+
+
+def test_a_dated_report_is_left(bench: Bench, tmp_path: Path) -> None:
+    found = [step("port"), step("parity")]
+    verb._write(tmp_path, Target(LINK, "vc660", 1), found)
+    [written] = tmp_path.glob("drivebus-hardware-*.json")
+    document = json.loads(written.read_text(encoding="utf-8"))
+    assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]
+    assert document["model"] == "vc660"
+    assert written.with_suffix(".md").exists()
