@@ -73,6 +73,20 @@ def test_expiry_is_checked_when_the_first_bit_goes_out() -> None:
     assert station.started == 0
 
 
+def test_a_repetition_that_expires_does_not_hide_that_the_frame_was_sent() -> None:
+    """6.5: an absolute write that was not answered waits to be sent again; it has left although that never comes."""
+    station = Station()
+    play = book(station)
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    station.alive = False
+    play.ask(ask_write(play.core, until=play.now + 0.1), "write")
+    play.until(play.now + 5)
+    answer = play.answer("write")
+    assert isinstance(answer.error, Expired)
+    assert (answer.sent, answer.sent_at, answer.attempts) == (play.sent[1][1], play.sent[1][0], 1)
+
+
 def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
     """Nobody waits longer than the command lives, and nothing is sent afterwards."""
     station = Station()

@@ -21,7 +21,7 @@ class Job:
 
     __slots__ = (
         "adapter_s", "ask", "attempts", "attempts_allowed", "broadcast", "codec", "data", "effect", "expires_at",
-        "fence", "gap_s", "lane", "permit", "remembered", "reply_bytes", "request", "send_s", "station",
+        "fence", "gap_s", "lane", "permit", "remembered", "reply_bytes", "request", "send_s", "sent_at", "station",
         "token", "wait_s",
     )  # fmt: skip
 
@@ -42,6 +42,8 @@ class Job:
         self.gap_s = station.gap_s
         self.adapter_s = station.link.timing.adapter_s
         self.attempts = 0
+        self.sent_at: float | None = None
+        """When it left last."""
         self.attempts_allowed = READ_ATTEMPTS if self.effect is Effect.NONE and not fence else self._attempts_allowed()
 
     def _attempts_allowed(self) -> int:

@@ -98,7 +98,8 @@ class BusState:
         if job.token is None:
             return
         if flight is None:
-            answer = Answer(job.ask, None, error, b"", b"", None, None, job.attempts)
+            sent = job.data if job.attempts else b""  # a repetition that is not sent does not undo what was
+            answer = Answer(job.ask, None, error, sent, b"", job.sent_at if sent else None, None, job.attempts)
         else:
             received, message = bytes(flight.buffer), flight.message if error is None else None
             answer = Answer(
