@@ -99,7 +99,7 @@ class EchoKeeper:
 
     def concluded(self, flight: Transaction) -> None:
         """Learn from a finished transaction."""
-        job, used = flight.job, flight.echo
+        used = flight.echo
         if used is not None and used.whole and used.sent:
             self.count += 1
             self._missing = 0
