@@ -59,6 +59,7 @@ class Conduct:
         self._last = frame
         if frame.does is Does.STOP:
             self._stop_due = None
+            self._wished.add(frame.address)  # VC660: the levels without the pulse complete it, also a broadcast one
             return
         if self._stop_due is not None and frame.start > self._stop_due + TOLERANCE_S:
             self._violation(f"I3 {frame.does} to {frame.address} went before a stop wished at {self._stop_due:.6f}")
@@ -77,7 +78,7 @@ class Conduct:
 
     def _rights(self, frame: Frame) -> None:
         what, wish = f"{frame.does} to {frame.address}", frame.wish
-        if frame.address == self._broadcast:
+        if frame.address == self._broadcast and frame.does is not Does.REST:
             self._violation(f"I7 {what}: a broadcast")
         elif frame.does is Does.REST:
             if frame.address not in self._wished:
