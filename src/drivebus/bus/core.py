@@ -183,6 +183,8 @@ class BusCore(BusState):
             self.finish(refused, error)
         heard = self.listener.buffer
         at = self._quiet_since + (job.gap_s if job is not None else self._longest_gap_s() if heard else 0.0)
+        if job is not None and job.station.second_answers and job.lane is not Lane.STOP:
+            at = max(at, job.station.again_at(now))
         if now < at and (job is None or not self._patience.over(job, now)):
             self._sleep(at if job is None else min(at, self._patience.until(job, now)))
             return
@@ -209,7 +211,7 @@ class BusCore(BusState):
         counters.bytes_sent += len(job.data)
         flight = Transaction(job, now, self.character_s, paced=self.paced, echo=self.echo.filter_for(job))
         self.flight = flight
-        self._quiet_since = flight.sent_end
+        self._quiet_since = station.asked_at = flight.sent_end
         self.out.append(Transmit(job.data))
         if self.tracing:
             self.trace(TraceEvent(now, Kind.SENT, job.data, station.address, job.request, attempt=job.attempts))
