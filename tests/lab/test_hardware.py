@@ -28,9 +28,9 @@ class Person(Rig):
 
     async def answer(self, key: str, /, **params: Any) -> str:
         motor = find_bench("hw").station(1).motor
-        if key in ("hardware.ask_turns", "hardware.ask_still_turns"):
+        if key in ("hardware.ask.turns", "hardware.ask.still_turns"):
             return "y" if motor.energised else "n"
-        return "n" if key == "hardware.ask_stands" and motor.energised else "y"
+        return "n" if key == "hardware.ask.stands" and motor.energised else "y"
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_a_noisy_line_fails_the_reads(bench: Bench) -> None:
     bench.weather = "lossy"
     found = step("answers")
     assert found.verdict is Verdict.FAILED
-    assert found.reason == "hardware.bad_answers"
+    assert found.reason == "hardware.bad.answers"
 
 
 def test_late_replies_fail_the_fences(bench: Bench) -> None:
@@ -121,7 +121,7 @@ def test_g08_the_drive_switched_off_and_on(bench: Bench) -> None:
 def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: Bench) -> None:
     class Sceptic(Person):
         async def answer(self, key: str, /, **params: Any) -> str:
-            return "n" if key == "hardware.ask_turns" else "y"
+            return "n" if key == "hardware.ask.turns" else "y"
 
     assert step("run_and_stop", rig=Sceptic).verdict is Verdict.FAILED
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping

@@ -67,12 +67,12 @@ async def perform(name: str, rig: Rig) -> Finding:
     needs, step = STEPS[name]
     if needs is Needs.MOTOR and not rig.motor:
         return Finding(name, Verdict.SKIPPED, reason="hardware.no_motor")
-    if needs is not Needs.NOTHING and not await rig.agreed(f"hardware.ask_{name}", frequency_hz=rig.frequency_hz):
+    if needs is not Needs.NOTHING and not await rig.agreed(f"hardware.ask.{name}", frequency_hz=rig.frequency_hz):
         return Finding(name, Verdict.SKIPPED, reason="hardware.nobody")
     try:
         good, figures = await step(rig)
     except DrivebusError as error:
-        return Finding(name, Verdict.FAILED, {"error": error}, f"hardware.bad_{name}" if name != "port" else "")
+        return Finding(name, Verdict.FAILED, {"error": error}, f"hardware.bad.{name}" if name != "port" else "")
     if good is None:
-        return Finding(name, Verdict.SKIPPED, figures, f"hardware.not_{name}")
-    return Finding(name, Verdict.PASSED if good else Verdict.FAILED, figures, "" if good else f"hardware.bad_{name}")
+        return Finding(name, Verdict.SKIPPED, figures, f"hardware.not.{name}")
+    return Finding(name, Verdict.PASSED if good else Verdict.FAILED, figures, "" if good else f"hardware.bad.{name}")

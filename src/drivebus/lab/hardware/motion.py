@@ -27,8 +27,8 @@ async def run_and_stop(rig: Rig) -> Found:
         told["run"] = str((await rig.race(drive.run(rig.frequency_hz))).word)
         told["started_s"] = round(bus.now() - begun, 3)
         await rig.race(asyncio.sleep(RUN_S))
-        turned = await rig.agreed("hardware.ask_turns")
-    stood = await rig.agreed("hardware.ask_stands")
+        turned = await rig.agreed("hardware.ask.turns")
+    stood = await rig.agreed("hardware.ask.stands")
     return turned and stood and told["stop"] in ("confirmed", "acknowledged"), told
 
 
@@ -41,7 +41,7 @@ async def host_dies(rig: Rig) -> Found:
     value = report.time.value if report.time is not None else None
     alone_s = (float(value) if isinstance(value, int | float) else UNKNOWN_TIMER_S) + MARGIN_S
     await asyncio.sleep(alone_s)
-    turns = await rig.agreed("hardware.ask_still_turns", seconds=round(alone_s))
+    turns = await rig.agreed("hardware.ask.still_turns", seconds=round(alone_s))
     async with rig.drive() as (_, drive), _stopped(drive) as told:
         told |= {"says_it_trips": report.trips, "alone_s": alone_s, "still_turned": turns}
     return (None if report.trips is None else report.trips is not turns), told

@@ -53,7 +53,7 @@ def _tell(finding: Finding) -> None:
 def _line(finding: Finding) -> str:
     figures = ", ".join(f"{name}={value}" for name, value in _figures(finding).items())
     reason = voice.say(finding.reason) if finding.reason else ""
-    said = voice.say(f"hardware.step_{finding.step}")
+    said = voice.say(f"hardware.step.{finding.step}")
     parts = [f"[{voice.say(f'hardware.{finding.verdict}')}] {said}", figures, reason]
     return "\n    ".join(part for part in parts if part)
 
