@@ -111,7 +111,7 @@ class C320Station(C320Drive):
         return self._with_state(reply, before if operation in STARTS or operation in JOGS else self.state)
 
     def _with_state(self, reply: Reply, state: State) -> Reply:
-        """Every full reply carries the state (a start's still the one before it), in a fault its code (T05)."""
+        """Every full reply carries the state (a start's still the one before it), in a fault its code for the item (T05, 2.4.6)."""
         if reply.response.short:
             return reply
         code = self.trip_code(self.motor.trip) if state is State.FAULT and self.motor.trip else None
@@ -119,7 +119,7 @@ class C320Station(C320Drive):
         if code is None or (info is not None and self.class0_fault == "information"):
             return Reply(self.address, reply.response, state, reply.group, reply.item, reply.data, info=info)
         info = None if info is None else "--" + info[2:]
-        return Reply(self.address, reply.response, state, reply.group, None, 0, code, info)
+        return Reply(self.address, reply.response, state, reply.group, None, reply.data, code, info)
 
     def _served(self, request: Any) -> Reply:
         match request:
