@@ -1,9 +1,15 @@
-"""What the outside world is to pure code: a clock, chance and a store, as Protocols."""
+"""What the outside world is to pure code: a clock, chance and a store, as Protocols; and the one wall clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Protocol
+
+
+def wall_clock() -> datetime:
+    """This moment in UTC, by the clock that people and servers set: for labels only, nothing waits by it (F21)."""
+    return datetime.now(UTC)
 
 
 class Clock(Protocol):

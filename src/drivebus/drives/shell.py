@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import datetime
 from typing import Any, TypeVar
 
+from drivebus import seams
 from drivebus.bus import Bus
 from drivebus.drives.talk import Conversation, Keep, Look, Step, Surroundings, Wait
 from drivebus.message import Ask
-from drivebus.seams import Store
 
 T = TypeVar("T")
 
 
-async def converse(conversation: Conversation[T], bus: Bus, address: int, store: Store) -> T:
+async def converse(conversation: Conversation[T], bus: Bus, address: int, store: seams.Store) -> T:
     """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent."""
     try:
         step = next(conversation)
@@ -27,7 +26,7 @@ async def converse(conversation: Conversation[T], bus: Bus, address: int, store:
         conversation.close()
 
 
-async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
+async def _perform(step: Step, bus: Bus, address: int, store: seams.Store) -> Any:
     if isinstance(step, Ask):
         return await bus.transact(step)
     if isinstance(step, Wait):
@@ -57,4 +56,4 @@ def surroundings(bus: Bus, address: int) -> Surroundings:
 
 def _today() -> str:
     """A label for the EEPROM budget: the only wall clock here (F21)."""
-    return datetime.datetime.now(datetime.UTC).date().isoformat()
+    return seams.wall_clock().date().isoformat()

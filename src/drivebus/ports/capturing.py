@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from drivebus import seams
 from drivebus.capture import CaptureWriter, Header
 from drivebus.errors import PortLost
 from drivebus.line import LineSettings
@@ -67,7 +67,8 @@ class CapturingPort:
         """Raises CaptureError where the file can't be created, else as the port does."""
         self._loop = asyncio.get_running_loop()
         if self._writer is None:
-            header = Header(self.settings, self.url, datetime.now(UTC).isoformat(), f"drivebus {version('drivebus')}")
+            writer = f"drivebus {version('drivebus')}"
+            header = Header(self.settings, self.url, seams.wall_clock().isoformat(), writer)
             self._writer = CaptureWriter(self._path, header, now=self._loop.time())
         self._receiver = receiver
         await self._port.open(self)
