@@ -124,7 +124,8 @@ def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
         desk.write({"F0.2": 10.0 + number}, save=True)
     with pytest.raises(WearBudget) as caught:
         desk.write({"F0.2": 40.0}, save=True)
-    assert (caught.value.params["count"], caught.value.params["budget"]) == (3, 3)
+    params = caught.value.params
+    assert (caught.value.key, params["count"], params["budget"]) == ("drives.wear_budget", 3, 3)
     assert len(desk.writes()) == 3
     desk.world.around = replace(desk.world.around, day="2026-01-03")
     assert desk.write({"F0.2": 40.0}, save=True).done
@@ -134,8 +135,10 @@ def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
     desk = Desk("c320", PaperC320(), budget=1)
     desk.write({"F0.2": 10.0}, save=True)
     desk.world.around = replace(desk.world.around, day="2025-12-31")
-    with pytest.raises(WearBudget):
+    with pytest.raises(WearBudget) as caught:
         desk.write({"F0.2": 11.0}, save=True)
+    assert (caught.value.key, caught.value.params["day"]) == ("drives.wear_clock", "2026-01-02")
+    assert "2026-01-02" in caught.value.text("en") and "2026-01-02" in caught.value.text("zh")
 
 
 def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:

@@ -57,7 +57,8 @@ class Wear:
         def one_more(old: Count) -> Count:
             today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
             if today >= self.budget:
-                raise WearBudget("drives.wear_budget", notation=notation, count=today, budget=self.budget)
+                key = "drives.wear_clock" if day < old.day else "drives.wear_budget"
+                raise WearBudget(key, notation=notation, count=today, budget=self.budget, day=old.day)
             return replace(old, day=max(day, old.day), today=today + 1, total=old.total + 1)
 
         yield from self._change(notation, one_more)
