@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -222,3 +223,26 @@ def test_the_manuals_tables_know_every_request() -> None:
 def test_the_manuals_tables_refuse_what_no_manual_knows(frame: str) -> None:
     with pytest.raises(ValueError):
         request("c320", "ascii", bytes.fromhex(frame))
+
+
+def test_i8_what_escapes_from_a_command_is_found(session: Session) -> None:
+    async def fails() -> None:
+        raise RuntimeError("not ours")
+
+    here = stand(session)
+    here.finish(here.wish_by(fails, 1, "run"))
+    assert found(session, "I8")
+
+
+def test_a_lease_that_is_renewed_lives_on_the_loop_of_the_laboratory(session: Session) -> None:
+    async def jog() -> Any:
+        async with here.drives[1].jog() as lease:
+            for _ in range(3):
+                await asyncio.sleep(0.3)
+                lease.renew()
+        return lease.begun
+
+    here = stand(session)
+    wish = here.wish_by(jog, 1, "jog")
+    here.finish(wish)
+    assert wish.word == "acknowledged" and session.violations == []

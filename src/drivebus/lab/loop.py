@@ -12,7 +12,7 @@ import asyncio
 from asyncio import events
 from collections import deque
 from collections.abc import Callable, Coroutine
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
@@ -25,12 +25,15 @@ class Stuck(RuntimeError):
 class Timer:
     """A callback in the heap, or one that is ready."""
 
-    __slots__ = ("args", "callback", "when")
+    __slots__ = ("_when", "args", "callback")
 
     def __init__(self, callback: Callable[..., object], args: tuple[Any, ...], when: float) -> None:
         self.callback: Callable[..., object] | None = callback
         self.args = args
-        self.when = when
+        self._when = when
+
+    def when(self) -> float:
+        return self._when
 
     def cancel(self) -> None:
         self.callback = None
@@ -117,6 +120,19 @@ class Loop(_Interface):
             while self._step(when):
                 pass
         self._now = max(self._now, when)
+
+    def hold_up(self, seconds: float, goes_on: Callable[[Timer], bool], stands_still: Callable[[Timer], bool]) -> None:
+        """The program is not run for so long; only timers that go on are served in time, the others come late.
+
+        A timer whose clock stands still meanwhile is moved by as much.
+        """
+        end = self._now + seconds
+        held = [entry for entry in self._heap if not goes_on(entry[2])]
+        self._heap = [entry for entry in self._heap if goes_on(entry[2])]
+        heapify(self._heap)
+        self.run_until(end)
+        for when, number, timer in held:
+            heappush(self._heap, (when + seconds if stands_still(timer) else when, number, timer))
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """A coroutine to its end; its result or its error. Raises Stuck where it waits for what can't come."""

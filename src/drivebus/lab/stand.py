@@ -45,8 +45,9 @@ class Stand:
 
     def __init__(
         self, session: Session, kind: Kind, addresses: Iterable[int], *, loop: Loop | None = None,
-        name: str = "", drives: bool = True, **options: Any,
+        name: str = "", drives: bool = True, around: Callable[[Any], Any] = lambda port: port, **options: Any,
     ) -> None:  # fmt: skip
+        """``around`` makes the bus's port of the simulated one: what records it, or lets its calls fail."""
         self.session, self.kind, self.name = session, kind, name or kind.name
         self.loop = loop or Loop()
         query = {"baud": kind.baud, "ramp": 2, "echo": "off", "seed": session.seed, **kind.options, **options}
@@ -55,7 +56,7 @@ class Stand:
             options_text = "&".join(f"{name}={value}" for name, value in query.items())
             port: Any = open_port(f"sim://{kind.model}@{listed}?{options_text}")
             self.port, self.bench = port, port.bench
-            self.bus = WatchedBus(self.port, name=self.name)
+            self.bus = WatchedBus(around(self.port), name=self.name)
             self.witness = self.bus.witness = Witness(session, kind, self.bench, self.name, self.loop.time)
             for station in self.bench.stations:
                 station.memory.eeprom_writes.clear()  # the ramps were set at the keypad
@@ -105,6 +106,8 @@ class Stand:
         except DrivebusError as error:
             wish.error = error
             wish.outcome = getattr(error, "outcome", None)
+        except Exception as error:  # no user is ever told in another way (I8)
+            self.witness.violation(f"I8 {type(error).__name__} escaped from {wish}: {error}")
         finally:
             self.witness.ended(wish)
 
