@@ -31,7 +31,7 @@ def test_the_generated_parts_are_up_to_date() -> None:
 
 
 def test_a_page_out_of_date_is_named_and_fails(tmp_path: Path) -> None:
-    for name in ("docs/generator", "docs/protocols", "vectors"):
+    for name in ("docs/explanation", "docs/generator", "docs/protocols", "docs/reports", "vectors"):
         shutil.copytree(ROOT / name, tmp_path / name)
     for name in ("docs/generate.py", "README.md", "README.zh.md"):
         shutil.copy(ROOT / name, tmp_path / name)
