@@ -73,6 +73,19 @@ def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
     assert max(later - earlier for earlier, later in pairwise(good)) < 0.3
 
 
+def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
+    """G07: what confirms a stop is read in the parameter lane."""
+    play = book(Station(1), Station(2))
+    for number in range(200):
+        play.ask(ask_read(2, lane=Lane.COMMAND), f"command {number}")
+    play.ask(ask_read(1), "parameter")
+    play.ask(ask_read(1), "another")
+    play.play()
+    order = list(play.answers)
+    assert order.index("parameter") <= 5 and order.index("another") <= 10
+    assert len(order) == 202
+
+
 def test_lanes_are_served_in_their_order() -> None:
     play = book(Station(1))
     play.ask(ask_read(), "busy")

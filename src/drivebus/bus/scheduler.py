@@ -1,7 +1,8 @@
 """Whose frame is next. Pure; ``now`` is an argument; looking changes nothing but what is too old or forbidden.
 
-Lanes: stop > command > parameter > poll > probe, first come first served within a lane. Three fairness rules:
+Lanes: stop > command > parameter > poll > probe, first come first served within a lane. Four fairness rules:
 
+* after four commands a waiting parameter gets a turn (what confirms a stop is read there, G07);
 * after four commands or parameters in a row a due fence or poll gets a turn (values must not grow stale during a
   backup, I4);
 * a silent station's probe goes before polls, but only within the 10 % budget (else a full bus would never find
@@ -35,7 +36,7 @@ POLL_RUN = 9
 class Scheduler:
     """The queues of one bus. ``wake_at``: when the last ``next`` may answer differently without anything new."""
 
-    __slots__ = ("_line", "_polls", "_urgent", "budget", "doubted", "lanes", "plan", "refused", "wake_at")
+    __slots__ = ("_commands", "_line", "_polls", "_urgent", "budget", "doubted", "lanes", "plan", "refused", "wake_at")
 
     def __init__(self, line: LineSettings) -> None:
         self._line = line
@@ -46,7 +47,7 @@ class Scheduler:
         """Stations that owe a fence: suspect or dead."""
         self.refused: list[tuple[Job, Exception]] = []
         self.wake_at = FOREVER
-        self._urgent = 0
+        self._commands = self._urgent = 0
         self._polls = 0
 
     def put(self, job: Job) -> None:
@@ -70,10 +71,9 @@ class Scheduler:
             return next((job for job in stops if job.ask.lane is Lane.STOP), stops[0])
         if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
             return job
-        if commands and (job := self._first(commands, now)):
-            return job
-        if parameters and (job := self._first(parameters, now)):
-            return job
+        for lane in (parameters, commands) if self._commands >= URGENT_RUN else (commands, parameters):
+            if lane and (job := self._first(lane, now)):
+                return job
         if self.doubted and (job := self._fence(now)):
             return job
         if probes and self._polls >= POLL_RUN and (job := self._first(probes, now)):
@@ -94,6 +94,10 @@ class Scheduler:
             self.lanes[job.lane].remove(job)
         lane = job.lane
         self._urgent = self._urgent + 1 if lane is Lane.PARAMETER or lane is Lane.COMMAND else 0
+        if lane is Lane.PARAMETER:
+            self._commands = 0
+        elif lane is Lane.COMMAND and self.lanes[Lane.PARAMETER]:
+            self._commands += 1
         self._polls = self._polls + 1 if lane is Lane.POLL else 0
 
     def withdraw(self, unwanted: Callable[[Job], bool]) -> list[Job]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.bus import Bus
+from drivebus.drives.dialect import Stop
 from drivebus.drives.drive import Drive
 from drivebus.drives.operation import exchange_of
 from drivebus.drives.state import Exchange, Outcome, OutcomeWord
@@ -47,7 +48,7 @@ async def bus_stop(bus: Bus, drives: Sequence[Drive]) -> StopReport:
     begun = bus.now()
     bus.latch(None)
     broadcasts = await _broadcast(bus, drives)
-    outcomes = await asyncio.gather(*(_stop(drive) for drive in drives))
+    outcomes = await asyncio.gather(*(_stop(drive, len(drives)) for drive in drives))
     addresses = tuple(drive.address for drive in drives)
     return StopReport(begun, bus.now(), broadcasts, tuple(zip(addresses, outcomes, strict=True)))
 
@@ -70,10 +71,10 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[Exchange, ...]:
     return tuple(sent)
 
 
-async def _stop(drive: Drive) -> Outcome:
+async def _stop(drive: Drive, drives: int) -> Outcome:
     """However it ends, the other drives' outcomes are not lost."""
     try:
-        return await drive.stop()
+        return await drive._stop(Stop.STOP, True, drives)
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome

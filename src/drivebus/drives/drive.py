@@ -49,6 +49,8 @@ from drivebus.seams import Store
 T = TypeVar("T")
 INSIST_S = 1.0
 """An unconfirmed stop is repeated this often until the drive confirms it or somebody commands anew (matrix 6.4)."""
+TICK_S = 1e-6
+"""Less than this is not waited for: a loop's clock may not show it."""
 FORGETFUL = ("sim", "memory", "replay")
 """Links whose drives have no EEPROM that wears and no bench where a proof was made."""
 
@@ -254,18 +256,37 @@ class Drive:
         """The drive's own fast stop. Not an emergency stop: only a hard-wired STO or SS1 is."""
         return await self._stop(Stop.QUICK_STOP, wait)
 
-    async def _stop(self, how: Stop, wait: bool) -> Outcome:
+    async def _stop(self, how: Stop, wait: bool, drives: int = 1) -> Outcome:
+        """``drives``: as one of so many that are stopped at once, where each waits for the others' turns."""
         if how.value not in self.profile.capabilities:
             raise CapabilityError("drives.cannot", model=self.profile.model, what=how.value)
         self._give_in()
-        conversation = stopping.stop(Talk(self._memory), how, wait_for_it=wait)
+        talk = Talk(self._memory)
+        progress = stopping.Progress(talk, self.bus.now(), drives)
+        conversation = stopping.stop(talk, how, wait_for_it=wait, progress=progress)
         stopping_it = asyncio.ensure_future(self._stopped(conversation, how))
         self._stops.add(stopping_it)
         stopping_it.add_done_callback(self._stops.discard)
-        outcome = await asyncio.shield(stopping_it)  # whoever gives up waiting does not take the stop back
+        outcome = await self._told_in_time(stopping_it, talk, progress, how)
         if outcome.key == "drives.stop_answered":
             return outcome
         return settled(outcome, stop=True)
+
+    async def _told_in_time(
+        self, stopping_it: asyncio.Task[Outcome], talk: Talk, progress: stopping.Progress, how: Stop
+    ) -> Outcome:
+        """How it ended, or in time that it did not, and then it is begun anew: its reads may wait for their turn (G07).
+
+        Whoever gives up waiting for this does not take the stop back.
+        """
+        while not stopping_it.done():
+            left_s = progress.alarm_at - self.bus.now()
+            if left_s <= TICK_S:
+                stopping_it.cancel()
+                self._insist_on(how)
+                return stopping.unconfirmed(talk)
+            await asyncio.wait({stopping_it}, timeout=left_s)
+        return stopping_it.result()
 
     async def _stopped(self, conversation: Conversation[Outcome], how: Stop) -> Outcome:
         """What became of a stop; where that is not known it is repeated from now on."""

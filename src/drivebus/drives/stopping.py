@@ -5,7 +5,6 @@ No check of the host ever withholds a stop: nothing here asks the gate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite
 
 from drivebus.drives.dialect import Stop
@@ -18,9 +17,8 @@ PATIENCE_S = 2.0
 """G07: a stop that shows no progress for this long is declared unconfirmed …"""
 PATIENCE_TRANSACTIONS = 16
 """… or for as long as two looks and two stops take on this line (300 baud: 10 s)."""
-RAMP_FACTOR = 1.5
 LONGEST_S = 120.0
-"""A drive whose ramp is unknown and that keeps slowing down is believed this long."""
+"""A drive that keeps slowing down is believed this long, or as long as its own ramp takes."""
 RESEND_S = 0.5
 """A drive that is slowing down is told again this often: harmless, and a lost stop costs no more than this."""
 LOOK_S = 0.05
@@ -28,36 +26,50 @@ BLIND_SENDS = 3
 """DF800 shows nothing: three times, then "acknowledged, not confirmable" (matrix 6.4)."""
 
 
-@dataclass(slots=True)
-class _Progress:
-    """When the drive was last seen to slow down."""
+class Progress:
+    """How a stop gets on, and when it is overdue (G07)."""
 
-    since: float
-    lowest_hz: float | None = None
+    def __init__(self, talk: Talk, begun: float, drives: int = 1) -> None:
+        """``drives``: so many are stopped at once and looked at in turns."""
+        self._talk, self._begun, self._drives = talk, begun, drives
+        self._since = begun
+        """When the drive was last seen to slow down."""
+        self._lowest_hz: float | None = None
 
-    def note(self, talk: Talk, now: float) -> None:
-        """A lower frequency than ever seen in this stop, or a decelerating state, is progress."""
-        reading = talk.book.latest.get("output_frequency")
+    def note(self, now: float) -> bool:
+        """Is it slowing down? A lower frequency than ever seen in this stop, or a decelerating state."""
+        reading = self._talk.book.latest.get("output_frequency")
         value = None if reading is None else reading.value
-        if isinstance(value, int | float) and (self.lowest_hz is None or value < self.lowest_hz):
-            if self.lowest_hz is not None:
-                self.since = now
-            self.lowest_hz = float(value)
-        if talk.verdict.state in (DriveState.DECELERATING, DriveState.BRAKING):
-            self.since = now
+        if isinstance(value, int | float) and (self._lowest_hz is None or value < self._lowest_hz):
+            if self._lowest_hz is not None:
+                self._since = now
+            self._lowest_hz = float(value)
+        if self._talk.verdict.state in (DriveState.DECELERATING, DriveState.BRAKING):
+            self._since = now
+        return self._since == now
+
+    @property
+    def alarm_at(self) -> float:
+        """Without progress for its patience, or without standstill after its ramp where that is known: unconfirmed."""
+        ramp, pace = self._talk.memory.deceleration_s or 0.0, self._talk.pace_s
+        patience = max(PATIENCE_S, PATIENCE_TRANSACTIONS * self._drives * pace if isfinite(pace) else 0.0)
+        by_its_ramp = self._begun + PATIENCE_S + ramp
+        return min(max(self._since + patience, by_its_ramp), max(self._begun + LONGEST_S, by_its_ramp))
 
 
-def stop(talk: Talk, how: Stop = Stop.STOP, *, wait_for_it: bool = True) -> Conversation[Outcome]:
+def stop(
+    talk: Talk, how: Stop = Stop.STOP, *, wait_for_it: bool = True, progress: Progress | None = None
+) -> Conversation[Outcome]:
     """Stop, and say how far that is known. Never raises for what the bus or the drive does.
 
     ``wait_for_it`` False returns once the drive has answered the stop (or after its resends): unconfirmed, and so said.
     """
-    outcome = yield from _stop(talk, how, wait_for_it)
+    outcome = yield from _stop(talk, how, wait_for_it, progress or Progress(talk, (yield from look()).now))
     talk.may_turn = talk.may_turn and not outcome.done
     return outcome
 
 
-def _stop(talk: Talk, how: Stop, wait_for_it: bool) -> Conversation[Outcome]:
+def _stop(talk: Talk, how: Stop, wait_for_it: bool, progress: Progress) -> Conversation[Outcome]:
     begun = (yield from look()).now
     answered = yield from send_stop(talk, how)
     if not talk.dialect.can_tell:
@@ -65,11 +77,11 @@ def _stop(talk: Talk, how: Stop, wait_for_it: bool) -> Conversation[Outcome]:
     if not wait_for_it:
         key = "drives.stop_answered" if answered else "drives.stop_unanswered"
         return talk.outcome(OutcomeWord.UNKNOWN, key)
-    return (yield from _until_seen(talk, how, begun))
+    return (yield from _until_seen(talk, how, begun, progress))
 
 
 def send_stop(talk: Talk, how: Stop) -> Conversation[bool]:
-    """One stop and what must follow it, after the other drives' stops. True where the drive answered and did not refuse."""
+    """One stop and what must follow it, after the other drives' stops. True where the drive answered and agreed."""
     answered = False
     for place, request in enumerate(talk.dialect.stop(how)):
         answer: Answer = yield from talk.ask(request, Lane.COMMAND if place else Lane.STOP, WriteClass.ABSOLUTE)
@@ -88,28 +100,28 @@ def _blind(talk: Talk, how: Stop, answered: bool) -> Conversation[Outcome]:
         answered = (yield from send_stop(talk, how)) or answered
     if answered:
         return talk.outcome(OutcomeWord.ACKNOWLEDGED, "drives.stop_acknowledged")
-    return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=DriveState.UNKNOWN)
+    return unconfirmed(talk)
 
 
-def _until_seen(talk: Talk, how: Stop, begun: float) -> Conversation[Outcome]:
+def _until_seen(talk: Talk, how: Stop, last_sent: float, progress: Progress) -> Conversation[Outcome]:
     """Look, and send again, until two fenced reads show the output off or patience ends."""
-    progress = _Progress(begun)
-    last_sent = begun
-    ramp = talk.memory.deceleration_s
     while True:
         yield from talk.judged(patience=0)
         now = (yield from look()).now
         if talk.verdict.state.output_off and _shown(talk):
             return _stopped(talk)
-        progress.note(talk, now)
-        slowest = PATIENCE_TRANSACTIONS * talk.pace_s if isfinite(talk.pace_s) else 0.0
-        patience = max(PATIENCE_S, slowest, (ramp or 0.0) * RAMP_FACTOR)
-        if now - progress.since > patience or now - begun > max(LONGEST_S, patience):
-            return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=talk.verdict.state)
-        if progress.since < now or now - last_sent >= RESEND_S:
+        slowing = progress.note(now)
+        if now > progress.alarm_at:
+            return unconfirmed(talk)
+        if not slowing or now - last_sent >= RESEND_S:
             yield from send_stop(talk, how)
             last_sent = now
         yield from wait(LOOK_S)
+
+
+def unconfirmed(talk: Talk) -> Outcome:
+    """What a user is told who must go and look."""
+    return talk.outcome(OutcomeWord.UNKNOWN, "drives.stop_unconfirmed", state=talk.verdict.state)
 
 
 def _shown(talk: Talk) -> bool:
