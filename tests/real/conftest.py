@@ -1,0 +1,70 @@
+"""Stories on real file descriptors: hosts and drives in processes of their own, the operating system in between."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cli.children import COMMAND, ENVIRONMENT
+from real.witness import Plant, plant
+
+HERE = Path(__file__).parent
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if sys.platform != "linux":
+        for item in items:
+            if HERE in item.path.parents:
+                item.add_marker(pytest.mark.skip(reason="ptys, signals and locks as Linux has them"))
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Lock files and EEPROM counts of a test stay in its own directory."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state"
+
+
+@pytest.fixture
+def plants(tmp_path: Path) -> Iterator[Callable[..., Plant]]:
+    """Make a plant of these lines; it ends with the test."""
+    with ExitStack() as made:
+        count = 0
+
+        def make(*lines: dict[str, Any], adapters: int = 1) -> Plant:
+            nonlocal count
+            count += 1
+            folder = tmp_path / f"plant{count}"
+            folder.mkdir()
+            return made.enter_context(plant(folder, *lines, adapters=adapters))
+
+        yield make
+
+
+@pytest.fixture
+def started() -> Iterator[Start]:
+    """Start one of this folder's programs, or a drivebus verb, and end it with the test."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(*words: object, env: Mapping[str, str] = {}) -> subprocess.Popen[str]:
+        ours = str(words[0]).endswith(".py")
+        program = [sys.executable, str(HERE / str(words[0]))] if ours else [*COMMAND, str(words[0])]
+        process = subprocess.Popen(
+            [*program, *(str(word) for word in words[1:])],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | ENVIRONMENT | env,
+        )  # fmt: skip
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,58 @@
+"""SIGSTOP, a frozen virtual machine: afterwards every command that waited has expired, and none is sent (6.6, I1)."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivebus.lab.manual import Does
+from real.conftest import Start
+from real.witness import PATIENCE_S, Plant, c320
+
+Plants = Callable[..., Plant]
+FREEZE_S = float(os.environ.get("DRIVEBUS_REAL_FREEZE", "3"))
+"""Longer than a start lives (2 s); 10 s is the story of the plan."""
+DRIVES = 4
+
+
+def wished(process: Any) -> list[dict[str, Any]]:
+    out, errors = process.communicate(timeout=PATIENCE_S)
+    said = [json.loads(line) for line in out.splitlines()]
+    assert process.returncode == 0, errors
+    return [each for each in said if each["event"] == "ended"]
+
+
+@pytest.mark.parametrize("lines", [3])
+def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(
+    plants: Plants, started: Start, lines: int
+) -> None:
+    """Starts of four drives on a slow line, frozen at three moments of them, thawed when they are too old."""
+    chance = random.Random(1)
+    addresses = list(range(1, DRIVES + 1))
+    plant = plants(*(c320(4800, addresses=addresses, keypad={}) for _ in range(lines)))
+    hosts = [started("host_process.py", "start", "c320", plant.url(line), DRIVES) for line in range(lines)]
+    for host in hosts:
+        assert host.stdout is not None
+        assert json.loads(host.stdout.readline())["event"] == "queued"
+        time.sleep(chance.uniform(0.0, 0.2))
+        host.send_signal(signal.SIGSTOP)
+    time.sleep(FREEZE_S)
+    plant.settle()
+    thawed = time.monotonic()
+    for host in hosts:
+        host.send_signal(signal.SIGCONT)
+    told = [wished(host) for host in hosts]
+    plant.settle()
+    for line in range(lines):
+        assert [one for one in plant.requests(line, since=thawed) if one.does is not Does.READ] == []
+        moved = {one.address for one in plant.requests(line) if one.does is Does.MOVE}
+        for each in told[line]:
+            assert each["address"] in moved or each.get("error") == "Expired", each
+    assert sum(each.get("error") == "Expired" for line in told for each in line) >= lines, "the freeze came too late"

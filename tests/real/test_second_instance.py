@@ -1,0 +1,143 @@
+"""Who else is on the port or on the wire: refused with the owner's pid, or noticed as a foreign master (F14, G18)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import tempfile
+import termios
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivebus.bus import Bus
+from drivebus.drives.state import OutcomeWord
+from drivebus.errors import GateError
+from drivebus.lab.manual import Does
+from drivebus.ports import open_port
+from real.conftest import Start
+from real.host_process import made
+from real.witness import PATIENCE_S, Plant, c320, until, vc660
+
+Plants = Callable[..., Plant]
+SOMEBODY, ANOTHER, ROOT = 65534, 65533, 0
+TRIALS = 100
+
+
+@pytest.fixture
+def homes() -> Iterator[Callable[[int], dict[str, str]]]:
+    """State directories of users, where those users may go."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+
+        def home(user: int) -> dict[str, str]:
+            path = Path(folder) / str(user)
+            if not path.exists():
+                path.mkdir()
+                os.chown(path, user, user)
+            return {"XDG_STATE_HOME": str(path)}
+
+        yield home
+
+
+def refusals(
+    plant: Plant, started: Start, homes: Callable[[int], dict[str, str]], first: int, second: int, exclusive: int = 0
+) -> tuple[int, Counter[tuple[str, int]]]:
+    """The owner's pid, and what the second one was told each time."""
+    device = os.path.realpath(plant.path())
+    owner = started("user_process.py", first, exclusive, "hold", device, env=homes(first))
+    assert owner.stdout is not None and owner.stdout.readline() == "open\n"
+    other = started("user_process.py", second, exclusive, TRIALS, device, env=homes(second))
+    out, errors = other.communicate(timeout=PATIENCE_S)
+    assert other.returncode == 0, errors
+    said = [json.loads(line) for line in out.splitlines()]
+    assert all(str(owner.pid) in each["text"] for each in said if "text" in each)
+    owner.kill()
+    return owner.pid, Counter((each["key"], each.get("pid")) for each in said)
+
+
+def test_a_second_instance_of_the_same_user_is_refused_100_times_of_100_with_the_owners_pid(
+    plants: Plants, started: Start, homes: Callable[[int], dict[str, str]]
+) -> None:
+    me = os.getuid()
+    pid, said = refusals(plants(c320()), started, homes, me, me)
+    assert said == {("ports.held-drivebus", pid): TRIALS}
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be several users")
+@pytest.mark.parametrize(
+    ("first", "second", "exclusive"),
+    [(SOMEBODY, ANOTHER, 0), (SOMEBODY, ANOTHER, 1), (ROOT, SOMEBODY, 0), (SOMEBODY, ROOT, 0)],
+    ids=["somebody else", "somebody else, TIOCEXCL", "root was first", "root is second and asks for the lock"],
+)
+def test_a_second_instance_of_another_user_is_refused_100_times_of_100_with_the_owners_pid(
+    plants: Plants, started: Start, homes: Callable[[int], dict[str, str]], first: int, second: int, exclusive: int
+) -> None:
+    """Neither sees the other's lock file nor its open files; the kernel's list of locks tells the pid."""
+    pid, said = refusals(plants(c320(format="8N1")), started, homes, first, second, exclusive)
+    assert said == {("ports.held", pid): TRIALS}
+
+
+READS = {"c320": "2A 30 31 31 30 30 30 30 34 30 31 38 36 0D", "vc660": "01 03 30 06 00 01 6B 0B"}
+SETS = {"c320": "2A 30 31 34 31 30 30 33 45 38 30 31 44 36 0D", "vc660": "01 06 20 01 01 F4 D3 DD"}
+"""d.4 and 3006H, the voltage of the bus; set frequency 10.00 Hz (operation 10H) and 5.00 Hz (2001H)."""
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+@pytest.mark.parametrize("frames", [READS, SETS], ids=["reads", "writes"])
+@pytest.mark.parametrize("adapter", [1, 0], ids=["another adapter", "the same port, which echoes"])
+async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_and_no_start_leaves(
+    plants: Plants, model: str, frames: dict[str, str], adapter: int
+) -> None:
+    """A program that asks for no lock, on an adapter of its own or on ours: no port can refuse it."""
+    more = {"keypad": {}, "weather": "clean" if adapter else "echo"}
+    plant = plants(c320(**more) if model == "c320" else vc660(**more), adapters=2)
+    async with Bus(open_port(plant.url(), echo="off" if adapter else "on")) as bus:
+        drive = made(bus, model)
+        await drive.status()
+        assert not bus.health(1).foreign_master
+        stranger = os.open(plant.path(adapter=adapter), os.O_RDWR | os.O_NOCTTY)
+        attributes = termios.tcgetattr(stranger)
+        attributes[4] = attributes[5] = termios.B19200
+        termios.tcsetattr(stranger, termios.TCSANOW, attributes)
+        before = plant.requests()[-1].t
+        data = bytes.fromhex(frames[model])
+        for number in (1, 2):
+            os.write(stranger, data)
+            await eventually(lambda number=number: foreign(plant, data, before) == number)  # type: ignore[misc]
+            await asyncio.sleep(0.3)
+        await eventually(lambda: bus.health(1).foreign_master)
+        assert [one.data for one in plant.requests(since=before)] == [data, data]
+        with pytest.raises(GateError) as caught:
+            await drive.run(10.0)
+        assert caught.value.key == "drives.foreign_master"
+        assert (await drive.stop()).word is OutcomeWord.CONFIRMED
+        os.close(stranger)
+    plant.settle()
+    ours = [one.does for one in plant.requests() if one.data != data]
+    assert Does.STOP in ours and Does.MOVE not in ours
+
+
+def foreign(plant: Plant, data: bytes, since: float) -> int:
+    return sum(one.data == data for one in plant.requests(since=since))
+
+
+async def eventually(there: Callable[[], bool]) -> None:
+    """``until`` for a test whose own loop must go on."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not there():  # noqa: ASYNC110  # another process' record
+            await asyncio.sleep(0.02)
+
+
+def test_the_lock_of_a_killed_owner_stands_in_nobodys_way(plants: Plants, started: Start) -> None:
+    plant = plants(c320())
+    words = (os.getuid(), 0, "hold", os.path.realpath(plant.path()))
+    first = started("user_process.py", *words)
+    assert first.stdout is not None and first.stdout.readline() == "open\n"
+    first.kill()
+    until(lambda: first.poll() is not None, "its end")
+    second = started("user_process.py", *words)
+    assert second.stdout is not None and second.stdout.readline() == "open\n"
