@@ -39,6 +39,8 @@ class Conduct:
         self._stop_at: dict[int, float] = {}
         self._lost_at = -inf
         self._wished: set[int] = set()
+        self._jogged: set[int] = set()
+        """VC660 jogs by a level: the levels at rest are then the stop itself."""
 
     def stop_wished(self, wish: Wish, can_speak: bool) -> None:
         """From now on the next frame must be a stop; where the port is lost there is none that could come next."""
@@ -57,8 +59,9 @@ class Conduct:
         if self._last is not None:
             self._timing(frame, self._last, heard_end, answered)
         self._last = frame
-        if frame.does is Does.STOP:
+        if frame.does is Does.STOP or (frame.does is Does.REST and frame.address in self._jogged):
             self._stop_due = None
+            self._jogged.discard(frame.address)
             self._wished.add(frame.address)  # VC660: the levels without the pulse complete it, also a broadcast one
             return
         if self._stop_due is not None and frame.start > self._stop_due + TOLERANCE_S:
@@ -87,6 +90,8 @@ class Conduct:
             self._violation(f"I1 {what} without a wish")
         else:
             self._wished.add(frame.address)
+            if wish.what == "jog":
+                self._jogged.add(frame.address)
             self._wish(frame, wish, what)
 
     def _wish(self, frame: Frame, wish: Wish, what: str) -> None:

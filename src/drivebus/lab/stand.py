@@ -142,5 +142,6 @@ class Stand:
         with running(self.loop):
             for task in list(self.loop.tasks):
                 task.cancel()
+        self.loop.run_until(self.loop.time())
         self.loop.run(self.bus.close())
         inspect(self)
