@@ -6,8 +6,13 @@ import random
 
 import pytest
 
-from buskit import CODEC, C, Station, ask_read, book, core, read
+from buskit import CODEC, LINE, C, Station, ask_read, book, core, read
+from drivebus import profiles
 from drivebus.bus import Kind
+from drivebus.bus.core import BusCore
+from drivebus.drives.dialect import Stop
+from drivebus.drives.make import make_dialect
+from drivebus.message import Ask
 from drivebus.protocols import modbus
 from drivebus.testing.playbook import Playbook
 
@@ -139,3 +144,27 @@ def test_f01_a_late_mirrored_answer_is_late_and_no_foreign_master(waiting: bool)
     assert not play.core.health(1, play.now).foreign_master
     assert play.core.counters.kinds["late"] >= 2
     assert "master" not in play.core.counters.kinds
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
+@pytest.mark.parametrize("address", [1, 2])
+@pytest.mark.parametrize("waiting", [True, False])
+def test_f14_a_foreign_master_is_heard_in_every_family_also_while_a_station_owes_an_answer(
+    model: str, address: int, waiting: bool
+) -> None:
+    """I8: its request may be for the very station that is silent; no bytes whatever may end the bus."""
+    ours, stranger = (make_dialect(profiles.load(model), one) for one in (1, address))
+    bus = BusCore(LINE, echo="off")
+    bus.add(ours.link)
+    play = Playbook(bus)
+    play.ask(Ask(1, ours.plain_read()), "silent")
+    play.answer("silent")
+    assert bus.stations[1].suspect
+    foreign = stranger.codec.encode_request(stranger.plain_read())
+    for _ in range(2):
+        if waiting:
+            play.ask(Ask(1, ours.stop(Stop.STOP)[0]), "stop")
+            play.until(play.now + 0.05)
+        play.hear(foreign)
+        play.until(play.now + 2.0)
+    assert bus.health(1, play.now).foreign_master

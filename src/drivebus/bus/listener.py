@@ -78,6 +78,7 @@ def owes(station: Station, request: Any, frame: bytes) -> bool:
     """Is this the late answer of a station that owes us one? The answer of FC06 or FC08 is a valid request too, and
     must not block its own drive as a foreign master's would."""
     codec = station.codec
+    request = getattr(request, "request", request)  # of a C320's request the operation is heard apart (T01)
     if not station.suspect or codec.address_of(request) != station.address:
         return False
     try:
