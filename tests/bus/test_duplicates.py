@@ -112,6 +112,37 @@ def test_second_answers_of_long_ago_slow_nothing_down() -> None:
     assert play.sent[-1][0] == pytest.approx(begun + 12.5 * C)
 
 
+@pytest.mark.parametrize("hinted", [True, False])
+def test_a_late_answer_behind_garbage_of_an_answers_size_is_a_second_one_after_a_sign(hinted: bool) -> None:
+    """F15: two drives whose answers collide, one of them heard again behind the other; once alone it proves nothing."""
+    play = book(Station(), paced=False)
+    play.ask(ask_read(), 1)
+    play.until(1)
+    if hinted:
+        play.hear(reply(1))
+    play.until(2)
+    play.wire = lambda frame, ended_at: [(ended_at + 0.02, b"\x55" * 13), (ended_at + 0.05, reply(2))]
+    play.ask(ask_read(), 2)
+    play.until(2.2)
+    assert play.core.stations[1].counters.kinds["late"] == 1
+    assert play.core.health(1, play.now).duplicate is hinted
+    assert len(play.core.stations[1].second_answers) == (2 if hinted else 0)
+
+
+@pytest.mark.parametrize("heard", [0, 12])
+def test_a_late_answer_after_less_than_an_answer_is_just_late(heard: int) -> None:
+    play = book(Station(), paced=False)
+    play.ask(ask_read(), 1)
+    play.until(1)
+    play.hear(reply(1))
+    play.until(2)
+    play.wire = lambda frame, ended_at: [(ended_at + 0.02, b"\x55" * heard), (ended_at + 0.1, reply(2))]
+    play.ask(ask_read(), 2)
+    play.until(2.2)
+    assert play.core.stations[1].counters.kinds["late"] == 1
+    assert not play.core.health(1, play.now).duplicate
+
+
 def test_a_station_that_answers_once_is_asked_again_after_the_gap() -> None:
     """However long its other answers took."""
     station = Station(delay_s=0.018)

@@ -223,6 +223,7 @@ class BusCore(BusState):
         self.count(flight, now)
         if flight.early or flight.foreign:
             unasked.during(self, flight, now)
+        flight.job.station.answered = flight.heard >= flight.job.reply_bytes
         error = flight.outcome()
         plain = error is None and flight.echo is None and self.echo.proved and not flight.job.station.suspect
         if not plain:

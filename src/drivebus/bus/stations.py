@@ -62,9 +62,9 @@ class Station:
     """One registered address and its state."""
 
     __slots__ = (
-        "address", "asked", "asked_at", "backoff_s", "codec", "counters", "dead", "doubted_at", "fence_waiting",
-        "fences", "gap_s", "generation", "last_heard_at", "latched", "link", "parked", "prepared", "probe_at",
-        "quarantined_until", "refusals", "second_answers", "seen", "suspect", "unanswered",
+        "address", "answered", "asked", "asked_at", "backoff_s", "codec", "counters", "dead", "doubted_at",
+        "fence_waiting", "fences", "gap_s", "generation", "last_heard_at", "latched", "link", "parked", "prepared",
+        "probe_at", "quarantined_until", "refusals", "second_answers", "seen", "suspect", "unanswered",
     )  # fmt: skip
 
     def __init__(self, link: StationLink, line: LineSettings) -> None:
@@ -89,6 +89,8 @@ class Station:
         """Fences of the last seconds that nobody answered, and when they were sent."""
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
+        self.answered = False
+        """Its last request brought an answer's worth of bytes, believed or not."""
         self.asked_at = 0.0
         """When its last bit was out."""
         self.parked: list[PollJob] = []
@@ -122,10 +124,10 @@ class Station:
         """A second answer came where one was asked for."""
         self.second_answers = [*self.second_answers[1 - DUPLICATE_HINTS :], now]
 
-    def duplicate(self, now: float) -> bool:
+    def duplicate(self, now: float, hints: int = DUPLICATE_HINTS) -> bool:
         """Do two drives seem to answer to this address (F15)?"""
         recent = [at for at in self.second_answers if now - at <= DUPLICATE_MEMORY_S]
-        return len(recent) >= DUPLICATE_HINTS
+        return len(recent) >= hints
 
     def again_at(self, now: float) -> float:
         """When it may be asked again, as it has answered twice: not before the answer to its last request has had its

@@ -69,7 +69,8 @@ def _note(
     core.counters.kind(kind.value)
     if station is not None:
         station.counters.kind(kind.value)
-        if kind is Kind.DUPLICATE:
+        again = kind is Kind.LATE and station.answered and station.duplicate(now, 1)
+        if kind is Kind.DUPLICATE or again:  # a late answer that follows another's: F15, where there was a sign before
             station.answered_twice(now)
         if kind is Kind.DUPLICATE or (kind is Kind.FOREIGN and message is None):
             station.doubt(now)
