@@ -7,11 +7,13 @@ from itertools import pairwise
 import pytest
 
 from buskit import LINE, C, Station, ask_read, ask_write, book, link, read
+from drivebus import profiles
 from drivebus.bus import BusStatistics, Poll, StationStatistics, arithmetic
 from drivebus.bus.planner import Plan
+from drivebus.drives import make_dialect
 from drivebus.line import LineSettings
 from drivebus.message import Effect, Lane, StationLink, StationTiming
-from drivebus.protocols import sifang
+from drivebus.protocols import modbus, sifang
 
 
 def test_a_poll_keeps_its_period_exactly() -> None:
@@ -269,3 +271,14 @@ def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:
     count = len(play.sent)
     play.until(200)
     assert len(play.sent) == count and play.core.scheduler.doubted == []
+
+
+def test_g06_the_stop_bound_counts_frames_that_no_plan_polls() -> None:
+    """A write of C320 has 18 characters and its stop 15, where a poll and a fence have 14 (RELIABILITY 5.1: 93 ms)."""
+    one = make_dialect(profiles.load("c320"), 1).link
+    line = LineSettings(9600, parity="E")
+    found = arithmetic([(one, [Poll(sifang.ReadMonitor(1, 0), 0.5)])], line).drives[1].stop_bound_s
+    assert found == pytest.approx(line.seconds(18 + 8 + 18 + 5 + 15) + 0.02)
+    one = make_dialect(profiles.load("vc660"), 1).link
+    found = arithmetic([(one, [Poll(modbus.ReadRegisters(1, 0x3001, 1), 0.5)])], LineSettings()).drives[1].stop_bound_s
+    assert found == pytest.approx(LineSettings().seconds(8 + 3.5 + 13 + 3.5 + 8) + 0.024 + 0.02)

@@ -153,15 +153,15 @@ class BusArithmetic:
 def arithmetic(polls: Sequence[tuple[StationLink, Sequence[Poll]]], line: LineSettings) -> BusArithmetic:
     """Load, refresh and stop bound of a plan, before anything is sent.
 
-    The stop frame is ``link.extra["stop"]`` (a request) where the dialect gives one, else as long as the fence.
+    The stop frame is ``link.extra["stop"]`` (a request) where the dialect gives one, else as long as the fence. It
+    may also have to wait for what is not polled: ``link.extra["longest"]``, requests that the dialect names, and fences.
     """
     costs = [(link, poll, _cost_s(link, poll.request, line)) for link, many in polls for poll in many]
     cycle_s = sum(cost for _, _, cost in costs)
     load = sum(cost / poll.period_s if poll.period_s > 0 else 1.0 for _, poll, cost in costs)
-    fences = [(link, _cost_s(link, link.fence(0), line)) for link, _ in polls]
-    longest = max(
-        (cost - link.timing.gap_s(line) for link, cost in (*((c[0], c[2]) for c in costs), *fences)), default=0
-    )
+    others = [(link, request) for link, _ in polls for request in (link.fence(0), *link.extra.get("longest", ()))]
+    asked = [*((link, poll.request) for link, poll, _ in costs), *others]
+    longest = max((_cost_s(link, request, line) - link.timing.gap_s(line) for link, request in asked), default=0)
     stretch = max(1.0, load)
     drives = {
         link.address: DriveArithmetic(

@@ -61,8 +61,9 @@ class ModbusDialect:
         self._pairs = () if self._rule.loopback else wanted_pairs(profile)
         self._signals = signals_in(profile, "holding")
         self._count = 0
+        extra = {"longest": tuple(request for request, _ in self.polls(tuple(profile.signals)))}
         self.link = StationLink(
-            address, self.codec, _with_silence(timing, encoding), self.effect, self._bus_fence, profile.model
+            address, self.codec, _with_silence(timing, encoding), self.effect, self._bus_fence, profile.model, extra
         )
 
     @property

@@ -58,7 +58,8 @@ class SifangDialect:
         self._signals = signals_in(profile, "monitor")
         self._count = 0
         self._last_read: ReadParameter | None = None
-        self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model)
+        extra = {"stop": self._control(Operation.STOP), "longest": (WriteParameter(address, 0, 0, 0),)}
+        self.link = StationLink(address, self.codec, timing, self.effect, self._bus_fence, profile.model, extra)
 
     def effect(self, frame: bytes) -> Effect:
         """What these bytes do: the operation counts in every class (T01); what can't be read may move."""
