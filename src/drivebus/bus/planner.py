@@ -154,7 +154,7 @@ def arithmetic(polls: Sequence[tuple[StationLink, Sequence[Poll]]], line: LineSe
     """Load, refresh and stop bound of a plan, before anything is sent.
 
     The stop frame is ``link.extra["stop"]`` (a request) where the dialect gives one, else as long as the fence. It
-    may also have to wait for what is not polled: ``link.extra["longest"]``, requests that the dialect names, and fences.
+    may also have to wait for what is not polled: fences, and the requests in ``link.extra["longest"]``.
     """
     costs = [(link, poll, _cost_s(link, poll.request, line)) for link, many in polls for poll in many]
     cycle_s = sum(cost for _, _, cost in costs)
