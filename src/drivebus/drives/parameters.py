@@ -10,7 +10,7 @@ from drivebus.drives.operation import Talk, noted
 from drivebus.drives.preflight import read_raw
 from drivebus.drives.state import Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
-from drivebus.errors import CapabilityError, DrivebusError, LimitError, PreflightError
+from drivebus.errors import CapabilityError, DrivebusError, DriveError, Expired, LimitError, PreflightError
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find
 from drivebus.reading import Reading, missing
@@ -68,7 +68,7 @@ def write(talk: Talk, values: Mapping[str, float], save: bool) -> Conversation[O
     """Write parameters one after the other; the first that does not end well ends it.
 
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
-    WearBudget. The outcome's notes name every parameter.
+    WearBudget, Expired. The outcome's notes name every parameter.
     """
     talk.memory.need("write")
     rule = talk.dialect.profile.write_rule
@@ -78,13 +78,20 @@ def write(talk: Talk, values: Mapping[str, float], save: bool) -> Conversation[O
         raise CapabilityError("drives.cannot", model=talk.dialect.profile.model, what="save")
     outcome = talk.outcome(OutcomeWord.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
+    yield from talk.begin()
     for wanted in [_checked(talk, name, value) for name, value in values.items()]:
-        outcome = yield from _write_one(talk, wanted, save)
+        try:
+            outcome = yield from _write_one(talk, wanted, save)
+        except (DriveError, Expired) as withheld:
+            if not notes:
+                raise
+            outcome = talk.outcome(OutcomeWord.FAILED, "drives.not_written", why=withheld, **_said(wanted))
         outcome = replace(outcome, notes=notes)
         if not outcome.done:
             return outcome
         outcome = noted(outcome, outcome.key, **outcome.params)
         notes = outcome.notes
+        talk.begun = (yield from look()).now
     return outcome
 
 
@@ -124,11 +131,11 @@ def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]
     if save:
         if held == wanted.raw and not wear.count(notation).ram_written:
             return talk.outcome(OutcomeWord.CONFIRMED, "drives.write_skipped", **said)
-        around = yield from look()
+        around = yield from talk.in_time()
         yield from wear.charge(notation, around.day)
     else:
         yield from wear.ram_only(notation)
-    around = yield from look()
+    around = yield from talk.in_time()
     command = talk.memory.command(Kind.WRITE, around)
     answer = yield from talk.act(command, talk.dialect.write_parameter(wanted.parameter, wanted.raw, save))
     if not answer.sent and answer.error is not None:

@@ -6,7 +6,7 @@ from drivebus.drives.gate import EXPIRY_S, Kind
 from drivebus.drives.operation import Talk
 from drivebus.drives.start import RESENDS, SETTLE_S, send, send_again
 from drivebus.drives.state import DriveState, Outcome, OutcomeWord
-from drivebus.drives.talk import Conversation, look, wait
+from drivebus.drives.talk import Conversation, wait
 from drivebus.errors import GateError
 
 FAULTY = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})
@@ -15,8 +15,9 @@ CLEARED_S = 2.0
 
 
 def reset_fault(talk: Talk) -> Conversation[Outcome]:
-    """Reset a fault. Nothing is sent where there is none. Raises CapabilityError, GateError or the bus's error."""
+    """Reset a fault. Nothing is sent where there is none. Raises CapabilityError, GateError, Expired or the bus's error."""
     talk.memory.need("reset_fault")
+    yield from talk.begin()
     if talk.dialect.can_tell:
         error = yield from talk.judged()
         if error is not None:
@@ -29,7 +30,7 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
         error = yield from talk.fence()
         if error is not None:
             raise error
-    around = yield from look()
+    around = yield from talk.in_time()
     command = talk.command(Kind.RESET, around)
     frames = talk.dialect.reset()
     answer = yield from send(talk, command, frames)

@@ -10,7 +10,7 @@ from drivebus.drives.operation import Talk, noted
 from drivebus.drives.preflight import ensure
 from drivebus.drives.setpoint import set_frequency, shown, write_setpoint
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeWord
-from drivebus.drives.talk import Conversation, look, wait
+from drivebus.drives.talk import Conversation, wait
 from drivebus.errors import CapabilityError, Expired, GateError, NotReached, Superseded
 from drivebus.message import Answer
 
@@ -82,7 +82,7 @@ def _already_turning(talk: Talk, frequency_hz: float, direction: Direction | Non
 def _from_standstill(talk: Talk, frequency_hz: float, direction: Direction | None, word: int) -> Conversation[Outcome]:
     if talk.dialect.carries_frequency:
         return (yield from _started(talk, frequency_hz, direction, word))
-    around = yield from look()
+    around = yield from talk.in_time()
     start = talk.command(Kind.START, around)
     yield from talk.permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
     setpoint = talk.command(Kind.SETPOINT, around)

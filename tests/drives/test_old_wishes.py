@@ -1,0 +1,83 @@
+"""The host stood still over a command (SIGSTOP, suspend; RELIABILITY 6.6): what it still had to send is too old."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivebus.drives.operation import PREPARE_S, Talk
+from drivebus.drives.parameters import write
+from drivebus.drives.reset import reset_fault
+from drivebus.drives.setpoint import set_frequency
+from drivebus.drives.start import run
+from drivebus.drives.state import OutcomeWord
+from drivebus.errors import Expired
+from drivebus.message import Ask
+from drivebus.protocols import sifang
+from drivekit import PaperC320, PaperModbus, World, dialect_of, memory_of
+
+HOUR_S = 3600.0
+
+
+def world_of(model: str) -> World:
+    standing = {0x3000: 1, 0x0100: 2, 0x0001: 4, 101: 5, 102: 2}
+    faulty = PaperC320(sifang.State.FAULT, fault_code=5)
+    return World(dialect_of(model), faulty if model == "c320" else PaperModbus(standing))
+
+
+def asleep_over(world: World, of_this: Callable[[Ask], bool]) -> None:
+    """The host sleeps an hour while this request is out."""
+
+    def sleeps(ask: Ask) -> None:
+        if of_this(ask):
+            world.pass_time(HOUR_S)
+
+    world.on_ask = sleeps
+
+
+COMMANDS: dict[str, Any] = {
+    "vc660": lambda talk: run(talk, 20.0, None),
+    "c320": reset_fault,
+    "df800": lambda talk: set_frequency(talk, 20.0),
+}
+
+
+@pytest.mark.parametrize("model", COMMANDS)
+def test_i1_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
+    """Not the frequency of a run either, nor a fault reset: each has its first frame within PREPARE_S of the wish."""
+    world = world_of(model)
+    talk = Talk(memory_of(world.dialect), 0, world.now)
+    asleep_over(world, lambda ask: len(world.asks) == 2)
+    with pytest.raises(Expired) as caught:
+        world.play(COMMANDS[model](talk))
+    assert caught.value.params["age_s"] > HOUR_S and caught.value.params["limit_s"] >= PREPARE_S
+    assert len(world.asks) >= 2 and not world.effects()
+
+
+@pytest.mark.parametrize("save", [False, True])
+def test_i1_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
+    world = World(dialect_of("c320"), PaperC320())
+    talk = Talk(memory_of(world.dialect), 0, world.now - HOUR_S)
+    with pytest.raises(Expired):
+        world.play(write(talk, {"F0.2": 30.0}, save))
+    assert not world.sent(sifang.WriteParameter)
+
+
+def test_i1_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
+    world = World(dialect_of("c320"), PaperC320())
+    asleep_over(world, lambda ask: ask.request == sifang.ReadParameter(1, 1, 10))
+    outcome = world.play(write(Talk(memory_of(world.dialect), 0, world.now), {"F0.2": 30.0, "F1.10": 2.0}, True))
+    assert (outcome.word, outcome.key) == (OutcomeWord.FAILED, "drives.not_written")
+    assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
+    assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
+    assert len(world.sent(sifang.WriteParameter)) == 1
+
+
+def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
+    """Each has PREPARE_S of its own: a long list on a slow line is no old wish."""
+    world = World(dialect_of("c320"), PaperC320(), transaction_s=0.9)
+    values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
+    assert world.play(write(Talk(memory_of(world.dialect), 0, world.now), values, True)).done
+    assert world.now > 2 * PREPARE_S and len(world.sent(sifang.WriteParameter)) == 3
