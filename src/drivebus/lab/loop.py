@@ -57,7 +57,8 @@ class Loop(_Interface):
         self._heap: list[tuple[float, int, Timer]] = []
         self._ready: deque[Timer] = deque()
         self._count = 0
-        self.tasks: set[asyncio.Task[Any]] = set()
+        self.tasks: dict[asyncio.Task[Any], None] = {}
+        """In the order in which they began, so that they are also ended in one order."""
         self.failed: list[dict[str, Any]] = []
         """What was given to the exception handler: every one of them is a finding (I8)."""
 
@@ -87,8 +88,8 @@ class Loop(_Interface):
 
     def create_task(self, coro: Any, *, name: Any = None, context: Any = None) -> Any:
         task = asyncio.Task(coro, loop=self, name=name)  # type: ignore[arg-type]
-        self.tasks.add(task)
-        task.add_done_callback(self.tasks.discard)
+        self.tasks[task] = None
+        task.add_done_callback(self.tasks.pop)
         return task
 
     def run_in_executor(self, executor: Any, func: Callable[..., T], *args: Any) -> Any:
@@ -111,6 +112,10 @@ class Loop(_Interface):
 
     def is_closed(self) -> bool:
         return False
+
+    def next_at(self) -> float | None:
+        """When the next timer is set for."""
+        return self._heap[0][0] if self._heap else None
 
     # --- running -------------------------------------------------------------------------------------------------
 
