@@ -48,7 +48,7 @@ def feed(decode: Decode, data: bytes, cut: float, longest: int) -> tuple[Outcome
     for end in range(total + 1):
         found = outcome(decode, data[:end])
         if isinstance(found, Incomplete):
-            if not max(need, end + 1) <= found.need <= longest:
+            if not (end < found.need <= longest and need <= found.need):
                 return found, f"need {found.need} at {end} bytes, {need} before"
         elif not isinstance(found, CompleteIfSilent) or end == total:
             whole = found

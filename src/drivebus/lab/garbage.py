@@ -86,7 +86,7 @@ def targets(entry: Entry, exchange: Exchange) -> tuple[Target, Target]:
 def block(entry: Entry, rng: Random, size: int = SIZE) -> Found:
     """Damaged frames until ``size`` bytes are used, each byte counted once however often it is fed."""
     found = Found()
-    pool = [targets(entry, entry.talk(rng, entry.codec)) for _ in range(POOL)]
+    pool = [targets(entry, entry.exchange(rng)) for _ in range(POOL)]
     kinds, digest = list(KINDS), sha256()
     while found.bytes < size:
         side = rng.random() > 2 / 3

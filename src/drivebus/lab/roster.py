@@ -13,6 +13,7 @@ from drivebus.lab.judges.dzb import DzbJudge
 from drivebus.lab.judges.forms import Form
 from drivebus.lab.judges.modbus import ModbusJudge
 from drivebus.lab.judges.sifang import SifangJudge
+from drivebus.lab.talk import Exchange
 from drivebus.message import Codec
 from drivebus.protocols.dzb import DzbCodec
 from drivebus.protocols.modbus import AsciiCodec, RtuCodec
@@ -28,13 +29,27 @@ class Entry:
     name: str
     codec: Codec
     judge: Judge
-    talk: Callable[[Random, Codec], talk.Exchange]
+    talk: Callable[[Random, Codec], Exchange]
     alphabet: bytes
     """What garbled bytes are drawn from: mostly what the codec's frames are made of."""
     longest: int
     """No frame of this codec has more bytes, whoever sent it: ``need`` may not ask for more (I12)."""
     meant: Callable[[Any], None] = lambda reply: None
     """What is made of an accepted reply afterwards, in every coding; raises only what it says it does."""
+
+    def exchange(self, rng: Random) -> Exchange:
+        """Lawful talk; now and then what is said to everybody, with the reply that nobody may give."""
+        made = self.talk(rng, self.codec)
+        if rng.random() > BROADCASTS:
+            return made
+        try:
+            request = talk.to_everybody(made.request, self.codec)
+            sent = self.codec.encode_request(request)
+        except ValueError:  # a read
+            return made
+        at = self.judge.address
+        received = made.received[: at.start] + sent[at] + made.received[at.stop :]
+        return Exchange(request, sent, self.judge.seal(received))
 
     def asked(self, sent: bytes) -> Any:
         """The request that these bytes are, as a host would have made it."""
@@ -51,6 +66,7 @@ def _request_forms(entry: Entry) -> tuple[Form, ...]:
     return entry.judge.forms(b"")
 
 
+BROADCASTS = 0.1
 _HEX = b"0123456789ABCDEF"
 _ALL = bytes(range(256))
 _NIBBLES = bytes(range(16))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
@@ -69,6 +69,12 @@ def dzb(rng: Random, codec: Codec) -> Exchange:
     digit = None if accepted is not None else rng.randint(0, 8)
     reply = d.Reply(chr(request.head), address, request.index, data, accepted, digit)
     return Exchange(request, sent, codec.encode_reply(reply))
+
+
+def to_everybody(request: Any, codec: Codec) -> Any:
+    """The same request to all stations."""
+    everyone = {"everyone": True} if isinstance(request, d.Control) else {}
+    return replace(request, address=codec.broadcast_address, **everyone)
 
 
 def dzb_meanings(reply: d.Reply) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from drivebus.lab.judges.forms import Bytes, Form, each
 
@@ -16,6 +17,9 @@ STATES = bytes(range(9)) + b"012345678"
 @dataclass(frozen=True, slots=True)
 class DzbJudge:
     marks: int = 0
+    """Bytes at a frame's end that are always the same."""
+    address: ClassVar[slice] = slice(3, 5)
+    """Where a frame has its address."""
 
     def size(self, sent: bytes, got: bytes) -> int | None:
         """11 where ``got`` begins with the reply to ``sent`` (or, with nothing sent, with a request); else None."""
@@ -34,6 +38,8 @@ class DzbJudge:
 
     def forms(self, sent: bytes) -> tuple[Form, ...]:
         """All lawful frames."""
+        if sent[3:5] == b"00":
+            return ()
         places = (_reply_places(sent), _refusal_places(sent)) if sent else _request_places()
         return tuple(Form(each_place, range(0), "none") for each_place in places)
 

@@ -50,6 +50,11 @@ class ModbusJudge:
     marks: int = 0
     """Bytes at a frame's end that are always the same."""
 
+    @property
+    def address(self) -> slice:
+        """Where a frame has its address."""
+        return slice(0, 1) if self.encoding == "rtu" else slice(1, 3)
+
     def size(self, sent: bytes, got: bytes) -> int | None:
         """How many bytes of ``got`` are the reply to ``sent`` (or, with nothing sent, a request); None: nothing is."""
         if self.encoding == "rtu":

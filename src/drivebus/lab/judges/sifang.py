@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import ClassVar
 
 from drivebus.lab.judges.forms import Form
 from drivebus.lab.judges.sifang_forms import Field, Spelt, form_of, reply_fields, request_fields
@@ -30,6 +31,8 @@ class SifangJudge:
     loose: bool = False
     marks: int = 1
     """Bytes at a frame's end that are always the same."""
+    address: ClassVar[slice] = slice(1, 3)
+    """Where a frame has its address."""
 
     @property
     def head(self) -> int:

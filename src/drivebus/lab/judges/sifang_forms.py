@@ -12,6 +12,7 @@ Field = tuple[int, tuple[int, ...] | range | None]
 OPERATIONS = (*range(7), *range(0x10, 0x17), 0x20, 0x21)
 STATES = (*range(6), *range(0x11, 0x17), 0x20, 0x21)
 FAULT = 0x20
+EVERYBODY = 31
 DIGIT, OCTET = range(16), range(256)
 
 
@@ -43,6 +44,8 @@ def _places(field: Field, spelt: Spelt, packed: bool, loose: bool) -> list[Bytes
 def reply_fields(asked: tuple[int, ...]) -> Iterator[tuple[Field, ...]]:
     """What may answer a request with these fields."""
     address, kind = (2, asked[:1]), asked[1]
+    if asked[0] == EVERYBODY:
+        return
     yield address, (1, (6, 7, 8)), (2, (0,))
     head, group, any_item = (address, (1, range(5)), (2, STATES)), (1, asked[3:4]), (2, OCTET)
     if kind == 4:
