@@ -13,10 +13,10 @@ from drivebus.drives.reset import reset_fault
 from drivebus.drives.setpoint import set_frequency
 from drivebus.drives.start import run
 from drivebus.drives.state import OutcomeWord
-from drivebus.errors import Expired
+from drivebus.errors import Expired, GateError
 from drivebus.message import Ask
 from drivebus.protocols import sifang
-from drivekit import PaperC320, PaperModbus, World, dialect_of, memory_of
+from drivekit import Bench, PaperC320, PaperModbus, World, dialect_of, memory_of, story
 
 HOUR_S = 3600.0
 
@@ -81,3 +81,21 @@ def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
     assert world.play(write(Talk(memory_of(world.dialect), 0, world.now), values, True)).done
     assert world.now > 2 * PREPARE_S and len(world.sent(sifang.WriteParameter)) == 3
+
+
+def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:
+    """The loop's clock stands still then, the bus's goes on, as the motor does: the program may not just renew."""
+
+    async def jogged() -> None:
+        async with Bench("c320", query="echo=off") as bench:
+            drive, slept_s = bench.drive(), 0.0
+            plain = bench.bus.now
+            bench.bus.now = lambda: plain() + slept_s  # type: ignore[method-assign]
+            async with drive.jog(5.0) as lease:
+                lease.renew()
+                slept_s = HOUR_S
+                with pytest.raises(GateError):
+                    lease.renew()
+            assert lease.lost and not bench.station().motor.energised
+
+    story(jogged())

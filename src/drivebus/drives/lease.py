@@ -20,10 +20,15 @@ class JogLease:
         end: Callable[[], Awaitable[Outcome]],
         lease_s: float,
         turning_s: Callable[[], float] = lambda: 0.0,
+        now: Callable[[], float] | None = None,
     ) -> None:
-        """``turning_s``: for how long the motor may have been turning when ``begin`` has returned."""
+        """``turning_s``: for how long the motor may have been turning when ``begin`` has returned.
+
+        ``now``: a clock that goes on while the machine is suspended, as the motor does; None: the loop's.
+        """
         self.lease_s = check_lease(lease_s)
         self._begin, self._end, self._turning_s = begin, end, turning_s
+        self._now, self._until = now or (lambda: asyncio.get_running_loop().time()), 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[Outcome] | None = None
         self.lost = False
@@ -42,8 +47,8 @@ class JogLease:
 
     def renew(self) -> None:
         """The hand is still on the key. Raises GateError once the lease was lost: then only a new jog may begin."""
-        if self._timer is not None and asyncio.get_running_loop().time() > self._timer.when():
-            self._run_out()  # the loop was held up: the lease is over although its timer has not run yet
+        if self._timer is not None and self._now() > self._until:
+            self._run_out()  # loop or machine was held up: the lease is over although its timer has not run yet
         if self.lost or self._timer is None:
             raise GateError("drives.lease_lost", lease_s=self.lease_s)
         self._arm(self.lease_s)
@@ -51,6 +56,7 @@ class JogLease:
     def _arm(self, left_s: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
+        self._until = self._now() + left_s
         self._timer = asyncio.get_running_loop().call_later(left_s, self._run_out)
 
     def _run_out(self) -> None:
