@@ -232,6 +232,13 @@ def test_nobody_answers_a_broadcast_f10(codec: Codec) -> None:
     assert caught.value.found == 7
 
 
+@every_codec
+def test_t15_a_short_error_of_nobody_answers_no_broadcast(codec: Codec) -> None:
+    for octets in ("00 06 00", "00 86 02", "00 06 20 00 00 02"):
+        with pytest.raises(HeaderError):
+            codec.decode_reply(WriteRegister(0, 0x2000, 2), frame(codec, octets))
+
+
 OUT_OF_RANGE: list[Request] = [
     ReadRegisters(0, 0, 1),
     ReadRegisters(248, 0, 1),

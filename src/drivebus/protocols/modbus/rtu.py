@@ -88,7 +88,7 @@ class RtuCodec:
         At address 1 only a write of A0xxH to 0023H has an echo that begins like the error; only then is silence asked.
         """
         error = data[:ERROR_SIZE]
-        if crc16(error):
+        if crc16(error) or request.address == BROADCAST:
             return None
         if data[0] != request.address:
             raise AddressError("modbus.address", expected=request.address, found=data[0], size=ERROR_SIZE)
