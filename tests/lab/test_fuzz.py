@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from random import Random
 from types import FrameType
@@ -67,6 +68,23 @@ def test_codec_and_judge_agree_on_all_lawful_talk(entry: Entry) -> None:
         assert verdict.size == len(exchange.received)
         assert any(form.holds(exchange.received) for form in entry.forms(exchange.sent))
         assert entry.judge.seal(exchange.received) == exchange.received
+
+
+@every_entry
+def test_nobody_answers_a_broadcast(entry: Entry) -> None:
+    rng = Random(entry.name)
+    made = [exchange for exchange in (entry.exchange(rng) for _ in range(400)) if everybody(entry, exchange.request)]
+    assert made
+    for exchange in made:
+        assert entry.judge.size(b"", exchange.sent) == len(exchange.sent)
+        assert entry.judge.size(exchange.sent, exchange.received) is None
+        assert not entry.forms(exchange.sent)
+        decode = partial(entry.codec.decode_reply, exchange.request)
+        assert isinstance(outcome(decode, exchange.received), Refusal)
+
+
+def everybody(entry: Entry, request: Any) -> bool:
+    return entry.codec.address_of(request) == entry.codec.broadcast_address
 
 
 # -- what is planted is found --------------------------------------------------------------------------------------
