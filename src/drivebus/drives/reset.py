@@ -15,7 +15,7 @@ CLEARED_S = 2.0
 
 
 def reset_fault(talk: Talk) -> Conversation[Outcome]:
-    """Reset a fault; nothing is sent where there is none. Raises CapabilityError, GateError, Expired, the bus's error."""
+    """Reset a fault, where there is one. Raises CapabilityError, GateError, Expired or the bus's error."""
     talk.memory.need("reset_fault")
     yield from talk.begin()
     if talk.dialect.can_tell:
