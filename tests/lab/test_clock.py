@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from drivebus import seams
+from drivebus.bus import Bus
 from drivebus.drives import gate, shell
 from drivebus.drives.operation import Talk
 from drivebus.drives.talk import look
@@ -75,14 +76,9 @@ def test_the_clock_jumps_and_afterwards_all_is_as_before() -> None:
 
 
 def test_a_bus_that_keeps_time_by_the_wall_clock_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whose freshness, for one, is judged by it."""
-    plain = shell.surroundings
-
-    def by_the_wall(*given: Any) -> Any:
-        around = plain(*given)
-        return replace(around, now=around.now + seams.wall_clock().timestamp() % 1000)
-
-    monkeypatch.setattr(shell, "surroundings", by_the_wall)
+    """The age of commands, for one, is judged by it."""
+    plain, midnight = Bus.now, before_midnight(0.0)
+    monkeypatch.setattr(Bus, "now", lambda bus: plain(bus) + (seams.wall_clock() - midnight).total_seconds())
     session = Session("clock", 1, 1)
     clock.twice(session, BY_NAME["vc660"], 0, ["+1 h", "-1 h"] * 30, Path())
     assert told(session, "G15")
