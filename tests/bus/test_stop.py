@@ -220,6 +220,20 @@ def test_nothing_but_a_stop_is_ever_broadcast() -> None:
     assert play.sent == []
 
 
+def test_g06_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
+    """Whoever repeats the stop of a dead drive, others several times that of a living one: a new stop is soon out."""
+    play = book(Station(1, alive=False), Station(2), Station(3))
+    play.ask(ask_stop(1), "first of 1")
+    play.until(0.01)
+    for number in range(6):
+        play.ask(ask_stop(1), f"1 again, {number}")
+        play.ask(ask_stop(2), f"2 again, {number}")
+    play.ask(ask_stop(3), "stop of 3")
+    play.until(1.0)
+    stops = [frame[0] for frame in play.frames]
+    assert stops[:4] == [1, 2, 3, 1]
+
+
 def test_a_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
     """2000H of VC660 and DF800: the same bit is a stop here and a run there."""
     bus = core(1)

@@ -10,7 +10,8 @@ Lanes: stop > command > parameter > poll > probe, first come first served within
 * after nine polls in a row a waiting ask of the probe lane (a scan) gets a turn.
 
 A stop is the next frame (I3): it waits for nothing but the frame on the wire and the gap. It deletes its station's
-queued commands and ends every permit granted before it.
+queued commands and ends every permit granted before it. Where several stations are to be stopped, the one whose last
+stop is longest ago is next, so that nobody's stop waits for another one's repetitions.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ POLL_RUN = 9
 class Scheduler:
     """The queues of one bus. ``wake_at``: when the last ``next`` may answer differently without anything new."""
 
-    __slots__ = ("_commands", "_line", "_polls", "_urgent", "budget", "doubted", "lanes", "plan", "refused", "wake_at")
+    __slots__ = (
+        "_commands", "_line", "_polls", "_stopped", "_urgent", "budget", "doubted", "lanes", "plan", "refused",
+        "wake_at",
+    )  # fmt: skip
 
     def __init__(self, line: LineSettings) -> None:
         self._line = line
@@ -49,6 +53,8 @@ class Scheduler:
         self.wake_at = FOREVER
         self._commands = self._urgent = 0
         self._polls = 0
+        self._stopped: dict[Station, float] = {}
+        """When each station's last stop left."""
 
     def put(self, job: Job) -> None:
         self.lanes[job.lane].append(job)
@@ -68,7 +74,7 @@ class Scheduler:
         self.wake_at = FOREVER
         stops, commands, parameters, polls, probes = self.lanes
         if stops:
-            return next((job for job in stops if job.ask.lane is Lane.STOP), stops[0])
+            return stops[0] if len(stops) == 1 else min(stops, key=self._stop_turn)
         if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
             return job
         for lane in (parameters, commands) if self._commands >= URGENT_RUN else (commands, parameters):
@@ -93,6 +99,8 @@ class Scheduler:
                 job.retrying = False
             self.lanes[job.lane].remove(job)
         lane = job.lane
+        if lane is Lane.STOP and not job.broadcast:
+            self._stopped[job.station] = now
         self._urgent = self._urgent + 1 if lane is Lane.PARAMETER or lane is Lane.COMMAND else 0
         if lane is Lane.PARAMETER:
             self._commands = 0
@@ -122,6 +130,7 @@ class Scheduler:
     def forget(self, station: Station) -> None:
         """The station is no longer of this bus."""
         self.plan.cancel(lambda job: job.station is station)
+        self._stopped.pop(station, None)
         station.parked.clear()
         if station in self.doubted:
             self.doubted.remove(station)
@@ -169,6 +178,10 @@ class Scheduler:
         lane.remove(job)
         self.refused.append((job, error))
         return True
+
+    def _stop_turn(self, job: Job) -> tuple[bool, bool, float]:
+        """Least first; equals in the order in which they were asked for."""
+        return job.ask.lane is not Lane.STOP, not job.broadcast, self._stopped.get(job.station, 0.0)
 
     def _others_turn(self, polls: deque[Job], now: float) -> Job | None:
         fence = self._fence(now) if self.doubted else None
