@@ -135,11 +135,11 @@ class Night:
             self.stand.witness.violation(f"T13 a jog goes on {JOG_END_S} s after the sleep")
 
     def _ended(self, wish: Wish) -> None:
-        """Stops go, or are alarmed where the sleep took their time; what was not sent before is told to be too old."""
+        """Stops are heard, and confirmed or alarmed (G07); what was not sent before is told to be too old."""
         queued = not any(frame.wish is wish for frame in self.frames)
         if not wish.stops and wish.what != "jog" and wish.at < self.woke_at and queued:
             self.session.count(f"asleep over an unsent {wish.what}: {wish.word}")
-        told = {"confirmed" if self.kind.tells else "acknowledged", "unknown" if wish.at < self.woke_at else ""}
+        told = ("confirmed" if self.kind.tells else "acknowledged", "unknown")
         deeds = self.stand.witness.deeds[wish.address]
         if wish.stops and (wish.word not in told or deeds.stop_heard_at < wish.at or deeds.on):
             motor = "on" if deeds.on else "off"
