@@ -30,9 +30,18 @@ class Stations:
     """The C stations for the time of a ``with``; ``figures`` afterwards is what they saw."""
 
     def __init__(
-        self, lines: int = 1, *, baud: int = 0, delay_us: int = 0, dead: int = 0, late: tuple[int, int] = (0, 0)
+        self,
+        lines: int = 1,
+        *,
+        baud: int = 0,
+        delay_us: int = 0,
+        dead: int = 0,
+        late: tuple[int, int] = (0, 0),
+        flat: int = 0,
+        record: Path | None = None,
     ) -> None:
-        self.arguments = [str(n) for n in (lines, 31, baud, 10, delay_us, dead, *late)]
+        given = (lines, 31, baud, 10, delay_us, dead, *late, flat, *([record] if record else []))
+        self.arguments = [str(one) for one in given]
         self.paths: list[str] = []
         self.figures: Figures = {}
 

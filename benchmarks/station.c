@@ -1,11 +1,13 @@
 /* A crowd of Modbus RTU stations on ptys, for measuring masters. Nobody here shares code with drivebus.
  *
- *   station LINES STATIONS BAUD BITS DELAY_US DEAD LATE_PERMILLE LATE_US
+ *   station LINES STATIONS BAUD BITS DELAY_US DEAD LATE_PERMILLE LATE_US [FLAT RECORD]
  *
  * Prints one pty path per line, then "ready". BAUD 0: unpaced, answers at once in one write. Otherwise a reply begins
  * when the request's last bit would have arrived (BITS a character) plus DELAY_US, and its bytes are delivered one by
  * one, each when its last bit would have arrived. DEAD: that address never answers. LATE_PERMILLE of the replies come
  * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply believed for another request shows.
+ * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each whole request: its line,
+ * the nanosecond (CLOCK_MONOTONIC) at which its first byte was seen, that of its reply's last byte (0: none), its bytes.
  * Ends at end of file on stdin and prints counts as JSON; "gap" is the silence before a request, in characters,
  * measured here: from the last bit of the last reply to the moment the request is seen.
  */
@@ -56,15 +58,20 @@ static uint32_t chance(void) { seed = seed * 1664525u + 1013904223u; return seed
 
 static int64_t character; /* ns, 0 = unpaced */
 static int64_t delay, late_ns;
-static int dead, late_permille;
+static int dead, late_permille, flat;
+static FILE *record;
 
-static void reply(struct line *l, int64_t arrived) {
+static int64_t reply(struct line *l, int64_t arrived) {
     uint8_t *q = l->in, out[256];
     int n = q[4] << 8 | q[5], len;
     if (q[1] == 3 && n >= 1 && n <= 125) {
         int reg = q[2] << 8 | q[3];
         out[0] = q[0]; out[1] = 3; out[2] = (uint8_t)(2 * n);
-        for (int i = 0; i < n; i++) { out[3 + 2 * i] = q[0]; out[4 + 2 * i] = (uint8_t)(reg + i); }
+        for (int i = 0; i < n; i++) {
+            int here = flat && reg + i >= flat;
+            out[3 + 2 * i] = here ? 0 : q[0];
+            out[4 + 2 * i] = here ? 1 : (uint8_t)(reg + i);
+        }
         len = 3 + 2 * n;
     } else {
         memcpy(out, q, 6);
@@ -76,7 +83,7 @@ static void reply(struct line *l, int64_t arrived) {
     if (!character && !is_late) {
         if (write(l->fd, out, len) == len) l->replies++;
         l->quiet_since = now_ns();
-        return;
+        return l->quiet_since;
     }
     int64_t at = arrived + delay + (is_late ? late_ns : 0);
     l->late += is_late;
@@ -88,9 +95,16 @@ static void reply(struct line *l, int64_t arrived) {
         l->tail = (l->tail + 1) % QUEUE;
     }
     l->replies++;
+    return at;
 }
 
-static void read_line(struct line *l, int64_t t) {
+static void note(int number, const struct line *l, int64_t end) {
+    fprintf(record, "%d %lld %lld ", number, (long long)l->heard, (long long)end);
+    for (int i = 0; i < 8; i++) fprintf(record, "%02x", l->in[i]);
+    fputc('\n', record);
+}
+
+static void read_line(int number, struct line *l, int64_t t) {
     ssize_t n = read(l->fd, l->in + l->have, sizeof l->in - l->have);
     if (n <= 0) return;
     if (l->have == 0) {
@@ -109,7 +123,8 @@ static void read_line(struct line *l, int64_t t) {
         if (crc16(l->in, 6) == (l->in[6] | l->in[7] << 8)) {
             l->requests++;
             l->quiet_since = arrived;
-            if (l->in[0] != dead && l->in[0] != 0) reply(l, arrived);
+            int64_t end = l->in[0] != dead && l->in[0] != 0 ? reply(l, arrived) : 0;
+            if (record) note(number, l, end);
         } else {
             l->bad++;
         }
@@ -126,6 +141,8 @@ int main(int argc, char **argv) {
     dead = atoi(argv[6]);
     late_permille = atoi(argv[7]);
     late_ns = 1000LL * atoi(argv[8]);
+    flat = argc > 9 ? atoi(argv[9]) : 0;
+    record = argc > 10 ? fopen(argv[10], "w") : NULL;
     struct line *all = calloc((size_t)lines, sizeof *all);
     prctl(PR_SET_TIMERSLACK, 1UL); /* wake at the microsecond, not 50 us later */
     int ep = epoll_create1(0);
@@ -156,7 +173,11 @@ int main(int argc, char **argv) {
         int n = epoll_pwait2(ep, e, 64, &w, NULL);
         int64_t t = now_ns();
         for (int i = 0; i < n; i++) {
-            if (e[i].data.ptr) { read_line(e[i].data.ptr, t); continue; }
+            if (e[i].data.ptr) {
+                struct line *l = e[i].data.ptr;
+                read_line((int)(l - all), l, t);
+                continue;
+            }
             char c[16];
             if (read(0, c, sizeof c) <= 0) stop = 1;
         }
@@ -170,6 +191,7 @@ int main(int argc, char **argv) {
             }
         }
     }
+    if (record) fclose(record);
     long requests = 0, replies = 0, late = 0, bad = 0, shortgaps = 0;
     double smallest = 1e9, gaps = 0, use = 0;
     for (int i = 0; i < lines; i++) {

@@ -1,0 +1,36 @@
+"""Asks the measured host's other work for answers, so many a second, whether it is quick or not.
+
+requests.py PORT PER_SECOND    (until it is killed)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+
+CONNECTIONS = 4
+
+
+async def ask(port: int, period_s: float, phase_s: float) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    due, number = time.monotonic() + phase_s, 0
+    while True:
+        await asyncio.sleep(due - time.monotonic())
+        due += period_s
+        number += 1
+        writer.write(json.dumps({"n": number}).encode() + b"\n")
+        if not await reader.readline():
+            return
+
+
+async def main() -> None:
+    port, per_second = int(sys.argv[1]), float(sys.argv[2])
+    period_s = CONNECTIONS / per_second
+    await asyncio.gather(*(ask(port, period_s, place / per_second) for place in range(CONNECTIONS)))
+
+
+with contextlib.suppress(ConnectionError):  # the host has ended
+    asyncio.run(main())

@@ -1,0 +1,156 @@
+"""The host whose stops are measured: all lines full, other work on the same loop, stops at random instants.
+
+    stop_host.py PATHS STATIONS SECONDS BAUD DEAD SEED CALLS
+
+Writes CALLS: a line for each stop with the number of its bus, its address, the nanoseconds (CLOCK_MONOTONIC) of the
+call and of the stop's first frame being written to the port, and how many frames were written in between. Prints the
+port of its other work, and at the end what that came to and the bounds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import random
+import sys
+import time
+from pathlib import Path
+
+from drivebus.bus import Bus, Poll
+from drivebus.bus.planner import arithmetic
+from drivebus.drives import Drive, MemoryStore
+from drivebus.errors import StopUnconfirmed
+from drivebus.lab.bounds import Times
+from drivebus.lab.kinds import VC660
+from drivebus.message import Answer
+from drivebus.ports import open_port
+from drivebus.protocols.modbus import ReadRegisters
+
+PERIOD_S = 0.01
+"""More than a line can do, so that there is always a poll due."""
+PAUSE_S = 0.1
+"""At most, between a stop that was confirmed and the next one on its line."""
+WARM_UP_S = 1.0
+LONGEST_REPLY = 13
+"""FC03 of four registers."""
+STOPS = b"\x06\x20\x00"
+"""VC660: FC06 to 2000H; bit 1 stops."""
+Call = tuple[int, int, int, int, int]
+
+
+class Work:
+    """Other work on the loop, for each line of JSON that comes: 4 KiB hashed, sixty rows of JSON made and sent."""
+
+    def __init__(self) -> None:
+        self.done, self.busy_s = 0, 0.0
+        self._page = bytes(4096)
+
+    def answer(self, asked: dict[str, int]) -> bytes:
+        begun = time.perf_counter()
+        digest = hashlib.sha256(self._page).hexdigest()
+        rows = [{"row": n, "asked": asked["n"], "digest": digest[:8], "value": n * 0.1} for n in range(60)]
+        answer = json.dumps(rows).encode() + b"\n"
+        self.busy_s += time.perf_counter() - begun
+        self.done += 1
+        return answer
+
+
+class Connection(asyncio.Protocol):
+    """Somebody who asks for that work, one line at a time."""
+
+    def __init__(self, work: Work) -> None:
+        self._work = work
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        for line in data.splitlines():
+            self._transport.write(self._work.answer(json.loads(line)))
+
+
+class Written:
+    """What a bus writes to its port: how many frames, and when each address' stop."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.frames, self.stops = 0, dict[int, tuple[int, int]]()
+        self._write = bus.port.write
+        bus.port.write = self.write  # type: ignore[method-assign]
+
+    def write(self, data: bytes, /) -> None:
+        if data[1:4] == STOPS and data[5] & 2:
+            self.stops.setdefault(data[0], (time.monotonic_ns(), self.frames))
+        self.frames += 1
+        self._write(data)
+
+
+async def stops(number: int, written: Written, drives: list[Drive], until: float, seed: int, calls: list[Call]) -> int:
+    """Stop one drive after the other at random instants; how many stops were not confirmed."""
+    chance, unconfirmed = random.Random(f"{seed}/{number}"), 0
+    while time.monotonic() < until:
+        await asyncio.sleep(chance.uniform(0.0, PAUSE_S))
+        drive = chance.choice(drives)
+        written.stops.clear()
+        before, called = written.frames, time.monotonic_ns()
+        try:
+            await drive.stop()
+        except StopUnconfirmed:
+            unconfirmed += 1
+        at, frames = written.stops.get(drive.address, (0, before))
+        calls.append((number, drive.address, called, at, frames - before))
+    return unconfirmed
+
+
+def tell(**what: float) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def write(file: Path, calls: list[Call]) -> None:
+    file.write_text("".join(" ".join(map(str, call)) + "\n" for call in calls))
+
+
+def ignore(_: Answer) -> None:
+    """The polls are load."""
+
+
+async def main() -> None:
+    paths, file = sys.argv[1], sys.argv[7]
+    stations, seconds, baud, dead, seed = (int(text) for text in sys.argv[2:7])
+    buses = [Bus(open_port(path, baud=baud, format="8N1", echo="off")) for path in paths.split(",")]
+    made = [[Drive(bus, "vc660", a, store=MemoryStore()) for a in range(1, stations + 1)] for bus in buses]
+    polls = [(drive.dialect.link, [Poll(ReadRegisters(drive.address, 0x3000, 4), PERIOD_S)]) for drive in made[0]]
+    bound = arithmetic(polls, buses[0].line).drives[1].stop_bound_s
+    written = [Written(bus) for bus in buses]
+    for bus in buses:
+        await bus.open()
+        for link, poll in polls:
+            bus.watch(link.address, poll, ignore)
+    work = Work()
+    server = await asyncio.get_running_loop().create_server(lambda: Connection(work), "127.0.0.1", 0)
+    tell(port=server.sockets[0].getsockname()[1])
+    await asyncio.sleep(WARM_UP_S)
+    calls: list[Call] = []
+    work.done, work.busy_s, begun = 0, 0.0, time.monotonic()
+    alive = [[drive for drive in drives if drive.address != dead] for drives in made]
+    unconfirmed = await asyncio.gather(
+        *(stops(number, written[number], drives, begun + seconds, seed, calls) for number, drives in enumerate(alive))
+    )
+    took = time.monotonic() - begun
+    write(Path(file), calls)
+    tell(
+        unconfirmed=sum(unconfirmed),
+        requests_per_s=work.done / took,
+        request_ms=work.busy_s / max(work.done, 1) * 1e3,
+        bound_s=bound,
+        own_bound_s=Times(VC660, buses[0].line).stop_bound_s,
+        timeout_s=made[0][0].dialect.link.timing.timeout_s(buses[0].line, LONGEST_REPLY),
+        gap_s=made[0][0].dialect.link.timing.gap_s(buses[0].line),
+        occupied_percent=min(bus.statistics().occupied_percent for bus in buses),
+    )
+    for bus in buses:
+        await bus.close()
+
+
+asyncio.run(main())

@@ -1,0 +1,113 @@
+"""Stops as they were called and as the far end of the lines saw them: how late each was, and what went before it."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.harness import Figures
+
+REQUEST = 8
+"""Characters of a request, also of a stop."""
+QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A request on a line: seconds of its first bit and of its reply's last (None: no reply)."""
+
+    at: float
+    replied: float | None
+    data: bytes
+
+    @property
+    def stops(self) -> int | None:
+        """VC660, 2000H bit 1: the address that it stops."""
+        return self.data[0] if self.data[1:4] == b"\x06\x20\x00" and self.data[5] & 2 else None
+
+
+def read_frames(path: Path) -> dict[int, list[Frame]]:
+    """What ``station.c`` recorded, by line."""
+    found: dict[int, list[Frame]] = defaultdict(list)
+    for words in map(str.split, path.read_text().splitlines()):
+        replied = int(words[2]) / 1e9 if int(words[2]) else None
+        found[int(words[0])].append(Frame(int(words[1]) / 1e9, replied, bytes.fromhex(words[3])))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A stop that the host's program asked for: seconds of the call and of the write to the port."""
+
+    line: int
+    address: int
+    at: float
+    written: float
+    frames_between: int
+
+
+def read_calls(path: Path) -> list[Call]:
+    """What ``stop_host.py`` recorded."""
+    lines = ([int(word) for word in line.split()] for line in path.read_text().splitlines())
+    return [Call(number, address, at / 1e9, written / 1e9, frames) for number, address, at, written, frames in lines]
+
+
+def quantiles(values: Iterable[float]) -> dict[str, float]:
+    """The nearest rank."""
+    ranked = sorted(values)
+    return {name: round(ranked[max(0, -int(-share * len(ranked) // 1) - 1)], 3) for name, share in QUANTILES.items()}
+
+
+def stop_of(call: Call, seen: list[Frame]) -> int | None:
+    """The place of the call's stop among the frames of its line; None where the far end never saw one."""
+    first = bisect_left(seen, call.at, key=lambda frame: frame.at)
+    return next((n for n in range(first, len(seen)) if seen[n].stops == call.address), None)
+
+
+def figures_of(calls: list[Call], frames: Mapping[int, list[Frame]], host: Mapping[str, float], baud: int) -> Figures:
+    """The report's figures; what depends on the machine is under ``machine``."""
+    stop_s = 10 * REQUEST / baud
+    found = [(call, stop_of(call, frames[call.line])) for call in calls]
+    seen = [
+        (call, frames[call.line][place], frames[call.line][place - 1]) for call, place in found if place is not None
+    ]
+    lost = len(calls) - len(seen)
+    latencies = [stop.at - call.at for call, stop, _ in seen]
+    bound_s, own_s = host["bound_s"] - stop_s, host["own_bound_s"] - stop_s
+    over = quantiles((latency - bound_s) * 1e3 for latency in latencies)
+    return {
+        "stops": len(calls),
+        "never_seen": lost,
+        "not_confirmed": host["unconfirmed"],
+        "bound_ms": {
+            "to": "the stop's first bit; its last bit is its 8 characters later, in bound and measurement alike",
+            "of the product's arithmetic": round(bound_s * 1e3, 3),
+            "of 5.1, from the manual": round(own_s * 1e3, 3),
+        },
+        "goals": {"p99.9 beyond the bound, ms": 10, "max beyond the bound, ms": 50, "SIGTERM to its last word, s": 3},
+        "machine": {
+            "latency_over_bound": quantiles(latency / bound_s for latency in latencies),
+            "latency_minus_bound_ms": over,
+            "latency_minus_bound_of_5.1_ms": quantiles((latency - own_s) * 1e3 for latency in latencies),
+            "after_the_line_was_free_ms": quantiles(
+                (stop.at - max(call.at, _free_at(before, host, stop_s))) * 1e3 for call, stop, before in seen
+            ),
+            "of_it_from_write_to_far_end_ms": quantiles((stop.at - call.written) * 1e3 for call, stop, _ in seen),
+            "frames_written_between_call_and_stop": dict(
+                sorted(Counter(call.frames_between for call in calls).items())
+            ),
+            "goal_met": lost == 0 and over["p99.9"] <= 10 and over["max"] <= 50,
+            "requests_per_s_answered": round(host["requests_per_s"], 1),
+            "ms_each": round(host["request_ms"], 3),
+            "lines_occupied_percent": round(host["occupied_percent"], 1),
+        },
+    }
+
+
+def _free_at(before: Frame, host: Mapping[str, float], request_s: float) -> float:
+    """When the stop could have left: after the frame before it was answered or given up, and the gap."""
+    over = before.replied if before.replied is not None else before.at + request_s + host["timeout_s"]
+    return over + host["gap_s"]
