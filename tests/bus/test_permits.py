@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from buskit import COMMAND, START, Station, ask_read, ask_start, ask_write, book, core, link, wire
-from drivebus.errors import ConfigurationError, Expired, NoReply, NotPermitted
+from drivebus.errors import ConfigurationError, Expired, LineFault, NoReply, NotPermitted
 from drivebus.message import Ask, Effect, Lane, Permit, WriteClass
 from drivebus.protocols import modbus
 from drivebus.testing.playbook import Playbook
@@ -212,3 +212,33 @@ def test_a_write_that_nobody_waits_for_any_more_is_not_sent_again() -> None:
     station.alive = True
     play.until(play.now + 10)
     assert [frame[1] for frame in play.frames].count(6) == 1
+
+
+def test_a_drive_registered_anew_is_no_freer_than_before() -> None:
+    """6.5, F15, RELIABILITY 4: permits stay void, it stays latched, two drives stay two, a bad link stays bad."""
+    play = book(Station())
+    play.until(1.0)
+    before = ask_start(play.core)
+    play.core.latch([1], True)
+    for _ in range(2):
+        play.core.stations[1].answered_twice(play.now)
+        play.core.stations[1].counters.failed(LineFault("bus.marks", station=1, count=1), play.now)
+    bad = play.core.statistics(play.now).stations[1].damage_rate
+    assert bad > 0 and play.core.health(1, play.now).duplicate
+    play._perform(play.core.remove(1, play.now))
+    play.core.add(link())
+    assert play.core.stations[1].latched and play.core.health(1, play.now).duplicate
+    assert play.core.statistics(play.now).stations[1].damage_rate == bad
+    play.core.latch([1], False)
+    play.ask(before, "start")
+    error = play.answer("start").error
+    assert isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
+
+
+def test_everybody_is_latched_and_released_also_who_is_away() -> None:
+    play = book(Station(1), Station(2))
+    for on in (True, False):
+        play._perform(play.core.remove(1, play.now))
+        play.core.latch(None, on)
+        play.core.add(link(1))
+        assert play.core.stations[1].latched is on

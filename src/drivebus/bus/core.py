@@ -101,7 +101,8 @@ class BusCore(BusState):
     def remove(self, address: int, now: float) -> list[Act]:
         """Forget a station: its polls end, what is queued for it fails."""
         station = self.stations.pop(address)
-        self.gone[address] = station.generation + 1, station.latched
+        station.generation += 1
+        self.gone[address] = station
         retire(self.counters, station.counters)
         self.scheduler.forget(station)
         gone = self.scheduler.withdraw(lambda job: job.station is station)

@@ -39,8 +39,8 @@ class BusState:
         self.is_open = False
         self.opened_at = 0.0
         self.stations: dict[int, Station] = {}
-        self.gone: dict[int, tuple[int, bool]] = {}
-        """Generation and latch of stations that were removed: registered anew, they are no freer than before."""
+        self.gone: dict[int, Station] = {}
+        """Stations that were removed: registered anew, they are no freer than before."""
         self.all_latched = False
         self.scheduler = Scheduler(line)
         self.listener = Listener()
@@ -57,13 +57,16 @@ class BusState:
         check_address(link, self.stations)
         mixed.check(link, (station.link for station in self.stations.values()), self._allow_mixed)
         station = self.stations[link.address] = Station(link, self.line)
-        station.generation, station.latched = self.gone.get(link.address, (0, self.all_latched))
+        station.latched = self.all_latched
+        if link.address in self.gone:
+            station.follow(self.gone[link.address])
 
     def latch(self, addresses: Iterable[int] | None, on: bool) -> None:
         """While latched no frame that may move a motor leaves for these stations (None: all, and who joins later)."""
         if addresses is None:
             self.all_latched = on
-            self.gone = {address: (generation, on) for address, (generation, _) in self.gone.items()}
+            for station in self.gone.values():
+                station.latched = on
         for address in self.stations if addresses is None else addresses:
             self.stations[address].latched = on
 

@@ -100,6 +100,12 @@ class Station:
         self.counters = Counters()
         self.prepared: dict[Any, Prepared] = {}
 
+    def follow(self, gone: Station) -> None:
+        """The same address again: what forbade the one before to move forbids this one too (6.5, F15, link quality)."""
+        self.generation, self.latched = gone.generation, gone.latched
+        self.second_answers = gone.second_answers
+        self.counters.window = gone.counters.window
+
     @property
     def presence(self) -> Presence:
         if not self.seen:
