@@ -1,0 +1,226 @@
+"""Loss and delay between us and peers: whatever both sides accepted, they agree on (F01, F16, G04, I5)."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from drivebus.message import Ask, StationTiming
+from drivebus.protocols import modbus
+from drivebus.sim.bench import Bench
+from interop.conftest import Start
+from interop.desk import bench, told
+from interop.relay import Relay, Weather, relay
+from interop.servers import LINE, LOOPS, STATION, Server, link, pymodbus, writing
+from peers import need_module, need_program
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
+
+BAD = Weather(loss=0.1, delay=0.15, delay_s=0.15)
+"""Later than our time-out, earlier than the lateness that we are told of (ruling 2)."""
+TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.06, lateness_s=0.35)
+TRANSACTIONS, WRITES = 30, 20
+
+
+@pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
+def peer(request: pytest.FixtureRequest, started: Start) -> Iterator[Any]:
+    """(name, encoding, what starts it on a path)."""
+    name, _, encoding = request.param.partition("-")
+    if name == "pymodbus":
+        need_module("pymodbus")
+        yield name, encoding, lambda path: pymodbus(started, path, encoding)
+    else:
+        program: Path = request.getfixturevalue("libmodbus_server")
+        yield name, encoding, lambda path: started(program, path, STATION)
+
+
+@asynccontextmanager
+async def our_master(peer: Any, wire: Relay) -> Any:
+    name, encoding, launch = peer
+    server = Server(name, encoding, wire.ours, lambda: launch(wire.theirs))
+    await asyncio.to_thread(server.start)
+    bus = server.bus(TIMING)
+    bus.remove(STATION)
+    bus.add(link(STATION, encoding, loops=LOOPS[name], timing=TIMING))
+    async with bus:
+        yield bus
+    server.kill()
+
+
+async def test_what_our_master_believes_is_what_stands_at_that_register_of_the_peer(peer: Any) -> None:
+    """Many questions of one shape: a late answer would fit the next one, but not its registers."""
+    chance, accepted, failed = Random(7), 0, 0
+    async with relay(Weather()) as wire, our_master(peer, wire) as bus:
+        await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        wire.weather = BAD
+        for _ in range(TRANSACTIONS):
+            register, count = chance.randrange(100), chance.choice((1, 2, 2, 4))
+            answer = await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, register, count)))
+            if answer.error is not None:
+                failed += 1
+                continue
+            accepted += 1
+            assert answer.reply.values == tuple(range(1000 + register, 1000 + register + count))
+        assert wire.lost and wire.delayed
+    assert accepted > TRANSACTIONS / 4
+    assert failed
+
+
+async def test_a_write_that_our_master_saw_acknowledged_stands_in_the_peer(peer: Any) -> None:
+    """Each register is written once, with a value of its own; the clean read-back at the end is the judge."""
+    acknowledged, refused = dict[int, int](), set[int]()
+    async with relay(Weather(), seed=3) as wire, our_master(peer, wire) as bus:
+        await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        wire.weather = BAD
+        for register in range(WRITES):
+            value = 0x4000 + 7 * register
+            answer = await bus.transact(writing(bus, modbus.WriteRegister(STATION, register, value)))
+            if answer.error is None and isinstance(answer.reply, modbus.Written):
+                acknowledged[register] = value
+            elif not answer.sent:
+                refused.add(register)
+        wire.weather = Weather()
+        await asyncio.sleep(1.0)
+        for register in range(WRITES):
+            found = await _insistently(bus, register)
+            if register in acknowledged:
+                assert found == acknowledged[register]
+            else:
+                assert found == (1000 + register if register in refused else found)
+                assert found in (1000 + register, 0x4000 + 7 * register)
+    assert WRITES / 4 < len(acknowledged) < WRITES
+
+
+async def _insistently(bus: Any, register: int) -> int:
+    for _ in range(5):
+        answer = await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, register, 1)))
+        if answer.error is None:
+            return int(answer.reply.values[0])
+    raise AssertionError(f"register {register} can't be read on a clean wire")
+
+
+@asynccontextmanager
+async def our_station(wire: Relay, encoding: str = "rtu") -> Any:
+    """A simulated VC660 (DF800 for ASCII) on the far side of the relay, as another pty program would be."""
+    made = bench("vc660@1" if encoding == "rtu" else "df800@1", encoding)
+    host = _PtyHost(made, wire.theirs)
+    try:
+        yield made
+    finally:
+        host.close()
+
+
+class _PtyHost:
+    """Joins a bench to the slave side of a pty: what comes from there is heard on the wire."""
+
+    settings = None
+
+    def __init__(self, made: Bench, path: str) -> None:
+        import os
+
+        self._os, self.bench = os, made
+        self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        made.tolerate(0.002)
+        made.attach(self)
+        asyncio.get_running_loop().add_reader(self._fd, self._readable)
+
+    def _readable(self) -> None:
+        self.bench.say(self, self._os.read(self._fd, 4096))
+
+    def hear(self, data: bytes, marks: int) -> None:
+        self._os.write(self._fd, data)
+
+    def lost(self) -> None: ...
+
+    def close(self) -> None:
+        asyncio.get_running_loop().remove_reader(self._fd)
+        self.bench.detach(self)
+        self._os.close(self._fd)
+
+
+FITS = Weather(loss=0.1, delay=0.2, delay_s=0.1)
+"""Earlier than the peers' time-outs: a peer that is answered later believes the answer to its last question (F01)."""
+
+
+@pytest.mark.parametrize("encoding", ["rtu", "ascii"])
+async def test_what_pymodbus_believes_of_our_station_is_what_stands_there(encoding: str) -> None:
+    need_module("pymodbus")
+    from pymodbus import FramerType, ModbusException
+    from pymodbus.client import AsyncModbusSerialClient
+
+    chance, accepted, failed = Random(9), 0, 0
+    async with relay(Weather(), seed=5) as wire, our_station(wire, encoding) as made:
+        words = made.station(1).memory
+        keys = [key for key in words.cells if words.refuses_read(key) is None and 0x100 <= key < 0x1000]
+        client = AsyncModbusSerialClient(
+            wire.ours, framer=FramerType(encoding), baudrate=LINE.baud, retries=0, timeout=0.4, reconnect_delay=0
+        )
+        assert await client.connect()
+        wire.weather = FITS
+        for _ in range(30):
+            key = chance.choice(keys)
+            try:
+                found = await client.read_holding_registers(key, count=1, device_id=1)
+            except ModbusException:
+                failed += 1
+                continue
+            if found.isError():
+                failed += 1
+                continue
+            accepted += 1
+            assert found.registers == [words[key]], f"{key:04X}H"
+        client.close()
+    assert accepted > 8
+    assert failed
+
+
+async def test_what_mbpoll_writes_and_reads_on_our_station_is_what_stands_there() -> None:
+    """A new process each time, so that nothing late is left over for the next one."""
+    program = need_program("mbpoll", "mbpoll")
+    read = written = lost = 0
+    async with relay(Weather(), seed=11) as wire, our_station(wire) as made:
+        wire.weather = FITS
+        memory = made.station(1).memory
+        for number in range(14):
+            value = 4000 + number
+            common = ("-m", "rtu", "-b", LINE.baud, "-P", "none", "-0", "-1", "-o", 0.5, "-a", 1, "-t", 4, "-r", 2)
+            done = await told(program, *common, wire.ours, *((value,) if number % 2 else ()))
+            if "Written 1" in done.text:
+                written += 1
+                assert memory.ram[2] == value
+            elif done.registers:
+                read += 1
+                assert done.registers == {2: memory.ram[2]}
+            else:
+                lost += 1
+            await asyncio.sleep(0.2)
+    assert read > 1
+    assert written > 1
+    assert lost
+
+
+async def test_the_relay_loses_and_delays_and_keeps_the_order() -> None:
+    """Tests that rest on a wire that loses nothing prove nothing."""
+    async with relay(Weather(loss=0.3, delay=0.5, delay_s=0.05), seed=1) as wire:
+        import os
+
+        left = os.open(wire.ours, os.O_RDWR | os.O_NOCTTY)
+        right = os.open(wire.theirs, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        for number in range(40):
+            os.write(left, bytes((number,)))
+            await asyncio.sleep(0.012)
+        await asyncio.sleep(0.3)
+        came = list(os.read(right, 100))
+        os.close(left)
+        os.close(right)
+    assert came == sorted(came)
+    assert len(came) == wire.passed == 40 - wire.lost
+    assert 4 < wire.lost < 25
+    assert wire.delayed
