@@ -25,7 +25,7 @@ def check_outcome(wish: Wish, deeds: Deeds, tells: bool, violation: Tell) -> Non
             if not deeds.station.faults.stuck:
                 _confirmed(wish, deeds, tells, wrong)
         case "acknowledged":
-            _acknowledged(wish, deeds, wrong)
+            _acknowledged(wish, deeds, tells, wrong)
         case "refused" | "failed":
             _not_done(wish, deeds, wrong)
         case "unknown" | "PortLost" | "nothing":  # nothing: the stand was taken down meanwhile
@@ -70,11 +70,12 @@ def _at_speed(wish: Wish, deeds: Deeds, wrong: Tell) -> None:
         wrong(f"it goes to {motor.target_hz} Hz")
 
 
-def _acknowledged(wish: Wish, deeds: Deeds, wrong: Tell) -> None:
-    """The drive said yes, so it has heard it."""
+def _acknowledged(wish: Wish, deeds: Deeds, tells: bool, wrong: Tell) -> None:
+    """The drive said yes, so it has heard it. One that tells that it runs already hears but its new frequency."""
+    begins = wish.what == "jog" or (wish.what == "run" and not tells)
     if wish.stops and deeds.stop_heard_at < wish.at:
         wrong("the drive heard no stop")
-    if not wish.stops and not wish.heard:
+    if not wish.stops and not (wish.moves_heard if begins else wish.heard):
         wrong("the drive heard nothing of it")
     if wish.what == "jog" and deeds.on and deeds.on_for is wish and deeds.stop_heard_at < deeds.on_at:
         wrong("it is over and no stop was heard")

@@ -27,7 +27,9 @@ class Wish:
     sent: int = 0
     """Frames of this wish that left, but for stops."""
     heard: int = 0
-    """Those that the drive heard."""
+    """Those that the drive heard …"""
+    moves_heard: int = 0
+    """… and of those the ones that start or jog."""
     executions: int = 0
     """How often a frame of this wish switched the motor on (I2)."""
     outcome: Any = None

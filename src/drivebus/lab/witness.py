@@ -111,6 +111,8 @@ class Witness:
         self._line(f"> {address} {does} {data.hex()}", said.start)
         last_end = self._asked[-1][1].end if self._asked else 0.0
         answered = any(last_end < one.end <= said.start + 1e-9 for _, one in reversed(self._heard))
+        if does is not Does.READ and address not in self.deeds:
+            self.session.count("acting frames to drives that are not there (G19)")
         self.conduct.asked(frame, self._heard_end, answered)
         self._asked.append((said, frame))
 
@@ -123,12 +125,12 @@ class Witness:
             return
         self.note(f"motor {station.address} on")
         deeds, wish = self.deeds[station.address], frame.wish
-        stopped_by_hand = deeds.hand_stop_at > deeds.on_at
+        stood_unseen = deeds.stood_unseen
         deeds.switched_on(wish)
         if wish is None:
             return
         wish.executions += 1
-        if wish.executions > 1 and not stopped_by_hand:
+        if wish.executions > 1 and not stood_unseen:
             self.violation(f"I2 {wish} switched the motor on {wish.executions} times")
         elif wish.executions > 1:
             self.session.count("resent after a person at the drive had stopped it unseen (ruling 6)")
