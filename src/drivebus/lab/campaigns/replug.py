@@ -1,0 +1,247 @@
+"""The adapter pulled at random instants and put back under another name: polled again soon, and nothing is replayed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import inf
+from typing import Any
+
+from drivebus.lab.adapter import Adapter, Machine
+from drivebus.lab.campaign import Campaign, Session
+from drivebus.lab.kinds import KINDS, Kind
+from drivebus.lab.loop import running
+from drivebus.lab.manual import Does, request
+from drivebus.lab.reopening import reopen
+from drivebus.lab.stand import Stand
+from drivebus.lab.wishes import Wish
+from drivebus.reading import Quality
+
+WEATHERS = ("bytes", "clean", "bytes", "batch=16")
+ADDRESSES = range(1, 4)
+A_LINE = 20
+"""Unplugs on one line, before another one is built."""
+DETECTED_S = 1.0
+BACK_S = 2.0
+"""G09."""
+STEP_S = 0.005
+REFUSED_S = 0.5
+"""Whoever asks for something while there is no port is told so within this time."""
+REOPENINGS, REOPENINGS_OF_A_SLICE = 400, 50
+CALM_S = 6.0
+"""Until every conversation has ended that the cut has left."""
+
+
+class Line:
+    """Three polled drives behind one adapter, and a user who commands them."""
+
+    def __init__(self, session: Session, kind: Kind, number: int) -> None:
+        self.session, self.kind, self.rng = session, kind, session.rng(number)
+        machine = Machine(session.rng("machine", number), "FT4ZK1X9" if number % 3 else None)
+        self.adapter: Any = None
+        self.stand = Stand(
+            session, kind, ADDRESSES, name=f"{kind.name}/{number}", weather=WEATHERS[number % len(WEATHERS)],
+            seed=number, around=lambda port: self._plug(port, machine),
+        )  # fmt: skip
+        for address in ADDRESSES:
+            self.stand.monitor(address)
+        self.asked: list[tuple[float, Does]] = []
+        self._tap()
+        self.detected_s: list[float] = []
+        self.first_s: list[float] = []
+        self.back_s: list[float] = []
+        """Until the first drive, and every drive, was polled again."""
+        self.stand.run(2.0)
+        self.sizes = self._sizes()
+
+    def _plug(self, port: Any, machine: Machine) -> Adapter:
+        adapter = self.adapter = Adapter(port, machine)
+        return adapter
+
+    def _tap(self) -> None:
+        wire: Any = self.stand.bench.wire
+        say = wire.say
+
+        def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            said = say(talker, data, *more, **named)
+            if hasattr(talker, "hear"):
+                self.asked.append((said.start, request(self.kind.model, self.kind.encoding, data)[1]))
+            return said
+
+        wire.say = on_say
+
+    @property
+    def now(self) -> float:
+        return self.stand.loop.time()
+
+    def violation(self, text: str) -> None:
+        self.stand.witness.violation(text)
+
+    # --- one unplug ------------------------------------------------------------------------------------------------
+
+    def unplug(self) -> None:
+        """Pull it while something is going on, wish for more meanwhile, put it back, and see."""
+        wishes = self._wishes()
+        self.stand.run(self.rng.uniform(0.0, 1.5))
+        self.session.count(f"pulled while {self._phase()}")
+        motors = self._motors()
+        self._pull()
+        refused = self._meanwhile()
+        self._return()
+        self._polled_again()
+        self.stand.finish(*wishes, *refused)
+        self._settle(motors, [*wishes, *refused])
+        self._handles()
+
+    def _wishes(self) -> list[Wish]:
+        """Commands that are under way when it happens."""
+        wishes = []
+        for address in ADDRESSES:
+            if self.rng.random() < 0.5:
+                what = self.rng.choice(("run", "stop", "set_frequency", "run"))
+                arguments = () if what == "stop" else (self.rng.choice((5.0, 10.0, 20.0)),)
+                wishes.append(self.stand.wish(address, what, *arguments))
+        return wishes
+
+    def _phase(self) -> str:
+        flight = self.stand.bus.core.flight
+        if flight is None:
+            return "idle or in a gap"
+        if self.now < flight.sent_end:
+            return "sending"
+        return "hearing a reply" if flight.heard else "waiting for a reply"
+
+    def _motors(self) -> Counter[int]:
+        """How often each motor has been started."""
+        return Counter({address: self.stand.station(address).motor.starts for address in ADDRESSES})
+
+    def _pull(self) -> None:
+        hangs_up = self.rng.random() < 0.7
+        self.session.count("told by a hang-up" if hangs_up else "told by a write")
+        at = self.now
+        self.stand.witness.unplugged()
+        with running(self.stand.loop):
+            self.adapter.pull(hangs_up)
+        while self.stand.bus.is_open and self.now < at + 2 * DETECTED_S:
+            self.stand.loop.run_until(self.now + STEP_S)
+        self.stand.witness.unplugged()  # what was wished until it was noticed is older than the port, too
+        self.detected_s.append(self.now - at)
+        if self.stand.bus.is_open:
+            self.violation("G09 the port is gone, and the bus has not noticed")
+
+    def _meanwhile(self) -> list[Wish]:
+        """Nothing is sent, and whoever asks is told soon."""
+        asked = len(self.asked)
+        wishes = []
+        self.stand.run(self.rng.uniform(0.0, 2.0))
+        if self.rng.random() < 0.5:
+            wishes = [self.stand.wish(self.rng.choice(ADDRESSES), "run", 10.0)]
+            self.stand.run(REFUSED_S)
+            if not wishes[0].over:
+                self.violation(f"{wishes[0]} was not refused within {REFUSED_S} s")
+        self.stand.run(self.rng.uniform(0.0, 2.0))
+        if len(self.asked) != asked:
+            self.violation("something was said on a line that is not there")
+        return wishes
+
+    def _return(self) -> None:
+        with running(self.stand.loop):
+            name = self.adapter.put_back()
+        self.stand.witness.note(f"plugged in again as {name}")
+        self.stand.witness.conduct.lost(self.now)  # nothing older than this may act
+
+    def _polled_again(self) -> None:
+        """A drive, and then every drive, has a value that is younger than the return."""
+        at, since = self.now, {address: self._newest(address) for address in ADDRESSES}
+        waiting, first_s = set(ADDRESSES), inf
+        while waiting and self.now < at + 2 * BACK_S:
+            self.stand.loop.run_until(self.now + STEP_S)
+            waiting = {address for address in waiting if self._newest(address) <= max(since[address], at)}
+            if len(waiting) < len(ADDRESSES):
+                first_s = min(first_s, self.now - at)
+        self.first_s.append(first_s)
+        self.back_s.append(self.now - at)
+        if first_s > BACK_S or waiting:
+            self.violation(
+                f"G09 first polled again {first_s:.3f} s after the return, never within 4 s: {waiting or '-'}"
+            )
+        name = self.adapter.found[-1]
+        if name != self.adapter.machine.name:
+            self.violation(f"F12 opened {name}, where our adapter is {self.adapter.machine.name}")
+
+    def _newest(self, address: int) -> float:
+        """When the newest value came that is not bad (DF800 publishes no scales: its values are uncertain)."""
+        readings = self.stand.monitors[address].status().readings.values()
+        return max((one.source_time or 0.0 for one in readings if one.quality is not Quality.BAD), default=0.0)
+
+    def _settle(self, starts: Counter[int], wishes: list[Wish]) -> None:
+        """Nothing that was wished before the return starts a motor after it."""
+        for address, count in self._motors().items():
+            moved = sum(wish.executions for wish in wishes if wish.address == address)
+            if count - starts[address] > moved:
+                self.violation(f"I10 the motor of {address} was started by nobody")
+        self.stand.finish(*(self.stand.wish(address, "stop") for address in ADDRESSES))
+        self.stand.run(CALM_S)
+
+    # --- handles ---------------------------------------------------------------------------------------------------
+
+    def _sizes(self) -> dict[str, int]:
+        """What is open, running or waiting."""
+        loop, drives = self.stand.loop, self.stand.drives.values()
+        return {
+            "ports": self.adapter.opened - self.adapter.closed,
+            "hosts": len(self.stand.bench.hosts),
+            "tasks": len(loop.tasks) - sum(drive.stop_pending for drive in drives),
+            "queued": len(self.stand.bus.core.scheduler),
+            "polls": len(self.stand.bus.core.scheduler.plan),
+        }
+
+    def _handles(self) -> None:
+        found = self._sizes()
+        for what, count in self.sizes.items():
+            if what != "queued" and found[what] != count:
+                self.violation(f"G09 {found[what]} {what} after a replug, {count} before")
+
+
+def run(session: Session) -> None:
+    lines: list[Line] = []
+    number = 0
+    while session.left:
+        line = Line(session, KINDS[number % len(KINDS)], number)
+        for _ in range(min(A_LINE, session.left)):
+            line.unplug()
+            session.did()
+        line.stand.close()
+        lines.append(line)
+        number += 1
+    _figures(session, lines)
+    _real(session)
+
+
+def _figures(session: Session, lines: list[Line]) -> None:
+    detected = sorted(one for line in lines for one in line.detected_s)
+    for kind in KINDS:
+        back = sorted(one for line in lines if line.kind is kind for one in line.back_s)
+        if back:
+            session.figures[kind.name] = {
+                "polled again at most s": round(
+                    max(one for line in lines if line.kind is kind for one in line.first_s), 3
+                ),
+                "every drive polled again p50 s": round(back[len(back) // 2], 3),
+                "every drive polled again at most s": round(back[-1], 3),
+            }
+    session.figures["noticed at most s"] = round(detected[-1], 3)
+    session.figures["names of the adapter"] = len({name for line in lines for name in line.adapter.found})
+
+
+def _real(session: Session) -> None:
+    """The same with real descriptors."""
+    times = REOPENINGS if session.budget > CAMPAIGN.slice else REOPENINGS_OF_A_SLICE
+    found = reopen(times)
+    session.figures["real reopenings"] = times
+    session.figures["descriptors more after them"] = found["descriptors"]
+    session.machine["a hang-up of a real pty noticed at most s"] = round(found["slowest_s"], 4)
+    if found["descriptors"] > 0 or found["names"] < 2:
+        session.violation(f"G09 {found['descriptors']} descriptors stay open after {times} real reopenings")
+
+
+CAMPAIGN = Campaign("replug", "unplugs", ("G09", "I10"), 1_000, 60, run)
