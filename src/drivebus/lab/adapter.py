@@ -40,7 +40,7 @@ class Machine:
     def pull(self) -> None:
         """Now and then another adapter takes the name that has become free, or another one goes."""
         name, self.name = self.name, ""
-        if self.strangers and self.rng.random() < 0.5:
+        if len(self.strangers) > len(NAMES) // 2 or (self.strangers and self.rng.random() < 0.5):
             self.strangers.pop(self.rng.choice(sorted(self.strangers)))
         if self.rng.random() < 0.5:
             self.strangers[name] = f"STRANGER{len(self.strangers)}"
