@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivebus import profiles
 from drivebus.i18n import LANGUAGES
-from generator import campaigns, drives, frames, profile_tables
+from generator import campaigns, drives, frames, matrix, profile_tables
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
@@ -32,6 +32,8 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield readme, _filled(readme, {"drives": drives.table(language)})
         proof = root / "docs" / "explanation" / f"what-we-prove{suffix}.md"
         yield proof, _filled(proof, {"campaigns": campaigns.table(root / "docs" / "reports", language)})
+        page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
+        yield page, _filled(page, matrix.parts(root, language))
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _filled(page, _parts(root, model, language))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -253,3 +256,40 @@ def test_a_planted_fault_fails_its_cell(name: str, fault: str, plant: Plant, mon
 
 def test_every_row_has_a_planted_fault() -> None:
     assert {name.partition("/")[0] for name, _, _ in PLANTS} == set(TABLE)
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+ROOT = Path(__file__).resolve().parents[2]
+REPORT = Path("docs") / "reports" / "lab-matrix.json"
+
+
+def test_the_committed_report_ran_every_cell() -> None:
+    found = json.loads((ROOT / REPORT).read_text(encoding="utf-8"))["figures"]["cells"]
+    assert found.keys() == CELLS.keys()
+    assert min(cell["cases"] for cell in found.values()) == matrix.SEEDS
+
+
+@pytest.mark.parametrize("held", [19, None])
+def test_a_page_that_says_otherwise_than_the_report_is_out_of_date(held: int | None, tmp_path: Path) -> None:
+    """A cell that failed, or that nobody ran, is never shown as held, in neither language."""
+    for name in ("docs/explanation", "docs/generator", "docs/protocols", "docs/reports", "vectors"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ("docs/generate.py", "README.md", "README.zh.md"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    report = json.loads((tmp_path / REPORT).read_text(encoding="utf-8"))
+    if held is None:
+        del report["figures"]["cells"]["batches/df800-ascii"]
+    else:
+        report["figures"]["cells"]["batches/df800-ascii"]["held"] = held
+    (tmp_path / REPORT).write_text(json.dumps(report), encoding="utf-8")
+    command = [sys.executable, str(tmp_path / "docs" / "generate.py")]
+    done = subprocess.run([*command, "--check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    pages = [tmp_path / "docs" / "explanation" / f"fault-matrix{suffix}.md" for suffix in ("", ".zh")]
+    assert [page.name in done.stdout for page in pages] == [True, True]
+    subprocess.run(command, capture_output=True, check=True)
+    for page, said in zip(
+        pages, ("39 of 40 held", "40 个中 39 个成立") if held else ("not run", "未运行"), strict=True
+    ):
+        assert f"{'✘' if held else '?'} ({said})" in page.read_text(encoding="utf-8")
