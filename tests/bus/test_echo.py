@@ -78,12 +78,16 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
 
 
 @pytest.mark.parametrize("paced", [True, False])
-def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool) -> None:
-    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be believed."""
+@pytest.mark.parametrize("late_s", [0.0, 1.5 * C])
+def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool, late_s: float) -> None:
+    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be believed.
+
+    ``late_s``: the adapter hands the echo over as a batch, so that a part of it seems to come after our last bit.
+    """
     inner, lost = wire(Station()), [True]
 
     def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
-        return () if lost and lost.pop() else echoing(inner)(frame, ended_at)
+        return () if lost and lost.pop() else echoing(inner, late_s, pieces=not late_s)(frame, ended_at)
 
     play = Playbook(core(1, paced=paced, echo="detect"), adapter)
     play.ask(ask_read(), "lost")

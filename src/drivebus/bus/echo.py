@@ -125,13 +125,15 @@ class EchoKeeper:
 
 
 def _came_back_early(flight: Transaction) -> bool:
-    """Our whole frame was heard by our own last bit, when nobody can have answered yet."""
-    return flight.early.startswith(flight.job.data)
+    """Our frame was heard, and not all of it after our own last bit, when nobody can have answered yet."""
+    return bool(flight.early) and (flight.early + flight.buffer).startswith(flight.job.data)
 
 
 def _came_back_instead(flight: Transaction) -> bool:
-    """It stood where a reply should, and is none."""
-    return flight.error is not None and flight.buffer.startswith(flight.job.data) and not mirrorable(flight.job)
+    """It stood where a reply should and is none, or stood there twice: once as our frame, once as its mirrored reply."""
+    data, heard = flight.job.data, bytes(flight.buffer)
+    no_reply = not mirrorable(flight.job) or heard.startswith(data + data)
+    return flight.error is not None and heard.startswith(data) and no_reply
 
 
 def mirrorable(job: Job) -> bool:
