@@ -8,18 +8,17 @@ import random
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
-
-import pytest
 
 from drivebus.lab.manual import Does
 from real.conftest import Start
-from real.witness import PATIENCE_S, Plant, c320
+from real.witness import PATIENCE_S, Plant, c320, until
 
 Plants = Callable[..., Plant]
 FREEZE_S = float(os.environ.get("DRIVEBUS_REAL_FREEZE", "3"))
 """Longer than a start lives (2 s); 10 s is the story of the plan."""
-DRIVES = 4
+DRIVES, LINES = 4, 3
 
 
 def wished(process: Any) -> list[dict[str, Any]]:
@@ -29,15 +28,12 @@ def wished(process: Any) -> list[dict[str, Any]]:
     return [each for each in said if each["event"] == "ended"]
 
 
-@pytest.mark.parametrize("lines", [3])
-def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(
-    plants: Plants, started: Start, lines: int
-) -> None:
+def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(plants: Plants, started: Start) -> None:
     """Starts of four drives on a slow line, frozen at three moments of them, thawed when they are too old."""
     chance = random.Random(1)
     addresses = list(range(1, DRIVES + 1))
-    plant = plants(*(c320(4800, addresses=addresses, keypad={}) for _ in range(lines)))
-    hosts = [started("host_process.py", "start", "c320", plant.url(line), DRIVES) for line in range(lines)]
+    plant = plants(*(c320(4800, addresses=addresses, keypad={}) for _ in range(LINES)))
+    hosts = [started("host_process.py", "start", "c320", plant.url(line), DRIVES) for line in range(LINES)]
     for host in hosts:
         assert host.stdout is not None
         assert json.loads(host.stdout.readline())["event"] == "queued"
@@ -50,9 +46,31 @@ def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(
         host.send_signal(signal.SIGCONT)
     told = [wished(host) for host in hosts]
     plant.settle()
-    for line in range(lines):
+    for line in range(LINES):
         assert [one for one in plant.requests(line, since=thawed) if one.does is not Does.READ] == []
         moved = {one.address for one in plant.requests(line) if one.does is Does.MOVE}
         for each in told[line]:
             assert each["address"] in moved or each.get("error") == "Expired", each
-    assert sum(each.get("error") == "Expired" for line in told for each in line) >= lines, "the freeze came too late"
+    assert sum(each.get("error") == "Expired" for line in told for each in line) >= LINES, "the freeze came too late"
+
+
+def test_starts_that_were_permitted_and_queued_when_the_machine_froze_are_never_sent(
+    plants: Plants, started: Start
+) -> None:
+    """Each has its permit and waits for the line; the first frame is still on it when the host stops."""
+    plant = plants(c320(1200, addresses=list(range(1, DRIVES + 1)), keypad={}))
+    host = started("host_process.py", "queue", "c320", plant.url(), DRIVES)
+    assert host.stdout is not None
+    assert json.loads(host.stdout.readline())["event"] == "queued"
+    until(lambda: stopped(host.pid), "the freeze")
+    time.sleep(FREEZE_S)
+    host.send_signal(signal.SIGCONT)
+    told = wished(host)
+    plant.settle()
+    assert [each["error"] for each in told] == ["bus.permit_expired"] * DRIVES
+    assert {each["sent"] for each in told} == {""}
+    assert {one.does for one in plant.requests()} == {Does.READ} and plant.turns() == []
+
+
+def stopped(pid: int) -> bool:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
