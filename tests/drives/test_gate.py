@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivebus.drives.gate import FRESH_S, Command, Evidence, Kind, grant
+from drivebus.drives.gate import EXPIRY_S, FAILURES, FRESH_S, Command, Evidence, Kind, grant
 from drivebus.drives.state import DriveState, Verdict
 from drivebus.drives.talk import Surroundings
 from drivebus.errors import DrivebusError, Expired, GateError, NotPermitted, Superseded
@@ -109,3 +109,106 @@ def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
 
 def test_unchecked_limits_stop_a_start() -> None:
     refused(GateError, "drives.limits_unchecked", evidence=replace(STANDS, within_limits=False))
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
+)
+def test_ruling_12_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
+    command = Command("x", Kind(kind), 10.0, 3)
+    last = replace(AROUND, now=10.0 + seconds)
+    assert EXPIRY_S[command.kind] == seconds
+    assert ask(command, Effect.SETTING, last, replace(STANDS, at=last.now)).expires_at == last.now
+    refused(
+        Expired, "drives.expired", command=command, effect=Effect.SETTING, around=replace(last, now=last.now + 0.001)
+    )
+
+
+def test_an_expired_command_says_its_age_and_its_limit_in_hundredths_of_a_second() -> None:
+    with pytest.raises(Expired) as caught:
+        ask(around=replace(AROUND, now=13.23456))
+    assert caught.value.params == {"age_s": 3.23, "limit_s": 2.0}
+    with pytest.raises(Expired) as caught:
+        ask(replace(START, created_at=10.00123), around=replace(AROUND, now=13.0))
+    assert caught.value.params["limit_s"] == 2.0
+
+
+def test_a_status_is_fresh_for_two_seconds_and_not_longer() -> None:
+    young = replace(START, created_at=99.0)
+    around = replace(AROUND, now=100.0)
+    ask(young, around=around, evidence=replace(STANDS, at=98.0))
+    with pytest.raises(GateError) as caught:
+        ask(young, around=around, evidence=replace(STANDS, at=97.98765))
+    assert caught.value.params == {"age_s": 2.01, "limit_s": 2.0}
+
+
+def test_three_failures_are_an_error_rate() -> None:
+    assert FAILURES == 3
+    with pytest.raises(GateError) as caught:
+        ask(around=replace(AROUND, error_rate=0.123456, failures=3), family="modbus")
+    assert caught.value.key == "drives.bad_link"
+    assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
+
+
+@pytest.mark.parametrize("kind", [Kind.START, Kind.JOG])
+@pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
+def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: Kind, effect: Effect) -> None:
+    """What the user meant counts, not only what these bytes do."""
+    command = Command("x", kind, 10.0, 3)
+    ask(command, effect)
+    refused(
+        GateError, "drives.bad_link", command=command, effect=effect, around=replace(AROUND, error_rate=1.0, failures=9)
+    )
+    refused(
+        GateError,
+        "drives.preflight_not_done",
+        command=command,
+        effect=effect,
+        evidence=replace(STANDS, preflight_done=False),
+    )
+    refused(
+        GateError,
+        "drives.limits_unchecked",
+        command=command,
+        effect=effect,
+        evidence=replace(STANDS, within_limits=False),
+    )
+    turns = replace(STANDS, verdict=Verdict(DriveState.RUNNING))
+    refused(GateError, "drives.state_forbids", command=command, effect=effect, evidence=turns)
+
+
+RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
+
+
+@pytest.mark.parametrize("state", DriveState)
+def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> None:
+    """DZB100's setpoint is a run frame: at standstill it would start the motor."""
+    setpoint = Command("x", Kind.SETPOINT, 10.0, 3)
+    evidence = replace(STANDS, verdict=Verdict(state))
+    if state in RUNNING:
+        ask(setpoint, evidence=evidence)
+    else:
+        refused(GateError, "drives.state_forbids", command=setpoint, evidence=evidence)
+    refused(GateError, "drives.bad_link", command=setpoint, around=replace(AROUND, error_rate=1.0, failures=9))
+
+
+def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:
+    setpoint = Command("x", Kind.SETPOINT, 10.0, 3)
+    nothing = Evidence(Verdict(DriveState.UNKNOWN), None, can_tell=True, preflight_done=False, within_limits=True)
+    ask(setpoint, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), nothing)
+    refused(
+        GateError,
+        "drives.limits_unchecked",
+        command=setpoint,
+        effect=Effect.SETTING,
+        evidence=replace(nothing, within_limits=False),
+    )
+
+
+@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
+def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: Kind) -> None:
+    """A drive in a fault on a bad link must be resettable."""
+    faulty = Evidence(Verdict(DriveState.FAULT), None, can_tell=True, preflight_done=False, within_limits=False)
+    command = Command("x", kind, 10.0, 3)
+    permit = ask(command, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), faulty)
+    assert (permit.effect, permit.write_class, permit.generation) == (Effect.SETTING, WriteClass.EDGE, 3)
