@@ -195,7 +195,7 @@ class Episode:
         """The line and its settings are made good; everybody gets the time to say what became of it."""
         stand, loop = self.stand, self.stand.loop
         right = self.adapter if self.echoes_right else {"echo": "", "": "echo"}[self.adapter]
-        stand.bench.weather = right or "clean"
+        stand.bench.weather = f"batch={1000 * stand.bench.weather.batch_s:g}" + ("," + right if right else "")
         for address in PRESENT:
             self._hears(stand.station(address))
         end = loop.time() + CALM_S
