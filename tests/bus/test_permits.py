@@ -242,3 +242,15 @@ def test_everybody_is_latched_and_released_also_who_is_away() -> None:
         play.core.latch(None, on)
         play.core.add(link(1))
         assert play.core.stations[1].latched is on
+
+
+def test_f15_a_second_answer_to_a_drive_that_was_just_taken_off_counts_for_who_follows_it() -> None:
+    play = book(Station())
+    play.ask(ask_read(), "read")
+    play.answer("read")
+    before = play.core.stations[1]
+    play._perform(play.core.remove(1, play.now))
+    play.core.add(link())
+    for _ in range(2):
+        before.answered_twice(play.now)
+    assert play.core.health(1, play.now).duplicate

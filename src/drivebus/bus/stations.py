@@ -128,7 +128,7 @@ class Station:
 
     def answered_twice(self, now: float) -> None:
         """A second answer came where one was asked for."""
-        self.second_answers = [*self.second_answers[1 - DUPLICATE_HINTS :], now]
+        self.second_answers[:] = [*self.second_answers[1 - DUPLICATE_HINTS :], now]  # its follower's too
 
     def duplicate(self, now: float, hints: int = DUPLICATE_HINTS) -> bool:
         """Do two drives seem to answer to this address (F15)?"""
