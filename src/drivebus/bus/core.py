@@ -115,7 +115,8 @@ class BusCore(BusState):
     def opened(self, now: float) -> list[Act]:
         """The port is open (again). Nothing older is replayed (I10)."""
         self.is_open = True
-        self.opened_at = self._quiet_since = now
+        self.opened_at = now
+        self._quiet_since = max(now, self._quiet_since)  # our last frame may still be leaving (I6)
         self.echo.opened()
         self.listener.take()
         for station in self.stations.values():

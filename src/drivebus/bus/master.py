@@ -12,7 +12,7 @@ from drivebus.bus.shell import Shell, Watch
 from drivebus.bus.stations import Health, Presence
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
-from drivebus.errors import PortLost
+from drivebus.errors import DrivebusError, PortLost, PortUnavailable
 from drivebus.line import LineSettings
 from drivebus.message import Answer, Ask, StationLink
 from drivebus.ports.port import Port
@@ -35,9 +35,12 @@ class Bus(Shell):
         timer = timers.acquire(loop)
         try:
             await self.port.open(self)
-        except BaseException:
+        except BaseException as error:
             timers.release(loop)
-            raise
+            if isinstance(error, DrivebusError) or not isinstance(error, Exception):
+                raise
+            reason = getattr(error, "strerror", None) or str(error)
+            raise PortUnavailable("ports.failed", port=self.port.url, reason=reason) from error
         self._begin(loop, timer)
 
     async def close(self) -> None:
@@ -52,7 +55,7 @@ class Bus(Shell):
         assert self._alarm is not None
         self._alarm.set(None)
         timers.release(loop)
-        await self.port.close()
+        await self._let_go()
 
     async def __aenter__(self) -> Bus:
         await self.open()

@@ -94,8 +94,8 @@ class Shell:
     async def _reopen(self) -> None:
         """At once, then again and again: until it is open, and stays so through its first frame."""
         while True:
+            await self._let_go()  # whatever is left of the old opening
             try:
-                await self.port.close()  # whatever is left of the old opening
                 await self.port.open(self)
             except DrivebusError:  # not there yet, or not ours yet: why is the next opener's to read
                 pass
@@ -106,6 +106,13 @@ class Shell:
             if self.core.is_open:
                 return
             await asyncio.sleep(REOPEN_S)
+
+    async def _let_go(self) -> None:
+        """Close the port, as well as it can be closed: no port's failure there is anybody's to handle."""
+        try:
+            await self.port.close()
+        except Exception as error:
+            self._complain(f"closing bus {self.name} failed", error)
 
     def _opened(self) -> None:
         self.core.paced = self.port.capabilities.paced

@@ -1,0 +1,132 @@
+"""A port that fails in ways that no port should (G12): the bus says it in its own words, and goes on."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from buskit import LINE, Station, ask_read, ask_stop, link, wire
+from drivebus.bus import Bus
+from drivebus.errors import PortUnavailable
+from drivebus.ports.port import Receiver
+from drivebus.testing.playbook import ScriptedPort
+from drivebus.testing.virtual import run
+
+
+class Failing(ScriptedPort):
+    """Its next calls raise what is set."""
+
+    opening: Exception | None = None
+    closing: Exception | None = None
+    writing: Exception | None = None
+
+    async def open(self, receiver: Receiver) -> None:
+        error, self.opening = self.opening, None
+        if error is not None:
+            raise error
+        await super().open(receiver)
+
+    async def close(self) -> None:
+        await super().close()
+        if self.closing is not None:
+            raise self.closing
+
+    def write(self, data: bytes, /) -> None:
+        """The bytes leave, and it fails nevertheless."""
+        super().write(data)
+        error, self.writing = self.writing, None
+        if error is not None:
+            raise error
+
+
+def heard_complaints() -> list[Any]:
+    complaints: list[Any] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+    return complaints
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("nobody foresaw this")])
+def test_g12_an_unforeseen_error_of_an_opening_port_is_told_as_a_port_that_can_not_be_opened(error: Exception) -> None:
+    async def told() -> None:
+        port = Failing(wire(Station()), LINE)
+        port.opening = error
+        bus = Bus(port)
+        with pytest.raises(PortUnavailable) as caught:
+            await bus.open()
+        assert caught.value.__cause__ is error and "scripted://" in str(caught.value)
+        assert (getattr(error, "strerror", None) or str(error)) in str(caught.value)
+        bus.add(link())
+        await bus.open()
+        assert (await bus.transact(ask_read())).error is None
+        await bus.close()
+
+    run(told())
+
+
+def test_g12_a_cancelled_opening_stays_cancelled() -> None:
+    async def told() -> None:
+        port = Failing(wire(Station()), LINE)
+        port.opening = asyncio.CancelledError()  # type: ignore[assignment]
+        with pytest.raises(asyncio.CancelledError):
+            await Bus(port).open()
+
+    run(told())
+
+
+def test_g12_a_port_that_fails_to_close_is_complained_of_and_nobody_else_fails() -> None:
+    async def told() -> None:
+        complaints = heard_complaints()
+        port = Failing(wire(Station()), LINE)
+        bus = Bus(port)
+        bus.add(link())
+        await bus.open()
+        port.closing = OSError(5, "Input/output error")
+        await bus.close()
+        assert [one["exception"] for one in complaints] == [port.closing] and bus.is_closed
+        port.closing = None
+        await bus.open()
+        assert (await bus.transact(ask_read())).error is None
+        await bus.close()
+
+    run(told())
+
+
+def test_g12_a_lost_port_whose_old_opening_can_not_be_closed_is_opened_again_all_the_same() -> None:
+    async def told() -> None:
+        complaints = heard_complaints()
+        port = Failing(wire(Station()), LINE)
+        bus = Bus(port)
+        bus.add(link())
+        await bus.open()
+        port.closing = OSError(5, "Input/output error")
+        port.unplug()
+        port.plugged = True
+        await asyncio.sleep(1.0)
+        assert bus.is_open and len(complaints) == 1
+        assert (await bus.transact(ask_read())).error is None
+        await bus.close()
+
+    run(told())
+
+
+def test_i6_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_before_the_next() -> None:
+    """The port is opened again at once: the frame is still on the wire then."""
+
+    async def told() -> None:
+        heard_complaints()
+        port = Failing(wire(Station()), LINE)
+        bus = Bus(port)
+        bus.add(link())
+        await bus.open()
+        port.writing = OSError(5, "Input/output error")
+        await bus.transact(ask_read())
+        await asyncio.sleep(0)
+        assert bus.is_open
+        await bus.transact(ask_stop())
+        (first, frame), (second, _) = port.sent[:2]
+        assert second - first >= LINE.seconds(len(frame)) + 3.5 * LINE.character_s - 1e-9
+        await bus.close()
+
+    run(told())
