@@ -130,10 +130,10 @@ def _came_back_early(flight: Transaction) -> bool:
 
 
 def _came_back_instead(flight: Transaction) -> bool:
-    """It stood where a reply should and is none, or stood there twice: once as our frame, once as its mirrored reply."""
+    """It was heard where a reply should stand and is none, or twice: once as our frame, once as its mirrored reply."""
     data, heard = flight.job.data, bytes(flight.buffer)
-    no_reply = not mirrorable(flight.job) or heard.startswith(data + data)
-    return flight.error is not None and heard.startswith(data) and no_reply
+    found = heard.startswith(data + data) if mirrorable(flight.job) else data in heard
+    return flight.error is not None and found
 
 
 def mirrorable(job: Job) -> bool:
