@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import defaultdict
-from math import inf, nextafter
+from math import inf
 
 from drivebus.bus import Poll, arithmetic
 from drivebus.drives import StopReport, bus_stop
 from drivebus.errors import StopUnconfirmed
 from drivebus.lab.campaign import Campaign, Session
+from drivebus.lab.crowd import ADDRESSES, Crowd
 from drivebus.lab.kinds import KINDS, Kind
 from drivebus.lab.loop import running
-from drivebus.lab.stand import Stand
 from drivebus.lab.stopwatch import Sent, StopWatch, Waiting
 from drivebus.lab.wishes import Wish
-from drivebus.message import Ask, Lane
 
-WEATHERS = ("bytes", "lossy,bytes", "late=0.1:0.12,bytes", "late=0.2:1.5", "clean", "noisy,bytes")
-RAMPS_S = (2.0, 0.5, 8.0)
-CROWDS = ((), (Lane.PARAMETER,), (Lane.PARAMETER, Lane.COMMAND, Lane.POLL, Lane.PROBE))
-"""Beside polls as fast as they go: a read of each drive always waits in each of these lanes."""
-ADDRESSES = range(1, 6)
 A_LINE = 50
 """Instants on one line, before another one is built."""
 CALM_S = 20.0
@@ -30,45 +23,20 @@ ALARM_S = 2.0
 """G07: confirmed or alarmed by T_stop + this + the ramp."""
 
 
-class Line:
+class Line(Crowd):
     """One crowded line, and the stops that are wished on it."""
 
     def __init__(self, session: Session, kind: Kind, number: int) -> None:
-        self.session, self.kind, self.rng = session, kind, session.rng(number)
-        turn = number // len(KINDS)
-        self.ramp_s, self.lanes = RAMPS_S[turn % len(RAMPS_S)], CROWDS[turn % len(CROWDS)]
-        weather = WEATHERS[turn % len(WEATHERS)]
-        self.stand = Stand(
-            session, kind, ADDRESSES, name=f"{kind.name}/{number}", weather=weather, ramp=self.ramp_s, seed=number
-        )
+        super().__init__(session, kind, number)
         self.watch = StopWatch(self.stand, self._left)
-        self.open: dict[int, list[Wish]] = {address: [] for address in ADDRESSES}
-        self.to_stand: set[int] = set()
-        """Drives that nobody has started since they were told to stop."""
         self.alone_s: list[tuple[float, float]] = []
         """To the first and to the last bit, of stops that neither another stop nor a late reply held back."""
-        self.reads: list[asyncio.Task[None]] = []
         self.turns_s = 0.0
         self.told_s = 0.0
         self.pause_s = 0.0
         """The longest that a pending stop was not repeated."""
-        self._crowd()
+        self.begin()
         self._check_bound()
-
-    def _crowd(self) -> None:
-        """Polls as fast as they go, and reads that never end."""
-        with running(self.stand.loop):
-            for address, drive in self.stand.drives.items():
-                polls = [Poll(request, 0.0) for request, _ in drive.dialect.polls(tuple(drive.profile.signals))]
-                self.stand.bus.watch(address, polls, lambda answer: None)
-                for lane in self.lanes:
-                    self.reads.append(self.stand.loop.create_task(self._reads(address, lane)))
-
-    async def _reads(self, address: int, lane: Lane) -> None:
-        drive = self.stand.drives[address]
-        requests = [drive.dialect.read_parameter(p) for p in drive.profile.parameters.values() if p.readable]
-        while not self.stand.bus.is_closed:
-            await self.stand.bus.transact(Ask(address, self.rng.choice(requests), lane))
 
     def _check_bound(self) -> None:
         """5.1 (3): what the product tells its user is the same bound."""
@@ -90,43 +58,20 @@ class Line:
 
     def instant(self) -> None:
         """Let a while pass, and wish for a stop."""
-        self._pass()
-        self._disturb()
+        self.wait()
+        self._watch_pending()
+        self.disturb()
         self.session.count(f"wished while {self.watch.phase()}")
         if self.rng.random() < 0.25 and not any(self.open.values()):
             self._everybody()
         else:
             self._one(self.rng.choice(ADDRESSES))
 
-    def _pass(self) -> None:
-        """A random while; at times to the very moment at which something happens, or just before it."""
-        self.stand.run(self.rng.uniform(0.0, 0.4))
-        when = self.stand.loop.next_at()
-        if when is not None and self.rng.random() < 0.2:
-            self.stand.loop.run_until(when if self.rng.random() < 0.5 else nextafter(when, 0.0))
+    def _watch_pending(self) -> None:
         for address, drive in self.stand.drives.items():
             if drive.stop_pending:
                 since_s = self.stand.loop.time() - self.watch.stopped_at.get(address, inf)
                 self.pause_s = max(self.pause_s, since_s)
-
-    def _disturb(self) -> None:
-        """Drives fall silent, dumb or slow and recover; motors are started, at the keypad or over the bus."""
-        rng, address = self.rng, self.rng.choice(ADDRESSES)
-        if rng.random() < 0.1:
-            self._fault(address, rng.choice(("silent", "mute", "slow", "", "")))
-        if self.open[address] or self.stand.drives[address].stop_pending:
-            return
-        if rng.random() < 0.5:
-            self.to_stand.discard(address)
-            self.stand.station(address).press_run(rng.choice((5.0, 20.0, 50.0)))
-        elif rng.random() < 0.3:
-            self.to_stand.discard(address)
-            self.stand.wish(address, "run", rng.choice((5.0, 20.0)))
-
-    def _fault(self, address: int, what: str) -> None:
-        faults = self.stand.station(address).faults
-        faults.silent, faults.mute = what == "silent", what == "mute"
-        faults.slow_s = self.rng.uniform(0.0, 0.15) if what == "slow" else 0.0
 
     def _one(self, address: int) -> None:
         capabilities = self.stand.drives[address].profile.capabilities
@@ -196,13 +141,8 @@ class Line:
         return None
 
     def finish(self) -> None:
-        """The weather clears, nobody reads any more and every drive hears again: in the end all stand."""
-        self.stand.bench.weather = "clean"
-        with running(self.stand.loop):
-            for task in self.reads:
-                task.cancel()
-        for address in ADDRESSES:
-            self._fault(address, "")
+        """Every drive hears again: in the end all stand."""
+        self.calm()
         self.stand.run(CALM_S)
         self.watch.finish()
         for address in sorted(self.to_stand) if self.kind.tells else ():
