@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from math import inf
-from typing import Any
 
-from drivebus.lab.adapter import Adapter, Machine
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import KINDS, Kind
 from drivebus.lab.loop import running
-from drivebus.lab.manual import Does, request
+from drivebus.lab.plugged import ADDRESSES, Plugged
 from drivebus.lab.reopening import reopen
-from drivebus.lab.stand import Stand
 from drivebus.lab.wishes import Wish
-from drivebus.reading import Quality
 
-WEATHERS = ("bytes", "clean", "bytes", "batch=16")
-ADDRESSES = range(1, 4)
 A_LINE = 20
 """Unplugs on one line, before another one is built."""
 DETECTED_S = 1.0
@@ -31,50 +25,15 @@ CALM_S = 6.0
 """Until every conversation has ended that the cut has left."""
 
 
-class Line:
+class Line(Plugged):
     """Three polled drives behind one adapter, and a user who commands them."""
 
     def __init__(self, session: Session, kind: Kind, number: int) -> None:
-        self.session, self.kind, self.rng = session, kind, session.rng(number)
-        machine = Machine(session.rng("machine", number), "FT4ZK1X9" if number % 3 else None)
-        self.adapter: Any = None
-        self.stand = Stand(
-            session, kind, ADDRESSES, name=f"{kind.name}/{number}", weather=WEATHERS[number % len(WEATHERS)],
-            seed=number, around=lambda port: self._plug(port, machine),
-        )  # fmt: skip
-        for address in ADDRESSES:
-            self.stand.monitor(address)
-        self.asked: list[tuple[float, Does]] = []
-        self._tap()
+        super().__init__(session, kind, number)
         self.detected_s: list[float] = []
         self.first_s: list[float] = []
         self.back_s: list[float] = []
         """Until the first drive, and every drive, was polled again."""
-        self.stand.run(2.0)
-        self.sizes = self._sizes()
-
-    def _plug(self, port: Any, machine: Machine) -> Adapter:
-        adapter = self.adapter = Adapter(port, machine)
-        return adapter
-
-    def _tap(self) -> None:
-        wire: Any = self.stand.bench.wire
-        say = wire.say
-
-        def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
-            if hasattr(talker, "hear"):
-                self.asked.append((said.start, request(self.kind.model, self.kind.encoding, data)[1]))
-            return said
-
-        wire.say = on_say
-
-    @property
-    def now(self) -> float:
-        return self.stand.loop.time()
-
-    def violation(self, text: str) -> None:
-        self.stand.witness.violation(text)
 
     # --- one unplug ------------------------------------------------------------------------------------------------
 
@@ -82,7 +41,7 @@ class Line:
         """Pull it while something is going on, wish for more meanwhile, put it back, and see."""
         wishes = self._wishes()
         self.stand.run(self.rng.uniform(0.0, 1.5))
-        self.session.count(f"pulled while {self._phase()}")
+        self.session.count(f"pulled while {self.phase()}")
         motors = self._motors()
         self._pull()
         refused = self._meanwhile()
@@ -90,7 +49,7 @@ class Line:
         self._polled_again()
         self.stand.finish(*wishes, *refused)
         self._settle(motors, [*wishes, *refused])
-        self._handles()
+        self.check_handles()
 
     def _wishes(self) -> list[Wish]:
         """Commands that are under way when it happens."""
@@ -101,14 +60,6 @@ class Line:
                 arguments = () if what == "stop" else (self.rng.choice((5.0, 10.0, 20.0)),)
                 wishes.append(self.stand.wish(address, what, *arguments))
         return wishes
-
-    def _phase(self) -> str:
-        flight = self.stand.bus.core.flight
-        if flight is None:
-            return "idle or in a gap"
-        if self.now < flight.sent_end:
-            return "sending"
-        return "hearing a reply" if flight.heard else "waiting for a reply"
 
     def _motors(self) -> Counter[int]:
         """How often each motor has been started."""
@@ -151,11 +102,11 @@ class Line:
 
     def _polled_again(self) -> None:
         """A drive, and then every drive, has a value that is younger than the return."""
-        at, since = self.now, {address: self._newest(address) for address in ADDRESSES}
+        at, since = self.now, {address: self.newest(address) for address in ADDRESSES}
         waiting, first_s = set(ADDRESSES), inf
         while waiting and self.now < at + 2 * BACK_S:
             self.stand.loop.run_until(self.now + STEP_S)
-            waiting = {address for address in waiting if self._newest(address) <= max(since[address], at)}
+            waiting = {address for address in waiting if self.newest(address) <= max(since[address], at)}
             if len(waiting) < len(ADDRESSES):
                 first_s = min(first_s, self.now - at)
         self.first_s.append(first_s)
@@ -168,11 +119,6 @@ class Line:
         if name != self.adapter.machine.name:
             self.violation(f"F12 opened {name}, where our adapter is {self.adapter.machine.name}")
 
-    def _newest(self, address: int) -> float:
-        """When the newest value came that is not bad (DF800 publishes no scales: its values are uncertain)."""
-        readings = self.stand.monitors[address].status().readings.values()
-        return max((one.source_time or 0.0 for one in readings if one.quality is not Quality.BAD), default=0.0)
-
     def _settle(self, starts: Counter[int], wishes: list[Wish]) -> None:
         """Nothing that was wished before the return starts a motor after it."""
         for address, count in self._motors().items():
@@ -181,25 +127,6 @@ class Line:
                 self.violation(f"I10 the motor of {address} was started by nobody")
         self.stand.finish(*(self.stand.wish(address, "stop") for address in ADDRESSES))
         self.stand.run(CALM_S)
-
-    # --- handles ---------------------------------------------------------------------------------------------------
-
-    def _sizes(self) -> dict[str, int]:
-        """What is open, running or waiting."""
-        loop, drives = self.stand.loop, self.stand.drives.values()
-        return {
-            "ports": self.adapter.opened - self.adapter.closed,
-            "hosts": len(self.stand.bench.hosts),
-            "tasks": len(loop.tasks) - sum(drive.stop_pending for drive in drives),
-            "queued": len(self.stand.bus.core.scheduler),
-            "polls": len(self.stand.bus.core.scheduler.plan),
-        }
-
-    def _handles(self) -> None:
-        found = self._sizes()
-        for what, count in self.sizes.items():
-            if what != "queued" and found[what] != count:
-                self.violation(f"G09 {found[what]} {what} after a replug, {count} before")
 
 
 def run(session: Session) -> None:
