@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from buskit import COMMAND, START, Station, ask_read, ask_start, ask_write, book, core, link, wire
+from buskit import COMMAND, LINE, START, STOP, Station, ask_read, ask_start, ask_write, book, core, link, wire
+from drivebus.bus.job import REMEMBERED, Job, prepared
 from drivebus.errors import ConfigurationError, Expired, LineFault, NoReply, NotPermitted
 from drivebus.message import Ask, Effect, Lane, Permit, WriteClass
 from drivebus.protocols import modbus
@@ -254,3 +255,93 @@ def test_f15_a_second_answer_to_a_drive_that_was_just_taken_off_counts_for_who_f
     for _ in range(2):
         before.answered_twice(play.now)
     assert play.core.health(1, play.now).duplicate
+
+
+@pytest.mark.parametrize(("value", "key"), [(STOP, None), (START, "bus.broadcast")])
+def test_a_frame_for_everybody_is_judged_as_one_whoever_was_named(value: int, key: str | None) -> None:
+    """F10: drive 1 is named and even has a permit, but address 0 in the bytes speaks to all."""
+    play = book(Station(1), Station(2))
+    play.ask(Ask(1, modbus.WriteRegister(0, COMMAND, value), Lane.COMMAND, WriteClass.EDGE, permit()))
+    error = play.answer().error
+    assert (error.key if isinstance(error, NotPermitted) else error) == key
+    assert len(play.sent) == (key is None)
+
+
+def test_everybody_can_not_be_named_for_a_frame_that_one_drive_answers() -> None:
+    play = book(Station(1), Station(2))
+    play.ask(Ask(0, modbus.WriteRegister(1, COMMAND, STOP), Lane.STOP))
+    error = play.answer().error
+    assert isinstance(error, NotPermitted) and error.key == "bus.broadcast_answered" and error.params["station"] == 0
+    assert play.sent == []
+
+
+def test_a_request_that_can_not_be_remembered_is_sent_all_the_same() -> None:
+    """A list of values can't be hashed."""
+    play = Playbook(core(1))
+    values: tuple[int, ...] = [7]  # type: ignore[assignment]
+    play.ask(Ask(1, modbus.WriteRegisters(1, 0x3000, values), permit=permit(effect=Effect.SETTING)))
+    play.until(0.01)
+    assert play.frames == [modbus.RtuCodec().encode_request(modbus.WriteRegisters(1, 0x3000, (7,)))]
+
+
+def test_only_so_many_reads_of_a_station_are_remembered_and_no_write() -> None:
+    """I12: a program that reads ever other registers must not fill the memory."""
+    station = core(1).stations[1]
+    for register in range(REMEMBERED):
+        prepared(modbus.ReadRegisters(1, register), station, LINE)
+    assert len(station.prepared) == REMEMBERED
+    found = prepared(modbus.ReadRegisters(1, 7), station, LINE)
+    assert found is station.prepared[modbus.ReadRegisters(1, 7)]
+    assert prepared(modbus.ReadRegisters(1, REMEMBERED), station, LINE)[0][3] == REMEMBERED & 0xFF
+    assert len(station.prepared) == 1
+    for other in (modbus.WriteRegister(1, 0x2001, 1), modbus.ReadRegisters(2, 7)):
+        assert not prepared(other, station, LINE)[5]
+    assert len(station.prepared) == 1
+
+
+def job(given: Permit | None, register: int = COMMAND, value: int = START) -> Job:
+    ask = Ask(1, modbus.WriteRegister(1, register, value), Lane.COMMAND, WriteClass.EDGE, given)
+    return Job(ask, None, core(1).stations[1], LINE)
+
+
+def test_a_permit_is_good_up_to_its_last_moment_and_says_how_late_it_came() -> None:
+    """Ruling 12, at the boundary itself."""
+    start = job(permit(expires_at=10.0))
+    assert start.refusal(10.0) is None
+    refusal = start.refusal(10.0015)
+    assert refusal is not None and refusal.key == "bus.permit_expired"
+    assert refusal.params == {"station": 1, "late_ms": 2}
+    later = start.refusal(11.0)
+    assert later is not None and later.params["late_ms"] == 1000
+
+
+def test_a_permit_of_an_older_generation_than_the_last_stop_is_void_and_so_is_one_of_a_newer() -> None:
+    for generation, refused in ((4, True), (5, False), (6, True)):
+        start = job(permit(generation=generation))
+        start.station.generation = 5
+        assert (start.refusal(0.0) is not None) is refused
+
+
+def test_a_latched_station_is_refused_motion_only() -> None:
+    start, setting = job(permit()), job(permit(effect=Effect.SETTING), 0x2001)
+    for one, key in ((start, "bus.latched"), (setting, None)):
+        one.station.latched = True
+        refusal = one.refusal(0.0)
+        assert (refusal.key if refusal else None) == key
+
+
+def test_a_refusal_names_the_station_and_what_was_granted() -> None:
+    refusal = job(permit(station=2, effect=Effect.SETTING)).refusal(0.0)
+    assert refusal is not None
+    assert refusal.params == {"station": 1, "effect": "motion", "granted": 2, "granted_effect": "setting"}
+    refusal = job(None).refusal(0.0)
+    assert refusal is not None and refusal.params == {"station": 1, "effect": "motion"}
+
+
+def test_a_stop_and_a_read_are_never_refused_and_a_stop_never_expires() -> None:
+    """Ruling 5."""
+    stop = job(permit(station=2, expires_at=-1.0, generation=9), COMMAND, STOP)
+    stop.station.latched = True
+    assert stop.refusal(1e9) is None
+    ask = Ask(1, modbus.WriteRegister(1, COMMAND, STOP), Lane.COMMAND, expires_at=1.0)
+    assert Job(ask, None, stop.station, LINE).expires_at is None

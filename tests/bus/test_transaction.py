@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from buskit import CODEC, LINE, LINES, TIMING, C, Station, ask_read, book, byte_by_byte, core, wire
+from drivebus.bus.echo import EchoFilter
+from drivebus.bus.job import Job
+from drivebus.bus.transaction import Transaction
 from drivebus.errors import ChecksumError, LineFault, NoReply, TrailingError
+from drivebus.message import Ask
 from drivebus.protocols import modbus
 from drivebus.testing.playbook import Playbook
 
@@ -205,3 +211,30 @@ def test_a_host_that_looked_late_believes_only_what_is_not_much_too_late(stall_s
     play.hear(CODEC.encode_reply(modbus.Registers(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
     answer = play.answer()
     assert (answer.error is None) is believed
+
+
+def flight(**options: Any) -> Transaction:
+    job = Job(ask_read(), None, core(1).stations[1], LINE)
+    return Transaction(job, 1.0, C, paced=True, echo=None, **options)
+
+
+def test_the_reader_may_sleep_until_a_byte_could_complete_the_reply() -> None:
+    """Before that moment no byte can end the frame on a line of this speed; afterwards every byte is wanted."""
+    reply = CODEC.encode_reply(modbus.Registers(1, 3, (1, 2, 3, 4)))
+    one = flight()
+    assert one.useful_at() == pytest.approx(1.0 + SENT_END + (REPLY_BYTES - 1) * C)
+    one.received(reply[:4], 1.1)
+    assert one.need == 5 and one.useful_at() == pytest.approx(1.1 + 0 * C)
+    one.received(reply[4:5], 1.2)
+    assert one.need == REPLY_BYTES and one.useful_at() == pytest.approx(1.2 + 7 * C)
+    one.received(reply[5:], 1.3)
+    assert one.message is not None and one.useful_at() is None
+
+
+def test_the_reader_stays_awake_where_something_else_than_a_reply_may_come() -> None:
+    damaged = flight()
+    damaged.received(b"\x01\x07\x00\x00\x00", 1.1)
+    assert damaged.error is not None and damaged.useful_at() is None
+    assert Transaction(flight().job, 1.0, C, paced=True, echo=EchoFilter(b"frame", True)).useful_at() is None
+    stop = Job(Ask(0, modbus.WriteRegister(0, 0x2000, 2)), None, core(1).stations[1], LINE)
+    assert Transaction(stop, 1.0, C, paced=True, echo=None).useful_at() is None
