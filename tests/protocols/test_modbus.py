@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from struct import error as StructError
+from typing import Any
+
 import pytest
 
 from drivebus.errors import (
@@ -273,10 +277,87 @@ def test_a_request_out_of_range_is_never_encoded(codec: Codec, request_: Request
         codec.encode_request(request_)
 
 
+AT_THE_LIMIT: list[Request] = [
+    *(ReadRegisters(address, 0, 1) for address in (1, 247)),
+    *(ReadRegisters(1, 0x10000 - count, count, function) for count in (1, 125) for function in (3, 4)),
+    *(ReadBits(1, 0x10000 - count, count, function) for count in (1, 2000) for function in (1, 2)),
+    *(WriteRegister(address, register, 0xFFFF - register) for address in (0, 247) for register in (0, 0xFFFF)),
+    *(WriteRegisters(1, 0x10000 - count, (0xFFFF,) * count) for count in (1, 123)),
+    *(WriteBits(1, 0x10000 - count, (True,) * count) for count in (1, 1968)),
+    *(WriteBit(0, register, True) for register in (0, 0xFFFF)),
+    *(Loopback(247, data) for data in (0, 0xFFFF)),
+]
+
+
+@every_codec
+@pytest.mark.parametrize("asked", AT_THE_LIMIT, ids=lambda asked: str(asked)[:60])
+def test_the_last_lawful_value_of_every_field_goes_there_and_back(codec: Codec, asked: Request) -> None:
+    data = codec.encode_request(asked)
+    assert codec.decode_request(data) == Complete(asked, len(data))
+
+
+def test_values_of_a_register_are_whole_numbers() -> None:
+    values: tuple[int, ...] = (1.5,)  # type: ignore[assignment]
+    with pytest.raises(StructError):
+        RtuCodec().encode_request(WriteRegisters(1, 0, values))
+
+
+def test_what_is_no_message_of_modbus_is_not_encoded() -> None:
+    with pytest.raises(ValueError, match="no Modbus reply"):
+        RtuCodec().encode_reply(Wrong(1))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="no Modbus request"):
+        RtuCodec().encode_request(Wrong(1))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Wrong:
+    address: int
+
+
+LAST_REPLIES: list[Any] = [
+    *(Registers(address, 3, (0, 0xFFFF)) for address in (1, 247)),
+    *(Registers(1, 4, (5,) * count) for count in (1, 125)),
+    *(Bits(1, function, (True,) * count) for function in (1, 2) for count in (1, 2000)),
+    *(Written(1, function, word, 0xFFFF - word) for function in (5, 6, 15, 16) for word in (0, 0xFFFF)),
+    *(Looped(1, data) for data in (0, 0xFFFF)),
+    *(ErrorReply(1, function, code) for function in (1, 0x7F) for code in (1, 0xFF)),
+]
+
+
+@pytest.mark.parametrize("reply", LAST_REPLIES, ids=lambda reply: str(reply)[:60])
+def test_the_last_lawful_value_of_every_field_of_a_reply_is_written(reply: Any) -> None:
+    octets = RtuCodec().encode_reply(reply)[:-2]
+    fields = {
+        Registers: lambda: (len(reply.values) * 2, *(byte for value in reply.values for byte in divmod(value, 256))),
+        Bits: lambda: (octets[2], *octets[3:]),
+        Written: lambda: (*divmod(reply.register, 256), *divmod(reply.value, 256)),
+        Looped: lambda: (0, 0, *divmod(reply.data, 256)),
+        ErrorReply: lambda: (reply.code,),
+    }[type(reply)]()
+    function = reply.function | 0x80 if isinstance(reply, ErrorReply) else reply.function
+    assert octets == bytes((reply.address, function, *fields))
+    if isinstance(reply, Bits):
+        assert octets[2] == len(octets) - 3 == (len(reply.values) + 7) // 8
+
+
 @pytest.mark.parametrize(
     "reply",
     [
         Registers(0, 3, (1,)),
+        Registers(248, 3, (1,)),
+        Registers(1, 2, (1,)),
+        Registers(1, 5, (1,)),
+        Registers(1, 3, (0x10000,)),
+        Bits(1, 0, (True,)),
+        Bits(1, 1, ()),
+        Bits(1, 1, (True,) * 2001),
+        Written(1, 8, 0, 0),
+        Written(1, 6, -1, 0),
+        Written(1, 6, 0x10000, 0),
+        Written(1, 6, 0, -1),
+        Looped(1, -1),
+        ErrorReply(1, 0, 1),
+        ErrorReply(1, 3, 256),
         Registers(1, 3, ()),
         Registers(1, 3, (0,) * 126),
         Registers(1, 3, (-1,)),
@@ -322,6 +403,60 @@ def test_a_bad_request_tells_the_station_its_exception(codec: Codec, octets: str
 
 def data_function(octets: str) -> int:
     return bytes.fromhex(octets)[1]
+
+
+REFUSED_NUMBERS = [
+    ("05 03 00 00 00 00", "modbus.count", 125, 0),
+    ("05 04 00 00 00 7E", "modbus.count", 125, 126),
+    ("05 01 00 00 07 D1", "modbus.count", 2000, 2001),
+    ("05 02 00 00 00 00", "modbus.count", 2000, 0),
+    ("05 10 00 00 00 7C F8" + " 00" * 248, "modbus.count", 123, 124),
+    ("05 0F 00 00 07 B1 F7" + " 00" * 247, "modbus.count", 1968, 1969),
+    ("05 03 FF FF 00 02", "modbus.range", 0xFFFF, 0x10000),
+    ("05 01 FF FF 00 02", "modbus.range", 0xFFFF, 0x10000),
+    ("05 10 FF FF 00 02 04 00 00 00 00", "modbus.range", 0xFFFF, 0x10000),
+    ("05 10 00 00 00 02 03 00 00 00", "modbus.byte_count", 4, 3),
+    ("05 0F 00 00 00 09 01 00", "modbus.byte_count", 2, 1),
+    ("05 0F 00 00 00 08 02 00 00", "modbus.byte_count", 1, 2),
+    ("05 0F 00 00 00 03 01 0F", "modbus.padding", 0, 1),
+    ("05 05 00 00 00 01", "modbus.coil", "0000H, FF00H", 1),
+    ("05 08 00 01 12 34", "modbus.sub_function", 0, 1),
+    ("05 07 00 00", "modbus.unknown_function", "1-6, 8, 15, 16", 7),
+]
+
+
+@every_codec
+@pytest.mark.parametrize(("octets", "key", "expected", "found"), REFUSED_NUMBERS, ids=lambda value: str(value)[:24])
+def test_a_bad_request_says_what_is_wrong_with_both_numbers(
+    codec: Codec, octets: str, key: str, expected: object, found: object
+) -> None:
+    data = frame(codec, octets)
+    with pytest.raises(BadRequest) as caught:
+        codec.decode_request(data)
+    error = caught.value
+    assert (error.key, error.expected, error.found, error.size) == (key, expected, found, len(data))
+    assert (error.params["address"], error.params["function"]) == (5, data_function(octets))
+    assert error.params["code"] == error.code
+
+
+@every_codec
+@pytest.mark.parametrize("address", [0, 1, 247, 248, 255])
+def test_a_request_speaks_to_a_station_or_to_everybody(codec: Codec, address: int) -> None:
+    data = frame(codec, f"{address:02X} 06 00 01 00 02")
+    if address < 248:
+        assert codec.decode_request(data) == Complete(WriteRegister(address, 1, 2), len(data))
+        return
+    with pytest.raises(AddressError) as caught:
+        codec.decode_request(data)
+    assert (caught.value.key, caught.value.expected, caught.value.found) == ("modbus.address_range", 247, address)
+    assert caught.value.size == len(data)
+
+
+def test_ascii_has_an_even_number_of_digits_whatever_the_function() -> None:
+    """Nothing else tells the length of a request with an unknown function."""
+    with pytest.raises(LengthError) as caught:
+        AsciiCodec().decode_request(b":012B000\r\n")
+    assert (caught.value.key, caught.value.expected, caught.value.found) == ("modbus.odd_digits", 8, 7)
 
 
 def test_the_exception_to_an_unknown_function_is_the_manuals() -> None:
@@ -381,6 +516,9 @@ def test_resync_forgives_a_little_junk_once_when_it_is_switched_on(junk: bytes) 
         assert isinstance(codec.decode_reply(asked, (junk + reply)[:end]), Incomplete)
     request = codec.encode_request(asked)
     assert codec.decode_request(junk + request) == Complete(asked, len(junk + request))
+    for end in range(len(junk + request)):
+        verdict = codec.decode_request((junk + request)[:end])
+        assert isinstance(verdict, Incomplete) and end < verdict.need <= len(junk + request)
     assert codec.largest_reply(asked) >= len(junk + reply)
 
 

@@ -59,10 +59,7 @@ def request_octets(request: Request) -> bytes:
             return SIX.pack(request.address, 5, request.register, ON if request.value else OFF)
         case Loopback():
             return SIX.pack(request.address, 8, 0, request.data)
-        case WriteRegisters():
-            content = words(request.values)
-        case WriteBits():
-            content = packed(request.values)
+    content = words(request.values) if isinstance(request, WriteRegisters) else packed(request.values)
     head = SIX.pack(request.address, request.function, request.register, len(request.values))
     return head + bytes((len(content),)) + content
 
@@ -141,9 +138,7 @@ def _read_counted(octets: bytes, address: int, function: int, register: int, cou
         raise BadRequest("modbus.count", octets, ILLEGAL_VALUE, expected=_MOST[function], found=count)
     if register + count > 0x10000:
         raise BadRequest("modbus.range", octets, ILLEGAL_REGISTER, expected=0xFFFF, found=register + count - 1)
-    if function in REGISTER_FUNCTIONS:
-        return ReadRegisters(address, register, count, function)
-    if function in READ_FUNCTIONS:
+    if function in READ_FUNCTIONS:  # registers were read above
         return ReadBits(address, register, count, function)
     expected = 2 * count if function == 16 else (count + 7) // 8
     if octets[6] != expected:
