@@ -367,8 +367,9 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(ConfigurationError, match="No space") as caught:
         FileStore(path).put("a", "2")
+    assert (caught.value.key, caught.value.params["file"]) == ("drives.store_unwritable", str(path))
     monkeypatch.undo()
     assert FileStore(path).get("a") == "1"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["s.json", "s.lock"]
@@ -448,7 +449,7 @@ def test_a_lock_that_windows_refuses_is_an_error_and_nothing_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     on_windows(monkeypatch, Msvcrt(busy=1, error=errno.EBADF))
-    with pytest.raises(OSError, match="locked"):
+    with pytest.raises(ConfigurationError, match="locked"):
         FileStore(tmp_path / "s.json").put("a", "1")
     assert not (tmp_path / "s.json").exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from drivebus.drives.gate import Kind
@@ -10,7 +11,15 @@ from drivebus.drives.operation import Talk, noted
 from drivebus.drives.preflight import read_raw
 from drivebus.drives.state import Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, look, wait
-from drivebus.errors import CapabilityError, DrivebusError, DriveError, Expired, LimitError, PreflightError
+from drivebus.errors import (
+    CapabilityError,
+    ConfigurationError,
+    DrivebusError,
+    DriveError,
+    Expired,
+    LimitError,
+    PreflightError,
+)
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find
 from drivebus.reading import Reading, missing
@@ -68,7 +77,7 @@ def write(talk: Talk, values: Mapping[str, float], save: bool) -> Conversation[O
     """Write parameters one after the other; the first that does not end well ends it.
 
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
-    WearBudget, Expired. The outcome's notes name every parameter.
+    WearBudget, Expired, ConfigurationError (the store of counts fails). The outcome's notes name every parameter.
     """
     talk.memory.need("write")
     rule = talk.dialect.profile.write_rule
@@ -82,7 +91,7 @@ def write(talk: Talk, values: Mapping[str, float], save: bool) -> Conversation[O
     for wanted in [_checked(talk, name, value) for name, value in values.items()]:
         try:
             outcome = yield from _write_one(talk, wanted, save)
-        except (DriveError, Expired) as withheld:
+        except (DriveError, Expired, ConfigurationError) as withheld:
             if not notes:
                 raise
             outcome = talk.outcome(OutcomeWord.FAILED, "drives.not_written", why=withheld, **_said(wanted))
@@ -147,7 +156,8 @@ def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]
     if held == wanted.raw and outcome.word is OutcomeWord.CONFIRMED:
         outcome = _shown_before(talk, answer.error is None, said)
     if save and outcome.done:
-        yield from wear.saved(notation)
+        with suppress(ConfigurationError):  # not noted, the next save of this value is not skipped: safe
+            yield from wear.saved(notation)
     return outcome
 
 

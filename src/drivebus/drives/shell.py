@@ -14,11 +14,19 @@ T = TypeVar("T")
 
 
 async def converse(conversation: Conversation[T], bus: Bus, address: int, store: seams.Store) -> T:
-    """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent."""
+    """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent.
+
+    A step that fails fails in the conversation: it knows whether something was sent before.
+    """
     try:
         step = next(conversation)
         while True:
-            step = conversation.send(await _perform(step, bus, address, store))
+            try:
+                found = await _perform(step, bus, address, store)
+            except Exception as error:
+                step = conversation.throw(error)
+            else:
+                step = conversation.send(found)
     except StopIteration as end:
         result: T = end.value
         return result

@@ -36,7 +36,7 @@ class FileStore:
     renamed, synced).
 
     Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the
-    file is not one of ours: counters are never started again from nothing.
+    file is not one of ours, or can't be read or written: counters are never started again from nothing.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -49,11 +49,15 @@ class FileStore:
         self.update(key, lambda _: value)
 
     def update(self, key: str, change: Callable[[str | None], str]) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(self.path.with_suffix(".lock")):
-            values = self._read()
-            values[key] = change(values.get(key))
-            _replace(self.path, json.dumps({"format": FORMAT, "values": values}, indent=1, sort_keys=True))
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with _locked(self.path.with_suffix(".lock")):
+                values = self._read()
+                values[key] = change(values.get(key))
+                _replace(self.path, json.dumps({"format": FORMAT, "values": values}, indent=1, sort_keys=True))
+        except OSError as error:
+            problem = error.strerror or str(error)
+            raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
 
     def _read(self) -> dict[str, str]:
         try:

@@ -88,7 +88,12 @@ def play(conversation: Conversation[T], world: Callable[[Step], Any]) -> T:
     try:
         step = next(conversation)
         while True:
-            step = conversation.send(world(step))
+            try:
+                found = world(step)
+            except Exception as error:
+                step = conversation.throw(error)
+            else:
+                step = conversation.send(found)
     except StopIteration as end:
         result: T = end.value
         return result
