@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
 import re
 import string
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -151,3 +153,20 @@ def test_one_thing_has_one_chinese_word() -> None:
     read = {path: path.read_text(encoding="utf-8") for path in [*pages, *data] if path.is_file()}
     assert len(read) > 40
     assert [(path.name, old, new) for path, text in read.items() for old, new in RETIRED.items() if old in text] == []
+
+
+@pytest.mark.parametrize("text", [None, "{"])
+def test_g12_a_catalogue_that_can_not_be_read_hides_no_error(monkeypatch: pytest.MonkeyPatch, text: str | None) -> None:
+    """Whoever tells of an error must not fail at it; the next one has its sentence again."""
+
+    def refused(*_: Any, **__: Any) -> Any:
+        if text is None:
+            raise OSError(24, "Too many open files")
+        return io.StringIO(text)
+
+    i18n.catalogue.cache_clear()
+    with monkeypatch.context() as context:
+        context.setattr("builtins.open", refused)
+        told = i18n.text("bus.no_reply", "zh", station=3)
+        assert "bus.no_reply" in told and "3" in told and not i18n.known("bus.no_reply")
+    assert "bus.no_reply" not in i18n.text("bus.no_reply", "zh", station=3) and i18n.known("bus.no_reply")

@@ -77,7 +77,7 @@ def describe(error: DrivebusError) -> dict[str, Any]:
 def hint(error: DrivebusError) -> str | None:
     """What to do at the command line about it, where there is such a thing: the sentence ``hint.<key>``."""
     key = f"hint.{error.key}"
-    return voice.say(key) if key in i18n.catalogue("en") else None
+    return voice.say(key) if i18n.known(key) else None
 
 
 def sentence(error: DrivebusError) -> str:

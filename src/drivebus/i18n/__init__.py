@@ -36,10 +36,23 @@ class _Places(dict[str, Any]):
 
 def text(key: str, language: str = "en", /, **params: Any) -> str:
     """The sentence for ``key``; English where the language lacks it, the key itself where nobody knows it."""
-    sentence = catalogue(language).get(key) or catalogue("en").get(key)
+    sentence = _sentence(key, language) or _sentence(key, "en")
     if sentence is None:
         return f"{key} {params}" if params else key
     return sentence.format_map(_Places({name: _shown(value, language) for name, value in params.items()}))
+
+
+def _sentence(key: str, language: str) -> str | None:
+    """None also where the catalogue can't be read just now: whoever tells of an error must not fail at it."""
+    try:
+        return catalogue(language).get(key)
+    except (OSError, ValueError):
+        return None
+
+
+def known(key: str) -> bool:
+    """Is there such a sentence?"""
+    return _sentence(key, "en") is not None
 
 
 def _shown(value: Any, language: str) -> Any:
