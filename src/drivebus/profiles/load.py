@@ -11,6 +11,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -39,7 +40,9 @@ class _Source:
 
 def models() -> list[str]:
     """Names that ``load`` knows: those that come with drivebus, then the user's own."""
-    own = sorted(_own())
+    own = []
+    with suppress(ProfileError):  # a directory that this user may not read
+        own = sorted(_own())
     return [*_shipped(), *own]
 
 
@@ -74,7 +77,8 @@ def _profile(path: Path) -> DriveProfile:
 @cache
 def _shipped() -> dict[str, Path]:
     """Files whose name begins with ``_`` are only extended, they are no model."""
-    return {path.stem: path for path in sorted(DATA.glob("*/*.toml")) if not path.name.startswith("_")}
+    families = [_toml_files(family) for family in sorted(_inside(DATA)) if family.is_dir()]
+    return {path.stem: path for files in families for path in files if not path.name.startswith("_")}
 
 
 def own_directory() -> Path:
@@ -84,7 +88,22 @@ def own_directory() -> Path:
 
 
 def _own() -> dict[str, Path]:
-    return {path.stem: path for path in own_directory().glob("*.toml")}
+    return {path.stem: path for path in _toml_files(own_directory())}
+
+
+def _toml_files(folder: Path) -> list[Path]:
+    return sorted(path for path in _inside(folder) if path.suffix == ".toml")
+
+
+def _inside(folder: Path) -> list[Path]:
+    """What is in a folder; nothing where there is none. Raises ProfileError: no file is missing because its folder
+    could not be read."""
+    try:
+        return list(folder.iterdir())
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise _lone(folder, problem("unreadable", (), error.strerror or str(error))) from None
 
 
 def _find(model: str | Path, beside: Path | None = None) -> Path:
@@ -95,7 +114,9 @@ def _find(model: str | Path, beside: Path | None = None) -> Path:
         if not path.is_file():
             raise _lone(path, problem("no_file", (), name))
         return path.resolve()
-    shipped, own = _shipped().get(name), _own().get(name)
+    shipped, own = _shipped().get(name), None
+    with suppress(ProfileError) if shipped else nullcontext():
+        own = _own().get(name)
     if shipped and own:
         raise _lone(own, problem("shadows", (), name))
     found = shipped or own
