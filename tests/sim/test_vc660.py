@@ -257,6 +257,19 @@ def test_a_jog_bit_jogs_while_it_is_set(bit: int, sign: int) -> None:
     story(told())
 
 
+def test_a_run_at_the_keypad_after_a_jog_is_a_run_and_takes_a_new_frequency() -> None:
+    async def told() -> tuple[int, float]:
+        async with Desk("sim://vc660@1?ramp=1") as desk:
+            await desk.ask(write(0x2000, 0x0008))
+            await desk.ask(write(0x2000, 0x0000), 2.0)
+            desk.station().press_run(10.0)
+            await desk.ask(write(0x2001, 2000), 2.0)
+            return (await desk.ask(read(0x3000, 1))).values[0], desk.station().motor.target_hz
+
+    status, target_hz = story(told())
+    assert status & 1 << 8 == 0 and target_hz == 20.0
+
+
 def test_a_jog_has_no_dead_man() -> None:
     async def told() -> None:
         async with Desk("sim://vc660@1") as desk:

@@ -178,7 +178,7 @@ class Station(ABC):
 
     def press_run(self, frequency_hz: float, reverse: bool = False) -> None:
         """A person starts the drive at the keypad."""
-        self.setpoint_hz, self.reverse = frequency_hz, reverse
+        self.setpoint_hz, self.reverse, self.jogging = frequency_hz, reverse, False
         self.direct(frequency_hz)
 
     def press_stop(self) -> None:
