@@ -159,3 +159,21 @@ def test_the_example_of_the_page_is_a_capture(tmp_path: Path, page: str) -> None
     path.write_text(text.split("```")[1].lstrip("\n"), encoding="utf-8")
     capture = read_capture(path)
     assert (len(capture.records), capture.truncated, capture.header.writer) == (5, False, "drivebus 0.1.0")
+
+
+def test_g12_a_disk_that_fails_at_the_end_is_told_and_raises_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A network disk may say only at close that nothing was kept."""
+    writer = written(tmp_path / "a.dbcap")
+    plain = os.close
+
+    def full(fd: int) -> None:
+        plain(fd)
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as context:
+        context.setattr(os, "close", full)
+        writer.close()
+        writer.close()
+    assert writer.error is not None and writer.error.errno == 28

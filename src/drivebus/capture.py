@@ -105,10 +105,14 @@ class CaptureWriter:
         self._put(json.dumps({"t": round(now - self._zero, 6), "event": name, **details}, ensure_ascii=False) + "\n")
 
     def close(self) -> None:
-        """End the capture. Idempotent."""
+        """End the capture. Idempotent; a disk that only now tells that it failed is in ``error`` too."""
         fd, self._fd = self._fd, -1
-        if fd >= 0:
+        if fd < 0:
+            return
+        try:
             os.close(fd)
+        except OSError as error:
+            self.error = self.error or error
 
     def _put(self, line: str) -> None:
         if self._fd < 0 or self.error is not None:

@@ -27,6 +27,8 @@ SLACK_S = 20e-6
 """An alarm that is due within this time is served now: arming the timer again would take as long."""
 
 
+BEHIND_S = 0.001
+"""How soon a bus whose own clock is behind this one is called back: without a pause it would hold up the whole loop."""
 NEAR_S = 0.01
 """Setting a kernel timer costs as much as a whole transaction. Deadlines are far and seldom reached, gaps are near:
 each has a waker of its own, so that a gap does not cost the deadline its setting."""
@@ -74,7 +76,12 @@ class PreciseTimer:
     def _wakers(self, loop: asyncio.AbstractEventLoop) -> tuple[Waker, Waker]:
         if sys.platform == "linux":
             with contextlib.suppress(OSError, NotImplementedError, AttributeError):
-                near, far = _FdWaker(loop, self._fire), _FdWaker(loop, self._fire)
+                near = _FdWaker(loop, self._fire)
+                try:
+                    far = _FdWaker(loop, self._fire)
+                except BaseException:
+                    near.close()
+                    raise
                 self.precise = True
                 self.now = partial(time.clock_gettime, BOOTTIME)
                 return near, far
@@ -121,6 +128,10 @@ class PreciseTimer:
                     if when > now:
                         spin(self.now, when)
                     alarm.callback()
+                    if (
+                        alarm.when == when
+                    ):  # its bus has a clock of its own, which has not come so far: look again later
+                        alarm.when = now + BEHIND_S
                 elif when != NEVER and (not alarm.queued or when < alarm.queued[-1]):
                     self.look_at(alarm, when)
         finally:

@@ -24,8 +24,17 @@ class Alarm:
         self._timer: TimerFd | None = None
         if isinstance(loop, asyncio.SelectorEventLoop):
             with contextlib.suppress(OSError):
-                self._timer = TimerFd()
-                loop.add_reader(self._timer.fd, self._rang)
+                self._timer = self._watched(loop)
+
+    def _watched(self, loop: asyncio.AbstractEventLoop) -> TimerFd:
+        """Raises OSError where the system has none left, or the selector has no room for it."""
+        timer = TimerFd()
+        try:
+            loop.add_reader(timer.fd, self._rang)
+        except BaseException:
+            timer.close()
+            raise
+        return timer
 
     def set(self, when: float | None) -> None:
         """Ring at ``when`` (loop time; the past rings at the next turn), or not at all."""

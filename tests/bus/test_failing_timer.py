@@ -1,0 +1,104 @@
+"""The system has no timer left, or a bus was given a clock that stands still for a while (G12)."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from buskit import LINE, Station, ask_read, link, wire
+from drivebus.bus import Bus
+from drivebus.bus import timer as timers
+from drivebus.sim.alarm import Alarm
+from drivebus.testing.playbook import ScriptedPort
+from drivebus.testing.virtual import VirtualLoop, run
+from drivebus.timerfd import TimerFd
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has timerfd")
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+class Scarce:
+    """The ``fails``-th of these is one too many."""
+
+    def __init__(self, plain: Any, fails: int) -> None:
+        self.plain, self.fails, self.made = plain, fails, 0
+
+    def __call__(self, *given: Any) -> Any:
+        self.made += 1
+        if self.made == self.fails:
+            raise OSError(24, "Too many open files")
+        return self.plain(*given)
+
+
+@linux
+@pytest.mark.parametrize("what", ["timer", "reader"])
+@pytest.mark.parametrize("fails", [1, 2])
+def test_g12_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_open(
+    monkeypatch: pytest.MonkeyPatch, fails: int, what: str
+) -> None:
+    async def told() -> None:
+        before, loop = open_files(), asyncio.get_running_loop()
+        with monkeypatch.context() as context:
+            if what == "timer":
+                context.setattr(timers, "TimerFd", Scarce(timers.TimerFd, fails))
+            else:
+                context.setattr(loop, "add_reader", Scarce(loop.add_reader, fails))
+            timer = timers.acquire(loop)
+        assert not timer.precise and open_files() == before
+        rang = asyncio.Event()
+        timer.alarm(rang.set).set(timer.now() + 0.01)
+        await asyncio.wait_for(rang.wait(), 5)
+        timers.release(loop)
+
+    asyncio.run(told())
+
+
+@linux
+@pytest.mark.parametrize("what", ["timer", "reader"])
+def test_g12_the_simulations_alarm_rings_without_a_kernel_timer_too(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+    async def told() -> None:
+        before, loop, rang = open_files(), asyncio.get_running_loop(), asyncio.Event()
+        with monkeypatch.context() as context:
+            if what == "timer":
+                context.setattr("drivebus.sim.alarm.TimerFd", Scarce(TimerFd, 1))
+            else:
+                context.setattr(loop, "add_reader", Scarce(loop.add_reader, 1))
+            alarm = Alarm(loop, rang.set)
+        assert open_files() == before
+        alarm.set(loop.time() + 0.01)
+        await asyncio.wait_for(rang.wait(), 5)
+        alarm.close()
+
+    asyncio.run(told())
+
+
+def test_g12_a_bus_whose_clock_stands_still_holds_up_nobody_else_and_goes_on_with_it() -> None:
+    """A clock of its own (the seam), which says the same for 5 s while the loop's goes on."""
+
+    async def told() -> None:
+        loop, turns = asyncio.get_running_loop(), 0
+        assert isinstance(loop, VirtualLoop)
+
+        def clock() -> float:
+            nonlocal turns
+            turns += 1
+            assert turns < 20_000, "asks for the time again and again, and nobody else gets a turn"
+            return loop.time() if not 1.0 < loop.time() < 6.0 else 1.0
+
+        bus = Bus(ScriptedPort(wire(Station()), LINE), clock=clock)
+        bus.add(link())
+        await bus.open()
+        await asyncio.sleep(0.99)
+        await asyncio.wait_for(bus.transact(ask_read()), 10)  # believed or not: nobody can tell when it came
+        assert 5.9 < loop.time() < 6.5
+        assert (await bus.transact(ask_read())).error is None
+        await bus.close()
+
+    run(told())
