@@ -128,9 +128,7 @@ class PreciseTimer:
                     if when > now:
                         spin(self.now, when)
                     alarm.callback()
-                    if (
-                        alarm.when == when
-                    ):  # its bus has a clock of its own, which has not come so far: look again later
+                    if alarm.when == when:  # its bus's own clock has not come so far
                         alarm.when = now + BEHIND_S
                 elif when != NEVER and (not alarm.queued or when < alarm.queued[-1]):
                     self.look_at(alarm, when)
