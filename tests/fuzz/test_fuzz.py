@@ -1,0 +1,97 @@
+"""The fuzzing harnesses hold (I8, G01, G02): they keep to the codecs' promises, and notice whoever does not."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.errors import CodeError, ProtocolError
+from drivebus.message import Complete, CompleteIfSilent, Incomplete, Verdict
+from fuzz.harness import SEALED, Broken, check
+from fuzz.targets import TARGETS
+
+HERE = Path(__file__).resolve().parent
+SCRIPTS = {path.stem.removeprefix("fuzz_").replace("_", "-"): path for path in HERE.glob("fuzz_*.py")}
+
+
+def test_every_target_has_its_harness() -> None:
+    assert SCRIPTS.keys() == TARGETS.keys()
+    for name, script in SCRIPTS.items():
+        assert f'main("{name}")' in script.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_seeds_and_bytes_near_them_break_no_promise(name: str) -> None:
+    rng, target = random.Random(1), TARGETS[name]
+    for seed in target.seeds():
+        target.one_input(seed)
+        data = bytearray(seed)
+        data[rng.randrange(len(data))] = rng.randrange(256)
+        data[0] |= SEALED * rng.randrange(2)
+        target.one_input(bytes(data))
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_sealed_bytes_come_past_the_check(name: str) -> None:
+    """Else the fuzzer would see nothing but the refusal of their sum."""
+    rng, target, read = random.Random(2), TARGETS[name], 0
+    for _ in range(3000):
+        body = bytes(rng.choice((0, 0, 1, 1, 2, 3, 6, 16)) for _ in range(rng.randrange(3, 13)))
+        try:
+            read += isinstance(target.codec.decode_request(target.seal(body)), Complete)
+        except ProtocolError as error:
+            read += isinstance(error, CodeError)
+    assert read > 5
+
+
+def lying(*verdicts: Verdict | Exception) -> Any:
+    """A decoder that says this for 0, 1, 2 ... bytes, and the last for all that are more."""
+
+    def decode(data: bytes) -> Verdict:
+        verdict = verdicts[min(len(data), len(verdicts) - 1)]
+        if isinstance(verdict, Exception):
+            raise verdict
+        return verdict
+
+    return decode
+
+
+LIES = [
+    lying(Incomplete(1), Incomplete(1)),
+    lying(Incomplete(3), Incomplete(3), Complete("early", 2)),
+    lying(Incomplete(1), Incomplete(2), Complete("longer than it is", 3)),
+    lying(Incomplete(1), Incomplete(2), Complete("nothing", 0)),
+    lying(Incomplete(1), CompleteIfSilent("a", 1, 1)),
+    lying(Incomplete(1), Incomplete(2), Complete("a", 1), Complete("b", 1)),
+]
+
+
+@pytest.mark.parametrize("decode", LIES)
+def test_a_decoder_that_lies_is_noticed(decode: Any) -> None:
+    with pytest.raises(Broken):
+        check(decode, b"\x01\x02\x03")
+
+
+def test_any_other_error_comes_out_as_it_is() -> None:
+    with pytest.raises(IndexError):
+        check(lying(Incomplete(1), IndexError()), b"\x01")
+
+
+def test_a_truthful_decoder_passes() -> None:
+    check(lying(Incomplete(2), Incomplete(2), CompleteIfSilent("a", 2, 3), Complete("b", 3)), b"\x01\x02\x03\x04")
+
+
+@pytest.mark.parametrize("name", ["dzb100"])
+def test_a_harness_runs_under_atheris(name: str) -> None:
+    if importlib.util.find_spec("atheris") is None:
+        pytest.skip("atheris is missing: install it with `pip install atheris` (Linux; wheels up to Python 3.13)")
+    command = [sys.executable, str(SCRIPTS[name]), "-runs=2000", "-seed=1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "Done 2000 runs" in done.stderr
