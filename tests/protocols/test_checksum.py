@@ -57,6 +57,8 @@ def test_a_value_that_does_not_fit_is_refused_not_cut(value: int, width: int) ->
         checksum.hex_digits(value, width)
     with pytest.raises(ValueError, match="does not fit"):
         checksum.decimal_digits(10**width, width)
+    with pytest.raises(ValueError, match="does not fit"):
+        checksum.decimal_digits(-1, width)
 
 
 @pytest.mark.parametrize(

@@ -430,3 +430,177 @@ def test_the_effect_of_a_request_is_read_from_its_bytes(request: dzb.Request) ->
 )
 def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
     assert dzb.effect(frame) is Effect.MOTION
+
+
+LAST: list[dzb.Request] = [
+    *(dzb.Query(address, 0) for address in (1, 31)),
+    *(dzb.Query(1, item) for item in (0, 3)),
+    *(dzb.ReadParameter(1, parameter) for parameter in (0, 80)),
+    *(dzb.WriteParameter(31, 80, word) for word in (0, 0xFFFF)),
+    dzb.Control(31, Command.FORWARD, 0xFFFF),
+    dzb.Control(0, Command.STOP, everyone=True),
+]
+
+
+@pytest.mark.parametrize("asked", LAST, ids=str)
+def test_the_last_lawful_value_of_every_field_is_sent_and_answered(asked: dzb.Request) -> None:
+    frame = CODEC.encode_request(asked)
+    assert CODEC.decode_request(frame) == Complete(asked, 11)
+    if asked.address:
+        reply = dzb.Reply(chr(asked.head), asked.address, asked.index, asked.data, True)
+        assert CODEC.decode_reply(asked, CODEC.encode_reply(reply)) == Complete(reply, 11)
+
+
+NAMED = [
+    (dzb.Query(0, 0), "address 0: expected 1 to 31"),
+    (dzb.Query(32, 0), "address 32: expected 1 to 31"),
+    (dzb.Control(1, Command.STOP, everyone=True), "address 1: expected 0 to 0"),
+    (dzb.Query(1, 4), "item 4: expected 0 to 3"),
+    (dzb.Query(1, -1), "item -1: expected 0 to 3"),
+    (dzb.ReadParameter(1, 81), "parameter 81: expected 0 to 80"),
+    (dzb.WriteParameter(1, -1, 0), "parameter -1: expected 0 to 80"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "sentence"), NAMED, ids=str)
+def test_a_field_out_of_range_is_named_with_its_limits(wrong: dzb.Request, sentence: str) -> None:
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        CODEC.encode_request(wrong)
+
+
+UNHEARD = [
+    (b"Q\x03\x013200000000", AddressError, "protocols.dzb.address_range", 31, 32, None),
+    (b"Q\x03\x020100000000", CodeError, "protocols.dzb.mark", "01, 02", 2, None),
+    (b"C\x03\x030101000000", CodeError, "protocols.dzb.mark", "01, 02", 3, None),
+    (b"C\x03\x010119000000", CodeError, "protocols.dzb.command", "0-8", 9, None),
+    (b"Q\x03\x010A00000000", AlphabetError, "protocols.alphabet", "0-9", ord("A"), 4),
+    (b"Q\x03\x0101x0000000", AlphabetError, "protocols.alphabet", "0-9", ord("x"), 5),
+    (b"Q\x03\x01010000a000", AlphabetError, "protocols.alphabet", "0-9 A-F", ord("a"), 9),
+    (b"C\x04", ChecksumError, "protocols.dzb.checksum", 3, 4, None),
+    (b"X", HeaderError, "protocols.dzb.header", "C, P, R, Q", ord("X"), None),
+]
+
+
+@pytest.mark.parametrize(("frame", "kind", "key", "expected", "found", "position"), UNHEARD, ids=repr)
+def test_a_station_refuses_a_frame_with_both_numbers_and_the_place(
+    frame: bytes, kind: type[ProtocolError], key: str, expected: object, found: object, position: int | None
+) -> None:
+    """Also the first bytes alone are refused at once: no later byte can mend them."""
+    with pytest.raises(kind) as caught:
+        CODEC.decode_request(frame)
+    error = caught.value
+    assert (error.key, error.expected, error.found, error.params.get("position")) == (key, expected, found, position)
+
+
+@pytest.mark.parametrize("address", [0, 1, 31, 32])
+def test_a_reply_comes_from_one_of_31_drives(address: int) -> None:
+    frame = b"Q\x03\x06%02d000000" % address
+    asked = dzb.Query(address, 0)
+    if 1 <= address <= 31:
+        assert CODEC.decode_reply(asked, frame).size == 11
+        return
+    with pytest.raises(AddressError) as caught:
+        CODEC.decode_reply(asked, frame)
+    assert (caught.value.key, caught.value.expected) == ("protocols.dzb.address_range", 31)
+
+
+@pytest.mark.parametrize("digit", [None, -1, 9])
+def test_t20_a_state_digit_is_one_of_nine(digit: int | None) -> None:
+    with pytest.raises(ValueError, match="only a C reply has one, 0 to 8"):
+        CODEC.encode_reply(dzb.Reply("C", 1, 0, 0, None, digit))
+    for lawful in (0, 8):
+        assert CODEC.encode_reply(dzb.Reply("C", 1, 0, 0, None, lawful))[2] == ord("0") + lawful
+
+
+def test_only_a_broadcast_has_the_mark_of_one() -> None:
+    """02 in a read would be obeyed by nobody knows whom."""
+    for head in b"PRQ":
+        with pytest.raises(CodeError):
+            CODEC.decode_request(bytes((head, 3, 2)) + b"00010000")
+    assert CODEC.decode_request(b"C\x03\x0200010000").message == dzb.Control(0, Command.FORWARD, 0, everyone=True)
+
+
+FIELDS: list[tuple[bytes, str | None, dict[str, Any]]] = [
+    (b"C\x03\x01031100C8", None, {"broadcast": False, "address": 3, "command": 1, "command_name": "forward",
+                                "data": 200, "frequency_hz": 20.0}),
+    (b"C\x03\x020005FFFF", None, {"broadcast": True, "address": 0, "command": 5, "command_name": "jog_forward",
+                                "data": 65535, "frequency_hz": 6553.5}),
+    (b"C\x03\x0103020000", None, {"broadcast": False, "address": 3, "command": 2, "command_name": "stop", "data": 0}),
+    (b"C\x03\x0103080000", None, {"broadcast": False, "address": 3, "command": 8, "command_name": "reset", "data": 0}),
+    (b"C\x03\x0103190064", "request", {"broadcast": False, "address": 3, "command": 9, "data": 100}),
+    (b"C\x03\x0503020000", "request", {"address": 3, "command": 2, "command_name": "stop", "data": 0}),
+    (b"C\x03\x0603010064", None, {"accepted": True, "address": 3, "command": 1, "command_name": "forward",
+                                "data": 100, "frequency_hz": 10.0}),
+    (b"C\x03\x3503010064", None, {"accepted": None, "digit": 5, "address": 3, "command": 1,
+                                "command_name": "forward", "data": 100, "frequency_hz": 10.0}),
+    (b"P\x03\x0103070005", None, {"address": 3, "parameter": 7, "data": 5}),
+    (b"P\x03\x0703070005", None, {"accepted": False, "address": 3, "parameter": 7, "data": 5}),
+    (b"R\x03\x0103070000", None, {"address": 3, "parameter": 7}),
+    (b"R\x03\x0603070005", None, {"accepted": True, "address": 3, "parameter": 7, "data": 5}),
+    (b"Q\x03\x0103010000", None, {"address": 3, "item": 1}),
+    (b"Q\x03\x06030001F4", None, {"accepted": True, "address": 3, "item": 0, "data": 500, "frequency_hz": 50.0}),
+    (b"Q\x03\x06030101F4", None, {"accepted": True, "address": 3, "item": 1, "data": 500, "frequency_hz": 50.0}),
+    (b"Q\x03\x06030201F4", None, {"accepted": True, "address": 3, "item": 2, "data": 500}),
+    (b"Q\x03\x0603031212", None, {"accepted": True, "address": 3, "item": 3, "data": 0x1212, "command": 1,
+                                "state": 2, "fault_code": 12}),
+    (b"Q\x03\x060303121F", None, {"accepted": True, "address": 3, "item": 3, "data": 0x121F}),
+    (b"Q\x03\x06030\xff0000", None, {}),
+    (b"Q\x03\x0603", None, {}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("frame", "direction", "fields"), FIELDS, ids=repr)
+def test_a_frame_is_shown_with_these_fields_and_no_others(frame: bytes, direction: Any, fields: dict[str, Any]) -> None:
+    assert dict(dzb.describe(frame, direction=direction).fields) == {"head": chr(frame[0])} | fields
+
+
+def test_what_is_no_frame_at_all_is_shown_with_nothing() -> None:
+    for data in (b"", b"X\x03\x0103010000"):
+        found = dzb.describe(data)
+        assert (dict(found.fields), found.valid, found.canonical) == ({}, False, None)
+
+
+def test_the_direction_is_what_was_said_else_what_byte_2_says() -> None:
+    control = b"C\x03\x0103010064"
+    assert dzb.describe(control, direction="response").direction == "response"
+    assert dzb.describe(control, request=control).direction == "response"
+    assert dzb.describe(control).direction == "request"
+    assert dzb.describe(b"C\x03\x0203010064").direction == "request"
+    assert dzb.describe(b"C\x03\x0303010064").direction == "response"
+
+
+def test_t20_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
+    """Only where nobody said what it is, and only a whole frame that a drive could have sent."""
+    control = b"C\x03\x0103010064"
+    (reading,) = dzb.describe(control).readings
+    assert reading.note == ("protocols.dzb.reading.state_digit", {"digit": 1})
+    assert dict(reading.fields) == {"accepted": None, "digit": 1}
+    for data, options in (
+        (control, {"direction": "request"}),
+        (control, {"direction": "response"}),
+        (b"C\x03\x01031900C8", {}),
+        (b"C\x03\x0200010064", {}),
+        (b"Q\x03\x0103010000", {}),
+    ):
+        assert dzb.describe(data, **options).readings == (), data  # type: ignore[arg-type]
+
+
+def test_a_state_word_that_can_not_be_is_a_problem_of_a_done_answer_to_q03_only() -> None:
+    for frame, key in (
+        (b"Q\x03\x060303121F", "protocols.dzb.fault_digits"),
+        (b"Q\x03\x070303121F", None),
+        (b"Q\x03\x060302121F", None),
+        (b"R\x03\x060303121F", None),
+    ):
+        found = dzb.describe(frame)
+        assert [name for name, _ in found.problems] == [key][: key is not None], frame
+        assert found.canonical == (None if key else frame)
+    assert dzb.describe(b"Q\x03\x010303121F").valid, "a request has no state"
+
+
+def test_a_reply_is_described_against_a_whole_request() -> None:
+    reply, asked = b"Q\x03\x06030001F4", b"Q\x03\x0103000000"
+    assert dzb.describe(reply, request=asked).valid
+    assert [key for key, _ in dzb.describe(reply, request=asked + b"0").problems] == ["protocols.trailing"]
+    assert [key for key, _ in dzb.describe(reply, request=asked[:-1]).problems] == ["protocols.length"]
+    assert [key for key, _ in dzb.describe(reply + b"0", request=asked).problems] == ["protocols.trailing"]
