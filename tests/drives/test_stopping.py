@@ -10,7 +10,7 @@ from drivebus.drives.dialect import Stop
 from drivebus.drives.state import OutcomeWord
 from drivebus.drives.stopping import PATIENCE_S, stop
 from drivebus.errors import Superseded
-from drivebus.message import Lane, WriteClass
+from drivebus.message import Answer, Ask, Lane, WriteClass
 from drivebus.protocols import dzb, modbus, sifang
 from drivekit import PaperC320, PaperModbus, World, dialect_of, talk_of
 
@@ -194,6 +194,27 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
     for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
         world = World(dialect_of("dzb100"), Paper(output, state))
         assert world.play(stop(talk_of(world.dialect))).word == word
+
+
+def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
+    """A DZB100 that slows down from 30 Hz within 3 s and has no ramp to read, on a line with many other drives."""
+
+    def slowing(request: Any) -> Any:
+        if isinstance(request, dzb.Control):
+            return dzb.Reply("C", 1, request.index, 0, True)
+        if isinstance(request, dzb.ReadParameter):
+            return dzb.Reply("R", 1, request.index, 0, True)
+        output = max(0, round(300 - 100 * world.now))
+        return dzb.Reply("Q", 1, request.item, {1: output, 3: 0x0100 * (output > 0)}[request.item], True)
+
+    class Crowded(World):
+        def transact(self, ask: Ask) -> Answer:
+            self.pass_time(0.35)
+            return super().transact(ask)
+
+    world = Crowded(dialect_of("dzb100"), slowing)
+    assert world.play(stop(talk_of(world.dialect))).word is OutcomeWord.CONFIRMED
+    assert world.now > PATIENCE_S + 3.0
 
 
 def test_superseded_reads_do_not_end_a_stop() -> None:

@@ -11,7 +11,7 @@ from math import inf, isfinite
 from typing import Any
 
 from drivebus.drives import gate
-from drivebus.drives.book import Book
+from drivebus.drives.book import Book, Facts
 from drivebus.drives.dialect import Frame, fault_of
 from drivebus.drives.gate import Command, Evidence, Kind
 from drivebus.drives.memory import Memory
@@ -57,6 +57,9 @@ class Talk:
         """What came of the last frame that moves."""
         self.within_limits = False
         """Frequency and direction of this command were checked against drive and user."""
+        self.slowed_at: float | None = None
+        """When a reading last showed a lower output frequency than any before it in this conversation."""
+        self._lowest_hz: float | None = None
         self._commands: deque[Exchange] = deque(maxlen=KEPT_COMMANDS)
         self._reads: deque[Exchange] = deque(maxlen=KEPT_READS)
 
@@ -119,8 +122,19 @@ class Talk:
         """One read, taken into the book."""
         answer = yield from self.ask(request)
         if answer.error is None and answer.reply is not None:
-            self.book.note(self.dialect.facts(request, answer.reply, answer.received_at))
+            facts = self.dialect.facts(request, answer.reply, answer.received_at)
+            self.book.note(facts)
+            self._watch_for_slowing(facts)
         return answer
+
+    def _watch_for_slowing(self, facts: Facts) -> None:
+        """Each reading counts: on a slow line with many drives a look of several reads takes a second."""
+        reading = facts.get("output_frequency")
+        if reading is None or not isinstance(reading.value, int | float):
+            return
+        if self._lowest_hz is not None and reading.value < self._lowest_hz:
+            self.slowed_at = reading.source_time
+        self._lowest_hz = float(reading.value if self._lowest_hz is None else min(self._lowest_hz, reading.value))
 
     def fence(self, avoid: Any = None) -> Conversation[DrivebusError | None]:
         """Prove that this station's replies are current (ruling 2). Returns what went wrong."""

@@ -32,21 +32,19 @@ class Progress:
     def __init__(self, talk: Talk, begun: float, drives: int = 1) -> None:
         """``drives``: so many are stopped at once and looked at in turns."""
         self._talk, self._begun, self._drives = talk, begun, drives
-        self._since = begun
+        self._since = self._noted = begun
+
+    @property
+    def _slowing_at(self) -> float:
         """When the drive was last seen to slow down."""
-        self._lowest_hz: float | None = None
+        return max(self._since, self._talk.slowed_at or self._begun)
 
     def note(self, now: float) -> bool:
-        """Is it slowing down? A lower frequency than ever seen in this stop, or a decelerating state."""
-        reading = self._talk.book.latest.get("output_frequency")
-        value = None if reading is None else reading.value
-        if isinstance(value, int | float) and (self._lowest_hz is None or value < self._lowest_hz):
-            if self._lowest_hz is not None:
-                self._since = now
-            self._lowest_hz = float(value)
+        """Is it slowing down? A lower frequency than ever seen in this stop since the last look, or such a state."""
         if self._talk.verdict.state in (DriveState.DECELERATING, DriveState.BRAKING):
             self._since = now
-        return self._since == now
+        before, self._noted = self._noted, self._slowing_at
+        return self._noted > before
 
     @property
     def alarm_at(self) -> float:
@@ -54,7 +52,7 @@ class Progress:
         ramp, pace = self._talk.memory.deceleration_s or 0.0, self._talk.pace_s
         patience = max(PATIENCE_S, PATIENCE_TRANSACTIONS * self._drives * pace if isfinite(pace) else 0.0)
         by_its_ramp = self._begun + PATIENCE_S + ramp
-        return min(max(self._since + patience, by_its_ramp), max(self._begun + LONGEST_S, by_its_ramp))
+        return min(max(self._slowing_at + patience, by_its_ramp), max(self._begun + LONGEST_S, by_its_ramp))
 
 
 def stop(
