@@ -1,0 +1,285 @@
+"""The campaign ``failures`` runs clean, repeats itself, and finds planted ways to fall over a failing call (G12)."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.bus import timer as timers
+from drivebus.bus.core import BusCore
+from drivebus.bus.shell import Shell
+from drivebus.capture import CaptureWriter
+from drivebus.drives import store as stores
+from drivebus.drives.wear import Wear
+from drivebus.lab import failing_files as files
+from drivebus.lab.campaign import Session, perform
+from drivebus.lab.campaigns import failures
+from drivebus.lab.disk import Disk, Killed, installed
+from drivebus.lab.failing_port import PortStory
+from drivebus.lab.failing_time import kernel_timers, still_clock
+from drivebus.lab.faultyport import ERRORS
+from drivebus.lab.kinds import BY_NAME, Kind
+
+VC660 = BY_NAME["vc660"]
+
+
+LINES: list[str] = []
+
+
+def session(budget: int = 4) -> Session:
+    return Session("failures", 1, budget, listener=LINES.append)
+
+
+def told(what: str) -> bool:
+    return any(line.startswith("VIOLATION") and what in line for line in LINES)
+
+
+def test_every_seam_bears_its_failures() -> None:
+    found = perform(failures.CAMPAIGN, session(2))
+    assert found.violations == []
+    assert found.trials == 2 * len(found.figures) == 26
+
+
+def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
+    code = (
+        "from drivebus.lab.campaign import Session, perform\n"
+        "from drivebus.lab.campaigns.failures import CAMPAIGN\n"
+        "print(perform(CAMPAIGN, Session('failures', 5, 1)).digest)"
+    )
+    digests = {
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(digests) == 1
+
+
+# --- the port --------------------------------------------------------------------------------------------------------
+
+
+def port(kind: Kind, calls: str, error: str, every: int = 1, most: int = 12) -> Session:
+    """The calls of this name fail, one in each run."""
+    found = session()
+    row = PortStory(found, kind, "clean").fails()
+    places = [nth for nth, call in enumerate(row, 1) if call == calls]
+    for nth in places[::every][:most]:
+        PortStory(found, kind, f"{nth}").fails(nth, error)
+    return found
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_a_port_that_can_not_be_opened_or_closed_is_borne(error: str) -> None:
+    for calls in ("open", "close"):
+        assert port(VC660, calls, error).violations == []
+
+
+def test_an_error_of_the_port_that_escapes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def plainly(shell: Shell) -> None:
+        await shell.port.close()
+
+    monkeypatch.setattr(Shell, "_let_go", plainly)
+    port(VC660, "close", "EIO")
+    assert told("close raised OSError")
+
+
+def test_a_bus_that_does_not_open_its_port_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(shell: Shell) -> None:
+        return
+
+    monkeypatch.setattr(Shell, "_reopen", never)
+    port(VC660, "write", "PortLost", every=30, most=4)
+    assert told("G12 the bus does not work again") or told("the motor stays on")
+
+
+def test_i6_a_frame_on_top_of_one_that_left_although_it_failed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = BusCore.opened
+
+    def hasty(core: BusCore, now: float) -> Any:
+        core._quiet_since = now
+        return plain(core, now)
+
+    monkeypatch.setattr(BusCore, "opened", hasty)
+    found = session()
+    row = PortStory(found, VC660, "clean").fails()  # a stop is the only frame that goes at once after an opening
+    frames = [line for line in LINES if " > " in line]
+    stop = next(place for place, line in enumerate(frames) if " stop " in line)
+    for nth in [nth for nth, call in enumerate(row, 1) if call == "write"][stop - 3 : stop + 2]:
+        PortStory(found, VC660, "late").fails(nth, "EIO", True)
+    assert told("I6")
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def failing(play: Callable[[Session, Disk], None], folder: Path, errors: Any, every: int = 1) -> Session:
+    """Each call to files fails, in each of these ways."""
+    found = session()
+    clean = Disk(folder / "clean")
+    clean.folder.mkdir()
+    play(found, clean)
+    for nth in range(1, clean.calls + 1, every):
+        for number, how in enumerate(errors):
+            place = folder / f"{nth}-{number}"
+            place.mkdir()
+            play(found, Disk(place, nth, **how))
+    return found
+
+
+def test_a_store_that_is_written_in_place_is_found_torn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def in_place(path: Path, text: str) -> None:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(text)
+
+    monkeypatch.setattr(stores, "_replace", in_place)
+    failing(files.store, tmp_path, (failures.KILL,), 2)
+    assert told("torn")
+
+
+def test_a_store_that_is_not_synced_is_found_torn_after_a_power_cut(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def unsynced(path: Path, text: str) -> None:
+        part = path.with_name("part")
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+        part.replace(path)
+
+    monkeypatch.setattr(stores, "_replace", unsynced)
+    failing(partial(files.store, power=True), tmp_path, (failures.KILL,))
+    assert told("torn")
+
+
+def test_saves_that_are_counted_too_late_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    plain = Wear.saved
+
+    def charge(wear: Wear, notation: str, day: str) -> Any:
+        return
+        yield
+
+    def saved(wear: Wear, notation: str) -> Any:
+        yield from wear._change(notation, lambda old: type(old)("2026-01-01", old.today + 1, old.total + 1))
+        yield from plain(wear, notation)
+
+    monkeypatch.setattr(Wear, "charge", charge)
+    monkeypatch.setattr(Wear, "saved", saved)
+    failing(files.store, tmp_path, (failures.KILL,), 2)
+    assert told("are counted")
+
+
+def recording(found: Session, disk: Disk) -> None:
+    records = KEPT.setdefault("records", [])
+    files.capture(found, disk, KEPT.setdefault("lines", []), records)
+
+
+KEPT: dict[str, Any] = {}
+
+
+@pytest.fixture(autouse=True)
+def _forgotten() -> None:
+    KEPT.clear()
+    LINES.clear()
+
+
+def test_a_recording_that_ends_silently_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def silently(writer: CaptureWriter, line: str) -> None:
+        if not hasattr(writer, "_over"):
+            try:
+                os.write(writer._fd, line.encode())
+            except OSError:
+                writer._over = True  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(CaptureWriter, "_put", silently, raising=True)
+    monkeypatch.setattr(CaptureWriter, "__slots__", (), raising=False)
+    failing(recording, tmp_path, failures.CAPTURE[:1], 40)
+    assert told("nobody says so")
+
+
+def test_a_recording_whose_failure_reaches_the_bus_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def put(writer: CaptureWriter, line: str) -> None:
+        os.write(writer._fd, line.encode())
+
+    monkeypatch.setattr(CaptureWriter, "_put", put)
+    try:
+        failing(recording, tmp_path, failures.CAPTURE[:1], 40)
+    except OSError:
+        return
+    assert told("changed what the bus does")
+
+
+def test_sentences_that_fail_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(i18n, "_sentence", lambda key, language: i18n.catalogue(language).get(key))
+    found = session()
+    files.sentences(found, Disk(files.SENTENCES, 5, OSError(24, "Too many open files")))
+    assert told("raised OSError")
+
+
+def test_models_that_are_lost_for_good_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def inside(folder: Path) -> list[Path]:
+        try:
+            return list(folder.iterdir())
+        except OSError:
+            return []
+
+    monkeypatch.setattr(files.LOADING, "_inside", inside)
+    found = session()
+    files.profile(found, Disk(files.PROFILES, 1, PermissionError(13, "Permission denied")))
+    files.LOADING._shipped.cache_clear()
+    assert told("is not there again")
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has timerfd")
+def test_a_timer_that_stays_open_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wakers(timer: timers.PreciseTimer, loop: Any) -> Any:
+        try:
+            return timers._FdWaker(loop, timer._fire), timers._FdWaker(loop, timer._fire)
+        except OSError:
+            waker = timers._LoopWaker(loop, timer._fire)
+            return waker, waker
+
+    monkeypatch.setattr(timers.PreciseTimer, "_wakers", wakers)
+    found = session()
+    for nth in range(1, kernel_timers(found, 0) + 1):
+        kernel_timers(found, nth)
+    assert told("stayed open")
+
+
+def test_a_clock_that_is_spun_upon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivebus.lab.failing_time.MOST", 1000)
+    monkeypatch.setattr(timers, "BEHIND_S", 1e-6)
+    found = session()
+    assert still_clock(found, 40) > 40
+    assert told("spun upon")
+
+
+# --- the disk itself -------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_program_leaves_half_a_write_and_touches_nothing_any_more(tmp_path: Path) -> None:
+    disk = Disk(tmp_path, 2)
+    with installed(disk):
+        with pytest.raises(Killed), (tmp_path / "a").open("w") as file:
+            file.write("12345678")
+            file.flush()
+        with pytest.raises(Killed):
+            (tmp_path / "a").unlink()
+    assert (tmp_path / "a").read_text() == "1234" and disk.failed == "write"
+
+
+def test_other_files_are_left_alone(tmp_path: Path) -> None:
+    disk = Disk(tmp_path / "inside", 1, OSError(5, "Input/output error"))
+    with installed(disk):
+        (tmp_path / "outside").write_text(json.dumps(1))
+    assert disk.calls == 0 and (tmp_path / "outside").read_text() == "1"
