@@ -604,3 +604,12 @@ def test_a_reply_is_described_against_a_whole_request() -> None:
     assert [key for key, _ in dzb.describe(reply, request=asked + b"0").problems] == ["protocols.trailing"]
     assert [key for key, _ in dzb.describe(reply, request=asked[:-1]).problems] == ["protocols.length"]
     assert [key for key, _ in dzb.describe(reply + b"0", request=asked).problems] == ["protocols.trailing"]
+
+
+def test_i8_a_reset_that_somebody_else_sent_with_a_frequency_raises_nothing_in_its_reply() -> None:
+    """We never send one, but a recording may hold it."""
+    asked, reply = b"C\x03\x0101089000", b"C\x03\x0601089000"
+    assert dzb.describe(reply, request=asked).valid
+    assert CODEC.decode_reply(CODEC.decode_request(asked).message, reply).message.accepted
+    found = dzb.describe(b"C\x03\x0601080000", request=asked)
+    assert [key for key, _ in found.problems] == ["protocols.dzb.data"]

@@ -155,6 +155,8 @@ def _index(request: Request) -> int:
     if isinstance(request, Control):
         if request.command not in COMMANDS:
             raise ValueError(f"command {request.command}: expected 0 to {int(Command.RESET)}")
+        if request.command == Command.RESET and request.data:
+            raise ValueError(f"a reset takes no frequency, {request.data} given")
         return request.index
     limit = LAST_ITEM if isinstance(request, Query) else LAST_PARAMETER
     _in_range("item" if isinstance(request, Query) else "parameter", request.index, 0, limit)
@@ -162,13 +164,8 @@ def _index(request: Request) -> int:
 
 
 def _data(request: Request) -> int:
-    if not isinstance(request, Control):
-        return request.data
-    if request.command in (Command.STOP, Command.STOP_2):
-        return 0
-    if request.command == Command.RESET and request.data:
-        raise ValueError(f"a reset takes no frequency, {request.data} given")
-    return request.data
+    stop = isinstance(request, Control) and request.command in (Command.STOP, Command.STOP_2)
+    return 0 if stop else request.data
 
 
 def _in_range(name: str, value: int, low: int, high: int) -> None:
