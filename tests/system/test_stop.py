@@ -124,6 +124,25 @@ def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Kin
     story(told())
 
 
+@every_family
+def test_i3_a_stop_is_on_the_wire_in_the_very_turn_of_the_loop_that_asks_for_it(kind: Kind) -> None:
+    """A turn later a poll that is due may have gone first."""
+
+    async def told() -> None:
+        async with plant(kind) as here:
+            await ending(here.drive.status())
+            await asyncio.sleep(1.0)
+            before = len(here.tap.asked)
+            stopping = asyncio.ensure_future(here.drive.stop())
+            await asyncio.sleep(0)
+            assert [one.data for one in here.tap.asked[before:]] == [
+                here.drive.dialect.codec.encode_request(stop_of(here, 1).request)
+            ]
+            await ending(stopping)
+
+    story(told())
+
+
 def start_of(here: Plant, address: int, word: int) -> Ask:
     """A start with a good permit, as the gate would give it."""
     link, dialect = here.link(address), here.drives[address].dialect
@@ -318,6 +337,22 @@ def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(ki
             here.bench.advance()
             assert all(s.motor.stopping or not s.motor.energised for s in here.bench.stations)
             assert (await stopping).confirmed
+
+    story(told())
+
+
+def test_i3_the_levels_after_a_broadcast_pulse_let_stops_go_first() -> None:
+    """VC660: somebody stops one drive while the broadcast's turnaround passes, and another one while that is sent."""
+
+    async def told() -> None:
+        async with plant(VC660, "1-3") as here:
+            stopping = asyncio.ensure_future(bus_stop(here.bus, list(here.drives.values())))
+            await asyncio.sleep(0.05)
+            alone = [asyncio.ensure_future(here.bus.transact(stop_of(here, 2)))]
+            await asyncio.sleep(0.065)
+            alone.append(asyncio.ensure_future(here.bus.transact(stop_of(here, 3))))
+            await asyncio.gather(stopping, *alone)
+            assert [one.data[0] for one in here.tap.asked[:4]] == [0, 2, 3, 0]
 
     story(told())
 

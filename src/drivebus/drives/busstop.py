@@ -59,8 +59,9 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[Exchange, ...]:
     for drive in drives:
         if "broadcast_stop" not in drive.profile.capabilities:
             continue
-        for request in drive.dialect.stop_everyone():
-            ask = Ask(drive.address, request, Lane.STOP, WriteClass.BROADCAST)
+        for place, request in enumerate(drive.dialect.stop_everyone()):
+            lane = Lane.COMMAND if place else Lane.STOP  # what follows a stop lets other stops go first (I3)
+            ask = Ask(drive.address, request, lane, WriteClass.BROADCAST)
             asks.setdefault(drive.dialect.codec.encode_request(request), ask)
     sent: list[Exchange] = []
     for _ in range(BROADCASTS if asks else 0):
