@@ -432,6 +432,29 @@ def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
     assert dzb.effect(frame) is Effect.MOTION
 
 
+@pytest.mark.parametrize(
+    ("word", "coding", "key", "expected", "found"),
+    [
+        (0x9000, "decimal", "protocols.dzb.command_digit", 8, 9),
+        (0x101F, "decimal", "protocols.dzb.fault_digits", "00-20", "1F"),
+        (0x1021, "decimal", "protocols.dzb.fault_code", 20, 21),
+        (0x1015, "hex", "protocols.dzb.fault_code", 20, 21),
+    ],
+)
+def test_a_state_word_is_refused_with_both_numbers(
+    word: int, coding: dzb.FaultCoding, key: str, expected: object, found: object
+) -> None:
+    with pytest.raises(CodeError) as caught:
+        dzb.StateWord.parse(word, coding)
+    assert (caught.value.key, caught.value.expected, caught.value.found) == (key, expected, found)
+
+
+def test_the_last_word_of_a_coding_is_a_frequency() -> None:
+    assert dzb.encode_frequency(65535.0, "hex-1") == 0xFFFF
+    assert dzb.encode_frequency(999.9, "decimal-0.1") == 0x9999
+    assert dzb.StateWord.parse(0x8F20) == dzb.StateWord(8, 15, 20)
+
+
 LAST: list[dzb.Request] = [
     *(dzb.Query(address, 0) for address in (1, 31)),
     *(dzb.Query(1, item) for item in (0, 3)),

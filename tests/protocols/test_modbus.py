@@ -495,8 +495,28 @@ def test_every_byte_that_is_no_upper_case_digit_is_refused_in_every_place_t19(pl
         if byte in b"0123456789ABCDEF" or byte == whole[place]:
             continue
         data = whole[:place] + bytes((byte,)) + whole[place + 1 :]
-        with pytest.raises(error):
+        with pytest.raises(error) as caught:
             codec.decode_reply(asked, data)
+        if error is AlphabetError:
+            assert (caught.value.found, caught.value.params["position"]) == (byte, place)
+
+
+@pytest.mark.parametrize("place", range(1, 21))
+def test_a_station_says_which_byte_of_a_request_is_no_digit_t19(place: int) -> None:
+    whole = AsciiCodec().encode_request(WriteRegisters(1, 2, (0xAB,)))
+    data = whole[:place] + b"g" + whole[place + 1 :]
+    with pytest.raises(AlphabetError) as caught:
+        AsciiCodec().decode_request(data)
+    assert (caught.value.found, caught.value.params["position"]) == (ord("g"), place)
+
+
+def test_the_length_of_a_counted_request_is_known_with_its_byte_count_and_not_before() -> None:
+    """``need`` must be honest: a reader sleeps until then."""
+    asked = WriteRegisters(1, 2, (3, 4))
+    rtu, ascii_ = RtuCodec().encode_request(asked), AsciiCodec().encode_request(asked)
+    for codec, data, known in ((RtuCodec(), rtu, 7), (AsciiCodec(), ascii_, 15)):
+        assert codec.decode_request(data[:known]) == Incomplete(len(data))
+        assert codec.decode_request(data[: known - 1]) == Incomplete({7: 9, 15: 19}[known])
 
 
 def test_ascii_is_strict_at_offset_0() -> None:
@@ -513,7 +533,8 @@ def test_resync_forgives_a_little_junk_once_when_it_is_switched_on(junk: bytes) 
     reply = codec.encode_reply(Registers(1, 3, (7,)))
     assert codec.decode_reply(asked, junk + reply) == Complete(Registers(1, 3, (7,)), len(junk + reply))
     for end in range(len(junk + reply)):
-        assert isinstance(codec.decode_reply(asked, (junk + reply)[:end]), Incomplete)
+        verdict = codec.decode_reply(asked, (junk + reply)[:end])
+        assert isinstance(verdict, Incomplete) and end < verdict.need <= len(junk + reply)
     request = codec.encode_request(asked)
     assert codec.decode_request(junk + request) == Complete(asked, len(junk + request))
     for end in range(len(junk + request)):

@@ -13,7 +13,7 @@ from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthErro
 from drivebus.message import Complete, Incomplete, Verdict
 from drivebus.protocols.checksum import hex_bytes, hex_pairs, lrc
 from drivebus.protocols.modbus import replies, requests
-from drivebus.protocols.modbus.messages import BROADCAST, ECHO_FUNCTIONS, MAX_READ, Reply, Request
+from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, Reply, Request
 from drivebus.protocols.modbus.rtu import ErrorForm
 
 START: Final = 0x3A
@@ -95,7 +95,7 @@ class AsciiCodec:
         """An 11-character short error of a write has its CR LF where its echo has digits: nothing is ambiguous."""
         head = hex_bytes(frame[1:7], start=1)
         extent = replies.reply_extent(request, head, self._short)
-        if self._short and head[1] in ECHO_FUNCTIONS and head[2] == 0 and frame[9:11] == END:
+        if self._short and head[2] == 0 and frame[9:11] == END:  # other functions' extent is 3 anyhow
             return 3
         return extent
 
