@@ -25,6 +25,7 @@ def main() -> int:
     options = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
     options.add_argument("names", nargs="*", help="such as dzb100; all without any")
     options.add_argument("--runs", type=int, default=1_000_000)
+    options.add_argument("--seconds", type=int, default=0, help="stop each decoder after so long; 0: never")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--write", action="store_true", help=f"write {REPORT.relative_to(ROOT)}")
     chosen = options.parse_args()
@@ -32,17 +33,18 @@ def main() -> int:
     for script in sorted(HERE.glob("fuzz_*.py")):
         name = script.stem.removeprefix("fuzz_").replace("_", "-")
         if not chosen.names or name in chosen.names:
-            found = report["decoders"][name] = fuzzed(script, chosen.runs, chosen.seed)
+            found = report["decoders"][name] = fuzzed(script, chosen.runs, chosen.seconds, chosen.seed)
             print(name, found, flush=True)
             if chosen.write:
                 REPORT.write_text(json.dumps(report, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return int(any(one["crashes"] for one in report["decoders"].values()))
 
 
-def fuzzed(script: Path, runs: int, seed: int) -> dict[str, Any]:
+def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     """One harness's figures. ``edges`` and ``features`` are libFuzzer's "cov" and "ft"."""
     began = time.monotonic()
-    command = [sys.executable, str(script), f"-runs={runs}", f"-seed={seed}", "-print_final_stats=1"]
+    command = [sys.executable, str(script), f"-runs={runs}", f"-max_total_time={seconds}", f"-seed={seed}"]
+    command.append("-print_final_stats=1")
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     last = re.findall(r"cov: (\d+) ft: (\d+) corp: (\d+)/", done.stderr)
     counted = re.search(r"stat::number_of_executed_units: (\d+)", done.stderr)
