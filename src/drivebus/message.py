@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from math import inf
 from typing import Any, Protocol
 
 from drivebus.line import LineSettings
@@ -141,6 +142,13 @@ class StationTiming:
     """Quarantine after a timeout: the family's longest lateness (RELIABILITY 5.3)."""
     leading_junk: bool = False
     """One stray byte may stand before a reply (a driver-enable glitch), in Modbus ASCII a few (ruling 10)."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError: with a time that never ends, every frame of the bus would wait, stops too."""
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not 0 <= value < inf:
+                raise ValueError(f"timing {name} {value}: expected a finite number, 0 or more")
 
     def gap_s(self, line: LineSettings) -> float:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)

@@ -85,3 +85,11 @@ def test_a_profile_file_overrides_what_it_names_and_keeps_the_rest(tmp_path: Any
     path = tmp_path / "slow.toml"
     path.write_text('format = 1\nextends = "c320"\n[timing]\ngap_characters = 12.0\nturnaround_s = 0.25\n')
     assert profiles.load(path).timing == replace(FACTORY, gap_characters=12.0, turnaround_s=0.25)
+
+
+@pytest.mark.parametrize("name", ["gap_characters", "reply_delay_s", "adapter_s", "turnaround_s", "lateness_s"])
+@pytest.mark.parametrize("value", [-0.001, float("inf"), float("nan")])
+def test_a_time_that_is_none_or_never_ends_is_refused(name: str, value: float) -> None:
+    """One drive's override must not hold up everybody's stops (I3)."""
+    with pytest.raises(ValueError, match=name):
+        replace(FACTORY, **{name: value})
