@@ -54,7 +54,7 @@ def describe(
     direction = direction or ("request" if request is None and data[2:3] in (b"\x01", b"\x02") else "response")
     problems = _problems(data, direction, request, meaning)
     fields = _fields(data, direction, meaning)
-    errata, hazards, emitted = (), (), None if problems else data[:SIZE]
+    errata, hazards, emitted = (), (), None if problems else data
     if direction == "request" and not problems:
         sent = _CODEC.decode_request(data).message  # type: ignore[union-attr]
         emitted = _emitted(sent)
@@ -65,7 +65,7 @@ def describe(
 
 def _readings(data: bytes) -> tuple[Candidate, ...]:
     """A C request to one drive has the bytes of a reply that puts its state digit into B [OPEN]."""
-    if data[0] != Control.head or _problems(data, "response", None, DZB100):
+    if _problems(data, "response", None, DZB100):  # of any head but C
         return ()
     fields = {"accepted": None, "digit": data[2]}
     return (Candidate(note("protocols.dzb.reading.state_digit", digit=data[2]), fields),)
@@ -79,7 +79,7 @@ def _problems(data: bytes, direction: Direction, request: bytes | None, meaning:
             check_whole(_CODEC.decode_reply(_asked(request), data), data)
         else:
             check_whole(framed(data) or Complete(read_reply(data), SIZE), data)
-        if direction == "response" and data[:1] == b"Q":
+        if data[:1] == b"Q":
             _check_state(data, meaning)
     except ProtocolError as error:
         return (problem(error),)
