@@ -10,7 +10,9 @@ from buskit import LINE, C, Station, ask_read, ask_write, book, link, read
 from drivebus import profiles
 from drivebus.bus import BusStatistics, Poll, StationStatistics, arithmetic
 from drivebus.bus.planner import Plan
+from drivebus.bus.statistics import percentiles
 from drivebus.drives import make_dialect
+from drivebus.errors import PortLost
 from drivebus.line import LineSettings
 from drivebus.message import Effect, Lane, StationLink, StationTiming
 from drivebus.protocols import modbus, sifang
@@ -194,6 +196,40 @@ def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
     assert found.bytes_received == 13 * found.replies
     assert found.elapsed_s == 31
     assert 0 < found.load_percent < found.occupied_percent <= 100
+
+
+def test_percentiles_are_by_nearest_rank() -> None:
+    assert percentiles([1.0]) == (1.0, 1.0, 1.0)
+    assert percentiles([1.0, 2.0]) == (1.0, 2.0, 2.0)
+    assert percentiles([float(n) for n in range(1, 101)]) == (50.0, 95.0, 99.0)
+    assert percentiles([]) == (None, None, None)
+
+
+def test_totals_and_their_time_go_on_through_a_replug_and_recent_shares_begin_anew() -> None:
+    play = book(Station())
+    play.watch(1, [Poll(read(), 0.1, phase_s=0.05)])
+    play.until(30)
+    play.lose(PortLost("ports.lost"))
+    play.until(50)
+    play.reopen()
+    play.until(60)
+    found = play.core.statistics(play.now)
+    assert found.elapsed_s == 60 and found.transactions == pytest.approx(400, abs=3)
+    assert found.transactions_per_s == pytest.approx(10, rel=0.02)
+
+
+def test_g20_each_marked_byte_is_counted_once_for_the_bus_and_for_the_drive_that_was_asked() -> None:
+    play = book(Station(alive=False))
+    play.hear(b"\x00", marks=1)
+    play.until(0.5)
+    play.ask(ask_read())
+    for at in (0.52, 0.53):
+        play.hear(b"\x01\x03", at=at, marks=2)
+    play.until(0.54)
+    found = play.core.statistics(play.now)
+    assert (found.counters["marks"], found.stations[1].counters["marks"]) == (5, 4)
+    play.until(2)
+    assert play.core.statistics(play.now).counters["marks"] == 5
 
 
 def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:

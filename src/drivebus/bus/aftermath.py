@@ -133,7 +133,7 @@ def _count(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
     job, station = flight.job, flight.job.station
     core.counters.errors[type(error).__name__] = core.counters.errors.get(type(error).__name__, 0) + 1
     station.counters.failed(error, now)
-    if isinstance(error, LineFault):
+    if isinstance(error, LineFault) and error.key != "bus.marks":  # those bytes were counted as they came
         core.counters.kind(error.key.partition(".")[2])
         station.counters.kind(error.key.partition(".")[2])
     if isinstance(error, TrailingError) and _second_answer(flight, error):

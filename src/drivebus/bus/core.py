@@ -116,6 +116,7 @@ class BusCore(BusState):
         """The port is open (again). Nothing older is replayed (I10)."""
         self.is_open = True
         self.opened_at = now
+        self.begun_at = now if self.begun_at is None else self.begun_at
         self._quiet_since = max(now, self._quiet_since)  # our last frame may still be leaving (I6)
         self.echo.opened()
         self.listener.take()
@@ -142,9 +143,11 @@ class BusCore(BusState):
     def received(self, data: bytes, now: float, marks: int = 0) -> list[Act]:
         """Bytes came; ``marks`` of them with a parity or framing error (G20)."""
         self.counters.bytes_received += len(data)
+        flight = self.flight
         if marks:
             self.counters.kind("marks", marks)
-        flight = self.flight
+        if marks and flight is not None:
+            flight.job.station.counters.kind("marks", marks)
         if flight is not None and flight.message is None and now > flight.final_at + STALL_S:
             self._conclude(flight, now)
             flight = self.flight

@@ -37,7 +37,10 @@ class BusState:
         self.paced = paced
         self.tracing = False
         self.is_open = False
+        self.begun_at: float | None = None
+        """First opened: what is counted counts from here, through every replug."""
         self.opened_at = 0.0
+        """Last opened: recent shares look back no further."""
         self.stations: dict[int, Station] = {}
         self.gone: dict[int, Station] = {}
         """Stations that were removed: registered anew, they are no freer than before."""
@@ -79,11 +82,12 @@ class BusState:
         )  # fmt: skip
 
     def statistics(self, now: float) -> BusStatistics:
-        """What this bus has done since it was opened."""
+        """What this bus has done since it was first opened."""
         stations = {address: station.counters for address, station in self.stations.items()}
         return snapshot(
             self.name, self.counters, self.activity, stations,
-            now=now, since=self.opened_at, queued=len(self.scheduler), echoes=self.echo.count,
+            now=now, begun=now if self.begun_at is None else self.begun_at, since=self.opened_at,
+            queued=len(self.scheduler), echoes=self.echo.count,
         )  # fmt: skip
 
     def presence(self, address: int) -> Presence:

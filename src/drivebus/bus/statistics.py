@@ -123,7 +123,7 @@ class StationStatistics:
 
 @dataclass(frozen=True, slots=True)
 class BusStatistics(StationStatistics):
-    """A whole bus since it was opened."""
+    """A whole bus since it was first opened."""
 
     name: str = ""
     elapsed_s: float = 0.0
@@ -186,16 +186,15 @@ def percentiles(ordered: list[float]) -> tuple[float | None, float | None, float
     """p50, p95, p99 by nearest rank; None where there is nothing."""
     if not ordered:
         return None, None, None
-    last = len(ordered) - 1
-    p50, p95, p99 = (ordered[min(last, int(share * len(ordered)))] for share in (0.50, 0.95, 0.99))
+    p50, p95, p99 = (ordered[-(-percent * len(ordered) // 100) - 1] for percent in (50, 95, 99))
     return p50, p95, p99
 
 
 def snapshot(
-    name: str, counters: Counters, activity: Activity, stations: Mapping[int, Counters], *, now: float, since: float,
-    queued: int, echoes: int,
+    name: str, counters: Counters, activity: Activity, stations: Mapping[int, Counters], *, now: float, begun: float,
+    since: float, queued: int, echoes: int,
 ) -> BusStatistics:  # fmt: skip
-    """The whole bus at ``now``; it was opened at ``since``. ``counters``: what belongs to no station (any more)."""
+    """The whole bus at ``now``, first opened at ``begun``, last at ``since``. ``counters``: no station's (any more)."""
     shares = activity.shares(now, since)
     everyone = [counters, *stations.values()]
     good, silent, spoiled = (sum(ending) for ending in zip(*(one.window.totals(now) for one in everyone), strict=True))
@@ -204,7 +203,7 @@ def snapshot(
     return BusStatistics(
         sum(one.transactions for one in everyone), sum(one.replies for one in everyone),
         sum(one.bytes_sent for one in everyone), counters.bytes_received, p50, p95, p99, failed, dict(counters.errors),
-        {**counters.kinds, "echo": echoes}, spoiled, damaged, *shares.get(None, NOTHING), name, now - since, queued,
+        {**counters.kinds, "echo": echoes}, spoiled, damaged, *shares.get(None, NOTHING), name, now - begun, queued,
         {address: figures(one, shares.get(one, NOTHING), now) for address, one in stations.items()},
     )  # fmt: skip
 
