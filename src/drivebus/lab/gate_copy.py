@@ -35,7 +35,7 @@ PARTS: dict[type, dict[str, str]] = {
         "is_open": "same", "stations": "parts", "gone": "gone", "all_latched": "same", "scheduler": "parts",
         "listener": "parts", "echo": "parts", "flight": "parts", "_patience": "patience", "_quiet_since": "quiet",
         "_wake": "until", "_allow_mixed": "", "line": "", "name": "", "paced": "", "tracing": "", "opened_at": "",
-        "counters": "", "activity": "", "character_s": "", "out": "",
+        "begun_at": "", "counters": "", "activity": "", "character_s": "", "out": "",
     },
     Scheduler: {
         "lanes": "parts", "doubted": "owners", "refused": "many", "budget": "", "plan": "",
@@ -92,12 +92,13 @@ def copy(core: BusCore) -> BusCore:
 
 def _copied(thing: Any, memo: dict[int, Any]) -> Any:
     kind = type(thing)
-    names = _NAMES.get(kind)
-    if names is not None:
+    if kind in PARTS:
         found = memo.get(id(thing))
         if found is None:
             found = memo[id(thing)] = object.__new__(kind)
-            for name, value in zip(names, _GET[kind](thing), strict=True):
+            slots = _SLOTS.get(kind)
+            values = vars(thing).items() if slots is None else zip(slots, _GET[kind](thing), strict=True)
+            for name, value in values:
                 plain = type(value) in _PLAIN or name in SHARED
                 setattr(found, name, value if plain else _copied(value, memo))
         return found
@@ -162,7 +163,7 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "gone": lambda gone, core, now, _: [(one, gone[one].latched) for one in sorted(gone) if one not in core.stations],
 }
 _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
-_NAMES = {kind: tuple(getattr(kind, "__slots__", listed)) for kind, listed in PARTS.items()}
-_GET = {kind: _getter(list(names)) for kind, names in _NAMES.items()}
+_SLOTS = {kind: tuple(kind.__slots__) for kind in PARTS if hasattr(kind, "__slots__")}
+_GET = {kind: _getter(list(slots)) for kind, slots in _SLOTS.items()}
 _NAMED = {kind: _getter([name for name, how in listed.items() if how]) for kind, listed in PARTS.items()}
 _HOWS = {kind: tuple(_RULES[how] for how in listed.values() if how) for kind, listed in PARTS.items()}
