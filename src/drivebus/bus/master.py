@@ -124,13 +124,18 @@ class Bus(Shell):
 
         Cancelled while it waits in a queue, it is never sent; while its frame is out, its answer is dropped.
         """
-        future: asyncio.Future[Answer] = (self._loop or asyncio.get_running_loop()).create_future()
-        self._perform(self.core.submit(ask, future, self.now()))
+        future = self.submit(ask)
         try:
             return await future
         except asyncio.CancelledError:
             self._perform(self.core.cancel(future, self.now()))
             raise
+
+    def submit(self, ask: Ask) -> asyncio.Future[Answer]:
+        """Queue one transaction at this very instant (``transact`` in two halves). Raises ValueError as that does."""
+        future: asyncio.Future[Answer] = (self._loop or asyncio.get_running_loop()).create_future()
+        self._perform(self.core.submit(ask, future, self.now()))
+        return future
 
     def watch(self, address: int, polls: Sequence[Poll], sink: Callable[[Answer], None]) -> Watch:
         """Send these polls again and again; ``sink`` gets each answer, errors too. Raises KeyError, ValueError."""

@@ -35,7 +35,7 @@ from drivebus.drives.operation import PREPARE_S, Talk
 from drivebus.drives.proofs import CodingFound
 from drivebus.drives.reach import reach
 from drivebus.drives.settle import settled
-from drivebus.drives.shell import converse
+from drivebus.drives.shell import begin, converse
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.drives.store import FileStore, MemoryStore, default_path
 from drivebus.drives.talk import Conversation
@@ -117,9 +117,9 @@ class Drive:
             if setting not in self._given:
                 self.dialect.settle(setting, value)
 
-    async def _talk(self, conversation: Conversation[T]) -> T:
+    async def _talk(self, conversation: Conversation[T], begun: asyncio.Future[Answer] | None = None) -> T:
         self._recall()
-        return await converse(conversation, self.bus, self.address, self._store)
+        return await converse(conversation, self.bus, self.address, self._store, begun)
 
     def _wish(self) -> Talk:
         """A command wished for now: a stop from now on takes it away, whatever it still waits for (6.5)."""
@@ -264,7 +264,9 @@ class Drive:
         talk = Talk(self._memory)
         progress = stopping.Progress(talk, self.bus.now(), drives)
         conversation = stopping.stop(talk, how, wait_for_it=wait, progress=progress)
-        stopping_it = asyncio.ensure_future(self._stopped(conversation, how))
+        self._recall()
+        begun = begin(conversation, self.bus, self.address)
+        stopping_it = asyncio.ensure_future(self._stopped(conversation, how, begun))
         self._stops.add(stopping_it)
         stopping_it.add_done_callback(self._stops.discard)
         outcome = await self._told_in_time(stopping_it, talk, progress, how)
@@ -288,9 +290,11 @@ class Drive:
             await asyncio.wait({stopping_it}, timeout=left_s)
         return stopping_it.result()
 
-    async def _stopped(self, conversation: Conversation[Outcome], how: Stop) -> Outcome:
+    async def _stopped(
+        self, conversation: Conversation[Outcome], how: Stop, begun: asyncio.Future[Answer] | None = None
+    ) -> Outcome:
         """What became of a stop; where that is not known it is repeated from now on."""
-        outcome = await self._talk(conversation)
+        outcome = await self._talk(conversation, begun)
         if outcome.done:
             self._give_in()
         else:

@@ -8,18 +8,33 @@ from typing import Any, TypeVar
 from drivebus import seams
 from drivebus.bus import Bus
 from drivebus.drives.talk import Conversation, Keep, Look, Step, Surroundings, Wait
-from drivebus.message import Ask
+from drivebus.message import Answer, Ask
 
 T = TypeVar("T")
 
 
-async def converse(conversation: Conversation[T], bus: Bus, address: int, store: seams.Store) -> T:
+def begin(conversation: Conversation[T], bus: Bus, address: int) -> asyncio.Future[Answer]:
+    """Let a conversation ask for its first transaction now: a turn of the loop later a poll may go first (I3)."""
+    step = next(conversation)
+    while isinstance(step, Look):
+        step = conversation.send(surroundings(bus, address))
+    assert isinstance(step, Ask)
+    return bus.submit(step)
+
+
+async def converse(
+    conversation: Conversation[T],
+    bus: Bus,
+    address: int,
+    store: seams.Store,
+    begun: asyncio.Future[Answer] | None = None,
+) -> T:
     """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent.
 
-    A step that fails fails in the conversation: it knows whether something was sent before.
+    A step that fails fails in the conversation: it knows whether something was sent before. ``begun``: by ``begin``.
     """
     try:
-        step = next(conversation)
+        step = next(conversation) if begun is None else conversation.send(await begun)
         while True:
             try:
                 found = await _perform(step, bus, address, store)
