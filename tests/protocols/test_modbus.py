@@ -270,6 +270,51 @@ OUT_OF_RANGE: list[Request] = [
 ]
 
 
+SENTENCES: list[tuple[Any, str]] = [
+    (ReadRegisters(0, 0, 1), "address 0: expected 1 to 247"),
+    (WriteRegister(248, 0, 1), "address 248: expected 0 to 247"),
+    (ReadRegisters(1, 0, 1, 2), "function 2: expected 3 to 4"),
+    (ReadRegisters(1, 0, 1, 5), "function 5: expected 3 to 4"),
+    (ReadBits(1, 0, 1, 0), "function 0: expected 1 to 2"),
+    (ReadBits(1, 0, 1, 3), "function 3: expected 1 to 2"),
+    (ReadRegisters(1, 0, 126), "count 126: expected 1 to 125"),
+    (ReadBits(1, 0, 2001), "count 2001: expected 1 to 2000"),
+    (WriteRegisters(1, 0, ()), "count 0: expected 1 to 123"),
+    (WriteBits(1, 0, ()), "count 0: expected 1 to 1968"),
+    (WriteRegister(1, 0, 0x10000), "value 65536: expected 0 to 65535"),
+    (WriteRegisters(1, 0, (0, 0xFFFF, -1)), "value -1: expected 0 to 65535"),
+    (Loopback(1, -1), "data -1: expected 0 to 65535"),
+    (WriteBit(1, 0x10000, True), "register 65536: expected 0 to 65535"),
+    (WriteRegisters(1, 0xFFFF, (0, 0)), "register 65535: expected 0 to 65534"),
+    (Registers(0, 3, (1,)), "address 0: expected 1 to 247"),
+    (Registers(1, 5, (1,)), "function 5: expected 3 to 4"),
+    (Registers(1, 3, ()), "count 0: expected 1 to 125"),
+    (Bits(1, 3, (True,)), "function 3: expected 1 to 2"),
+    (Bits(1, 1, ()), "count 0: expected 1 to 2000"),
+    (Written(1, 6, 0x10000, 0), "register 65536: expected 0 to 65535"),
+    (Written(1, 6, 0, 0x10000), "value 65536: expected 0 to 65535"),
+    (Looped(1, -1), "data -1: expected 0 to 65535"),
+    (ErrorReply(1, 0, 1), "function 0: expected 1 to 127"),
+    (ErrorReply(1, 1, 256), "code 256: expected 1 to 255"),
+]
+
+
+@pytest.mark.parametrize(("message", "sentence"), SENTENCES, ids=str)
+def test_a_field_out_of_range_is_named_with_its_limits(message: Any, sentence: str) -> None:
+    codec = RtuCodec()
+    encode = codec.encode_reply if isinstance(message, Registers | Bits | Written | Looped | ErrorReply) else None
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        (encode or codec.encode_request)(message)
+
+
+@pytest.mark.parametrize("high", range(1, 5))
+def test_i11_a_write_to_any_register_is_never_taken_for_a_read(high: int) -> None:
+    """The high byte of its register looks like a function that only reads."""
+    asked = WriteRegister(1, high << 8 | 3, 0x0304)
+    assert written(RtuCodec().encode_request(asked)) == (("holding", high << 8 | 3, 0x0304),)
+    assert written(RtuCodec().encode_request(WriteRegister(high, 3, 4))) == (("holding", 3, 4),)
+
+
 @pytest.mark.parametrize("request_", OUT_OF_RANGE, ids=str)
 @pytest.mark.parametrize("codec", [RtuCodec(max_read=4), AsciiCodec(max_read=4)], ids=NAMES[:2])
 def test_a_request_out_of_range_is_never_encoded(codec: Codec, request_: Request) -> None:
@@ -439,6 +484,30 @@ def test_a_bad_request_says_what_is_wrong_with_both_numbers(
     assert error.params["code"] == error.code
 
 
+FOREIGN_EXTENTS = [
+    ("07 01 01 05", 6, 6),
+    ("07 02 02 05 06", 7, 7),
+    ("07 03 02 00 05", 7, 7),
+    ("07 03 03 00 05 06", None, None),
+    ("07 04 01 05", None, None),
+    ("07 01 00", None, 5),
+    ("07 03 00", None, 5),
+    ("07 2B 02 00 05", None, None),
+    ("07 00 02 00 05", None, None),
+    ("07 AB 02", 5, 5),
+]
+
+
+@pytest.mark.parametrize(("octets", "exception", "short"), FOREIGN_EXTENTS, ids=lambda value: str(value))
+def test_f02_another_stations_frame_has_a_size_only_where_its_function_tells_one(
+    octets: str, exception: int | None, short: int | None
+) -> None:
+    for codec, size in ((RtuCodec(), exception), (RtuCodec("short"), short)):
+        with pytest.raises(AddressError) as caught:
+            codec.decode_reply(ReadRegisters(1, 0, 2), frame(codec, octets))
+        assert (caught.value.expected, caught.value.found, caught.value.size) == (1, 7, size or 0)
+
+
 @every_codec
 @pytest.mark.parametrize("address", [0, 1, 247, 248, 255])
 def test_a_request_speaks_to_a_station_or_to_everybody(codec: Codec, address: int) -> None:
@@ -550,6 +619,25 @@ def test_resync_ends_after_four_bytes_and_at_the_first_colon() -> None:
         codec.decode_reply(asked, b"\x00" * 5 + reply)
     with pytest.raises(AlphabetError):
         codec.decode_reply(asked, b"::" + reply)
+
+
+def test_nobody_answers_a_broadcast_junk_or_not() -> None:
+    assert AsciiCodec(resync=True).largest_reply(WriteRegister(0, 1, 2)) == 0
+    assert AsciiCodec(resync=True).largest_reply(WriteRegister(1, 1, 2)) == 17 + 4
+    assert AsciiCodec().largest_reply(WriteRegister(1, 1, 2)) == 17
+
+
+def test_a_request_of_an_unknown_function_ends_at_its_first_cr_lf_and_asks_for_one_byte_more_until_then() -> None:
+    shortest = ascii_frame(bytes.fromhex("012B"))
+    assert len(shortest) == 9
+    with pytest.raises(BadRequest) as caught:
+        AsciiCodec().decode_request(shortest + b"\r\n")
+    assert caught.value.size == 9
+    for end in (9, 10, 100):
+        assert AsciiCodec().decode_request(b":012B" + b"0" * (end - 5)) == Incomplete(end + 1)
+    with pytest.raises(LengthError):
+        AsciiCodec().decode_request(b":012B0\r\n0")
+    assert AsciiCodec().decode_request(b":01FF\r\n00") == Incomplete(10), "too short to be a frame with a check"
 
 
 def test_lrc_is_over_the_decoded_bytes() -> None:

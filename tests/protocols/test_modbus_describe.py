@@ -6,6 +6,7 @@ import pytest
 
 from drivebus.protocols.describe import Description
 from drivebus.protocols.modbus import describe
+from drivebus.protocols.modbus.rtu import with_check
 from vectorfile import Vector, load
 
 VECTORS = (*load("vc660"), *load("df800"))
@@ -105,3 +106,60 @@ def test_any_bytes_get_a_description() -> None:
             for direction in ("request", "response"):
                 found = describe(data, encoding, direction, request, "short" if turn % 5 else "exception")
                 assert found.valid or found.problems
+
+
+def frame(octets: str) -> bytes:
+    return with_check(bytes.fromhex(octets))
+
+
+def test_a_spoiled_exception_is_still_a_reply() -> None:
+    spoiled = frame("01 83 02")[:-1] + b"\x00"
+    found = describe(spoiled, "rtu")
+    assert (found.direction, found.fields) == ("response", {"address": 1, "function": 3, "exception": 2})
+
+
+def test_t15_five_bytes_are_a_short_error_only_with_00_and_a_good_check() -> None:
+    assert describe(frame("01 06 00"), "rtu", "response", None, "short").valid
+    for data in (frame("01 06 01"), frame("01 06 00")[:-1] + b"\x00"):
+        found = describe(data, "rtu", "response", None, "short")
+        assert found.problems == (("protocols.length", {"expected": 8, "found": 5}),)
+    assert not describe(frame("01 06 00"), "rtu", "response").valid
+
+
+def test_only_registers_have_an_even_count_of_octets() -> None:
+    for octets, key in (
+        ("01 01 01 05", None),
+        ("01 01 02 05 06", None),
+        ("01 03 02 00 05", None),
+        ("01 03 03 00 05 06", "modbus.byte_count"),
+        ("01 04 01 00 00", "modbus.byte_count"),
+        ("01 03 00 00", "modbus.byte_count"),
+    ):
+        found = describe(frame(octets), "rtu", "response")
+        assert [name for name, _ in found.problems] == ([key] if key else []), octets
+
+
+def test_a_request_has_no_exception_whatever_its_function() -> None:
+    found = describe(frame("01 83 00 01 00 02"), "rtu", "request")
+    assert found.fields == {"address": 1, "function": 0x83, "register": 1, "count": 2}
+
+
+def test_bytes_of_rtu_are_no_digits_in_any_case() -> None:
+    assert describe(frame("61 03 00 01 00 02"), "rtu", "request").errata == ()
+
+
+def test_what_a_reply_may_answer_is_told_by_its_size() -> None:
+    (bits,) = describe(frame("01 01 01 05"), "rtu", "response").readings
+    assert (bits.note[1], bits.fields) == ({"count": 8}, {"function": 1, "count": 8})
+    (echo,) = describe(frame("01 10 00 01 00 02"), "rtu", "response").readings
+    assert (echo.note[0], echo.fields) == ("modbus.reading.echo", {})
+    (echo,) = describe(frame("01 08 00 00 00 02"), "rtu", "response").readings
+    assert echo.fields == {"address": 1, "function": 8, "sub_function": 0, "data": 2}
+    (echo,) = describe(frame("01 05 00 01 FF 00"), "rtu", "response").readings
+    assert echo.fields == {"address": 1, "function": 5, "register": 1, "value": 0xFF00}
+
+
+def test_t15_an_ascii_short_error_is_no_beginning_of_an_echo() -> None:
+    """Its CR LF stands where the echo has digits."""
+    found = describe(b":010600F9\r\n", "ascii", "response", None, "short")
+    assert found.valid and found.readings == ()

@@ -24,7 +24,9 @@ def told(line: dict[str, Any]) -> dict[str, Any]:
         options["request"] = bytes.fromhex(line["request"])
     found: Description = DESCRIBE[line["family"]](bytes.fromhex(line["hex"]), **options)
     said = {name: getattr(found, name) for name in Description.__slots__}
-    kept = {name: value for name, value in said.items() if value not in ((), {}, None)}
+    kept = {
+        name: value for name, value in said.items() if value not in ((), {}) and (name, value) != ("canonical", None)
+    }
     return json.loads(json.dumps(kept, default=plain))  # type: ignore[no-any-return]
 
 

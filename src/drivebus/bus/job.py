@@ -48,7 +48,7 @@ class Job:
 
     def _attempts_allowed(self) -> int:
         """What may move goes once; else the permit's class counts: nobody can call a start absolute (F16)."""
-        if self.broadcast or self.fence or self.effect is Effect.MOTION:
+        if self.broadcast or self.effect is Effect.MOTION:
             return 1
         if self.effect is Effect.STOP:
             return ABSOLUTE_ATTEMPTS

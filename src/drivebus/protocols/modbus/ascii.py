@@ -11,7 +11,7 @@ from typing import Final
 
 from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthError, ProtocolError, TerminatorError
 from drivebus.message import Complete, Incomplete, Verdict
-from drivebus.protocols.checksum import hex_bytes, hex_pairs, lrc
+from drivebus.protocols.checksum import hex_bytes, hex_pairs, hex_value, lrc
 from drivebus.protocols.modbus import replies, requests
 from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, Reply, Request
 from drivebus.protocols.modbus.rtu import ErrorForm
@@ -123,12 +123,12 @@ class AsciiCodec:
         if extent is None:
             return self._unknown_size(frame)
         if extent == 7 and len(frame) >= 15:
-            extent += hex_bytes(frame[13:15], start=13)[0]
+            extent += hex_value(frame[13:15], start=13)
         return size_of(extent)
 
     def _unknown_size(self, frame: bytes) -> int:
-        end = frame.find(END, 7, LARGEST)
-        if end >= 0:
+        end = frame.find(END, 6, LARGEST)
+        if end != -1:
             if end % 2 == 0:
                 raise LengthError("modbus.odd_digits", expected=end, found=end - 1)
             return end + len(END)
@@ -138,10 +138,8 @@ class AsciiCodec:
 
     def _start(self, data: bytes) -> int:
         """Where ':' stands: at 0, or after a little junk where that is allowed. Raises HeaderError."""
-        if data[0] == START:
-            return 0
-        found = data.find(START, 0, RESYNC + 1) if self.resync else -1
-        if found > 0:
+        found = data.find(START, 0, RESYNC + 1 if self.resync else 1)
+        if found != -1:
             return found
         raise HeaderError("modbus.start", expected=START, found=data[0])
 

@@ -51,7 +51,7 @@ def _one(data: bytes, encoding: str, way: Direction, request: bytes | None, erro
     try:
         return _read(data, encoding, way, request, error_form)
     except AlphabetError as error:
-        if encoding == "ascii" and data != data.upper():
+        if data != data.upper():
             upper = _one(data.upper(), encoding, way, request, error_form)
             return replace(upper, errata=(note("modbus.lower_case"), *upper.errata))
         return Description("modbus", encoding, way, False, problems=(problem(error),))
@@ -93,11 +93,9 @@ def _check_alone(data: bytes, encoding: str, error_form: ErrorForm) -> None:
 
 
 def _is_short_error(data: bytes, encoding: str, error_form: ErrorForm) -> bool:
-    if error_form != "short":
-        return False
     if encoding == "ascii":
-        return len(data) == ascii.ERROR_SIZE
-    return len(data) == rtu.ERROR_SIZE and data[2] == 0 and crc16(data) == 0
+        return error_form == "short" and len(data) == ascii.ERROR_SIZE
+    return error_form == "short" and len(data) == rtu.ERROR_SIZE and data[2] == 0 and crc16(data) == 0
 
 
 def _extent_alone(octets: bytes, short: bool, error_form: ErrorForm) -> int:
@@ -124,7 +122,7 @@ def _octets(data: bytes, encoding: str) -> bytes:
 
 
 def _head(octets: bytes) -> dict[str, Any]:
-    return dict(zip(("address", "function"), octets[:2], strict=False))
+    return dict(zip(("address", "function"), octets, strict=False))
 
 
 def _despite(data: bytes, encoding: str, direction: Direction) -> Mapping[str, Any]:
@@ -179,8 +177,9 @@ def _readings(data: bytes, encoding: str) -> tuple[Candidate, ...]:
         count = octets[2] // 2 if function in REGISTER_FUNCTIONS else 8 * octets[2]
         key = "modbus.reading.registers" if function in REGISTER_FUNCTIONS else "modbus.reading.bits"
         return (Candidate(note(key, count=count), {"function": function, "count": count}),)
-    if function in ECHO_FUNCTIONS and len(octets) == SIX.size:
-        return (Candidate(note("modbus.reading.echo"), fields_of(octets, "request") if function < 9 else {}),)
+    if len(octets) == SIX.size:
+        fields = {} if function in (15, 16) else fields_of(octets, "request")
+        return (Candidate(note("modbus.reading.echo"), fields),)
     if function == 6 and encoding == "rtu":
         fields = {"function": 6, "register": data[3], "value_high_byte": data[4]}
         return (Candidate(note("modbus.reading.cut_echo", register=data[3], high=data[4]), fields),)

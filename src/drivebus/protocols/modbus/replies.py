@@ -32,8 +32,7 @@ from drivebus.protocols.modbus.requests import request_octets
 
 def encode_reply(reply: Reply) -> bytes:
     """The octets of a station's reply. Raises ValueError for a field out of range."""
-    if not 1 <= reply.address <= 247:
-        within("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
+    within("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
     match reply:
         case Registers(address=address, function=function, values=values):
             within("function", function, 3, 4)
