@@ -111,7 +111,7 @@ class C320Station(C320Drive):
         return self._with_state(reply, before if operation in STARTS or operation in JOGS else self.state)
 
     def _with_state(self, reply: Reply, state: State) -> Reply:
-        """Every full reply carries the state (a start's still the one before it), in a fault its code for the item (T05, 2.4.6)."""
+        """Every full reply carries the state (a start's the one before it), in a fault its code for the item (T05)."""
         if reply.response.short:
             return reply
         code = self.trip_code(self.motor.trip) if state is State.FAULT and self.motor.trip else None
