@@ -213,12 +213,11 @@ async def test_quiet_leaves_bytes_in_the_kernel_until_its_time(pty: Pty) -> None
     port = await opened(pty.path, sink)
     assert isinstance(port, Quietable)
     loop = asyncio.get_running_loop()
-    when = loop.time() + 0.05
+    when = loop.time() + 0.3  # also a loaded machine sends five bytes in that time
     port.quiet_until(when)
     for byte in b"reply":
         pty.send(bytes((byte,)))
-        await asyncio.sleep(0.004)
-    assert sink.data == b""
+        await asyncio.sleep(0.001)
     await until(lambda: sink.data)
     assert [data for _, data in sink.chunks] == [b"reply"]
     assert sink.chunks[0][0] >= when - 0.001
