@@ -1,4 +1,4 @@
-"""The witness must see what is there to see: each invariant broken on purpose and found (I2: by the commands campaign)."""
+"""The witness sees what is there to see: each invariant broken on purpose and found (I2: by the commands campaign)."""
 
 from __future__ import annotations
 
