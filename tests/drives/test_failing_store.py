@@ -96,3 +96,18 @@ def test_g12_whatever_the_system_refuses_is_our_error(
     with pytest.raises(ConfigurationError) as caught:
         FileStore(tmp_path / "new" / "s.json").put("a", "1")
     assert caught.value.params["problem"] == "Read-only file system" and "s.json" in caught.value.text("zh")
+
+
+def test_what_killed_writers_left_behind_does_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed between writing and renaming, by one program after the other."""
+    store = FileStore(tmp_path / "s.json")
+    with monkeypatch.context() as killed:
+        killed.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError("killed")))
+        killed.setattr(Path, "unlink", lambda *_, **__: None)
+        for pid in (11, 12, 13):
+            killed.setattr("os.getpid", lambda pid=pid: pid)
+            with pytest.raises(ConfigurationError):
+                store.put("a", "0")
+    store.put("a", "1")
+    assert store.get("a") == "1"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.json", "s.lock"]

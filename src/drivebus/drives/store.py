@@ -85,8 +85,8 @@ def default_path() -> Path:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Old or new, never half."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
+    """Old or new, never half. Under the lock: what a killed writer left is written over."""
+    part = path.with_name(f".{path.name}.new")
     try:
         with part.open("w", encoding="utf-8") as file:
             file.write(text)
