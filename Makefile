@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
 
-.PHONY: help demo test check docs bench lock clean python
+.PHONY: help demo test check docs bench coverage mutation fuzz lock clean python
 help: ## List what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14
 
@@ -29,6 +29,16 @@ docs: $(VENV)/.test ## Write the generated pages again
 
 bench: $(VENV)/.test ## Benchmarks beside their peers; writes docs/reports/
 	$(BIN)/python -m benchmarks $(ARGS)
+
+coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gate that their tests run; writes docs/reports/
+	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/drives/test_gate.py
+	$(BIN)/python tests/coverage_report.py $(ARGS)
+
+mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.gate: one module
+	PYTHONPATH=tests $(BIN)/python -m mutation $(ARGS)
+
+fuzz: $(VENV)/.test ## Fuzz every decoder (pip install atheris first; Linux)
+	PYTHONPATH=tests $(BIN)/python -m fuzz $(ARGS)
 
 python:
 	@test -n "$(PYTHON)" || { echo "drivebus needs Python 3.11 or newer, and this machine has none on its path."; \

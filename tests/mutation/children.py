@@ -1,0 +1,135 @@
+"""Processes in which tests run against one mutant, and what is learnt of the tests before. Needs ``os.fork``."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+
+from mutation.load import SEEN, Hit
+
+QUICK_S = 0.3
+"""A test that takes longer (seconds of the processor) is left out."""
+KILLED, SURVIVED, UNTESTED, TIMEOUT = "killed", "survived", "untested", "timeout"
+Wait = Callable[[], int]
+
+
+def isolated(work: Callable[[], int], seconds: float) -> Wait:
+    """Start ``work`` in a child with so many seconds of processor time; call the result to wait for its code."""
+    child = os.fork()
+    if child == 0:
+        code = 3
+        try:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 2))
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, 1)
+            os.dup2(silent, 2)
+            code = work()
+        finally:
+            os._exit(code)
+    return lambda: os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def verdict(code: int) -> str:
+    """0: all tests passed. A signal: the processor time ran out, or a crash."""
+    return SURVIVED if code == 0 else KILLED if code > 0 else TIMEOUT
+
+
+class FirstFailure:
+    """Ends the process at the first failing test, before a report of it is made."""
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+        if call.excinfo is not None and not call.excinfo.errisinstance((pytest.skip.Exception, TooSlow)):
+            os._exit(1)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.failed:
+            os._exit(2)
+
+
+def run_items(items: Sequence[pytest.Item]) -> int:
+    for place, item in enumerate(items):
+        following = items[place + 1] if place + 1 < len(items) else None
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+    return 0
+
+
+@dataclass
+class Ways:
+    """What each test ran, and how long it took."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    tests: dict[Hit, list[str]] = field(default_factory=dict)
+    """The tests of a statement."""
+
+    def of(self, hit: Hit) -> list[str]:
+        return sorted(self.tests.get(hit, ()), key=self.seconds.__getitem__)
+
+    def files(self, module: str) -> list[str]:
+        """Test files that touch a module, those with most of such tests first."""
+        count: dict[str, set[str]] = {}
+        for (where, _), names in self.tests.items():
+            for name in names if where == module else ():
+                count.setdefault(name.split("::")[0], set()).add(name)
+        return sorted(count, key=lambda file: -len(count[file]))
+
+
+class TooSlow(BaseException):
+    """The test is left out."""
+
+
+def _stop(*_: object) -> None:
+    raise TooSlow
+
+
+def measured(items: Sequence[pytest.Item], jobs: int) -> Ways:
+    """Run every test once, in children, so that they are as new afterwards."""
+    parts = [_measuring(items[part::jobs]) for part in range(jobs)]
+    ways = Ways()
+    for reading, wait in parts:
+        name = ""
+        with os.fdopen(reading) as lines:
+            for line in map(json.loads, lines):
+                if isinstance(line, str):
+                    name = line
+                elif line[0] <= QUICK_S:
+                    ways.seconds[name] = line[0]
+                    for module, number in line[1]:
+                        ways.tests.setdefault((module, number), []).append(name)
+        if code := wait():
+            raise SystemExit(f"{name} fails without any mutant ({code})")
+    return ways
+
+
+def _measuring(items: Sequence[pytest.Item]) -> tuple[int, Wait]:
+    """Tells the name of each test, then its seconds and the statements it ran."""
+    reading, writing = os.pipe()
+
+    def work() -> int:
+        signal.signal(signal.SIGPROF, _stop)
+        with os.fdopen(writing, "w") as out:
+            for item in items:
+                SEEN.clear()
+                out.write(json.dumps(item.nodeid) + "\n")
+                out.flush()
+                began = time.process_time()
+                signal.setitimer(signal.ITIMER_PROF, QUICK_S * 1.5)
+                try:
+                    run_items([item])
+                except TooSlow:  # not within the test itself
+                    item.session._setupstate.teardown_exact(None)
+                finally:
+                    signal.setitimer(signal.ITIMER_PROF, 0)
+                out.write(json.dumps([time.process_time() - began, sorted(SEEN)]) + "\n")
+        return 0
+
+    wait = isolated(work, 3600)
+    os.close(writing)
+    return reading, wait

@@ -1,0 +1,105 @@
+"""Loads the modules under test so that a test's way through them is seen, and puts changed code in their place."""
+
+from __future__ import annotations
+
+import ast
+import gc
+import sys
+from collections.abc import Callable, Iterator
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from types import CodeType, FunctionType
+from typing import Any
+
+Hit = tuple[str, int]
+"""Module and line of a statement in a function that was run."""
+SEEN: set[Hit] = set()
+PROBE = "__drivebus_seen__"
+Key = tuple[str, int]
+"""Qualified name and first line of a function."""
+
+
+class Finder(MetaPathFinder):
+    """Loads ``modules`` through ``change``; never from a compiled file."""
+
+    def __init__(self, modules: frozenset[str], change: Callable[[str, ast.Module], None]) -> None:
+        self.modules, self.change = modules, change
+
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
+        if fullname not in self.modules:
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        assert spec is not None and spec.origin is not None
+        spec.loader = _Loader(fullname, spec.origin, self.change)
+        return spec
+
+
+class _Loader(SourceFileLoader):
+    def __init__(self, fullname: str, path: str, change: Callable[[str, ast.Module], None]) -> None:
+        super().__init__(fullname, path)
+        self.change = change
+
+    def get_code(self, fullname: str) -> CodeType:
+        tree = ast.parse(self.get_data(self.path))
+        self.change(fullname, tree)
+        return compile(tree, self.path, "exec", dont_inherit=True)
+
+    def exec_module(self, module: Any) -> None:
+        module.__dict__[PROBE] = SEEN.add
+        super().exec_module(module)
+
+
+def probed(module: str, tree: ast.Module) -> None:
+    """Each statement of a function is told before it is run."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            _probe_blocks(module, node)
+
+
+def _probe_blocks(module: str, parent: ast.AST) -> None:
+    for name in ("body", "orelse", "finalbody"):
+        block = getattr(parent, name, None)
+        if isinstance(block, list):
+            setattr(parent, name, [part for node in block for part in (_probe(module, node), node)])
+    for node in ast.iter_child_nodes(parent):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.expr):
+            _probe_blocks(module, node)
+
+
+def _probe(module: str, node: ast.stmt) -> ast.stmt:
+    text = f"{PROBE}(({module!r}, {node.lineno}))"
+    probe = ast.parse(text).body[0]
+    for part in ast.walk(probe):
+        if hasattr(part, "lineno"):
+            ast.copy_location(part, node)
+    return probe
+
+
+def functions(path: str) -> dict[Key, list[FunctionType]]:
+    """Every function alive that comes from the file ``path``: decorated, property or closure alike."""
+    found: dict[Key, list[FunctionType]] = {}
+    for thing in gc.get_objects():
+        if isinstance(thing, FunctionType) and thing.__code__.co_filename == path:
+            code = thing.__code__
+            found.setdefault((code.co_qualname, code.co_firstlineno), []).append(thing)
+    return found
+
+
+def swap(alive: dict[Key, list[FunctionType]], changed: CodeType) -> None:
+    """Give each living function its code of the changed module. Raises ValueError where a closure has changed."""
+    for code in _codes(changed):
+        for function in alive.get((code.co_qualname, code.co_firstlineno), ()):
+            function.__code__ = code
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant
+            yield from _codes(constant)
+
+
+def forget(prefixes: tuple[str, ...]) -> None:
+    """Nothing of these packages has been loaded."""
+    for name in [name for name in sys.modules if name.startswith(prefixes)]:
+        del sys.modules[name]

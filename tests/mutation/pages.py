@@ -1,0 +1,85 @@
+"""The report as pages: docs/reports/mutation.md and mutation.zh.md, from mutation.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mutation.report import ROOT
+
+TITLES = {
+    "en": ("Mutation testing", "[中文](mutation.zh.md)"),
+    "zh": ("变异测试", "[English](mutation.md)"),
+}
+INTRO = {
+    "en": """Each line of the protocols, the transaction, the scheduler, the jobs and their rights, and the gate is
+changed in a small way, one change at a time, and the tests of that room must notice. A change that no test notices is a line
+that nobody watches. The tool is our own (`tests/mutation`): beside the bodies of functions, also of decorated ones,
+it changes what is computed while a module is loaded: code tables, alphabets, lengths, defaults.
+
+```
+make mutation                         # all of it; it takes hours of the processor on a small machine
+make mutation ARGS=drives.gate        # one module
+make mutation ARGS=--write            # keep the figures and write this page
+```
+
+Changes: a comparison by its neighbour and its opposite; `and` by `or`; a condition, a `not`, a bound, a statement, an
+entry of a table left out; a number one more and one less; text with a letter more; branches swapped; nothing
+returned; an error raised that was caught. Not changed: docstrings, annotations, decorators, asserts, the text of a
+`ValueError`. Tests that take more than 0.3 s are left out, so a survivor may still be seen by a slow one.
+""",
+    "zh": """协议、事务、调度器、任务及其权限和放行闸门的每一行都被逐一做微小改动，该部分的测试必须发现。
+没有测试发现的改动，就是没有人看守的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
+还改动模块加载时计算的内容：代码表、字符表、长度、默认值。
+
+```
+make mutation                         # 全部；小机器需要数小时
+make mutation ARGS=drives.gate        # 一个模块
+make mutation ARGS=--write            # 保存数字并生成本页
+```
+
+改动的种类：比较符换成相邻的或相反的；`and` 与 `or` 互换；去掉一个条件、`not`、边界、语句或表项；数字加一或减一；
+文字多一个字母；分支对调；不返回值；把捕获的错误再次抛出。不改动：文档字符串、类型注解、装饰器、断言、
+`ValueError` 的文字。超过 0.3 秒的测试不参加，因此个别存活的改动仍可能被较慢的测试发现。
+""",
+}
+HEAD = {
+    "en": "| module | mutants | of them comparisons | while loading | killed | survived | killed % | commit |",
+    "zh": "| 模块 | 改动数 | 其中比较 | 加载时 | 被发现 | 存活 | 发现率 % | 提交 |",
+}
+SURVIVORS = {
+    "en": "## Survivors\n\nNo comparison is among them that could make a difference; each line says why it may stay.\n",
+    "zh": "## 存活的改动\n\n其中没有会造成差别的比较；逐条的原因见英文页（[Survivors](mutation.md#survivors)）。\n",
+}
+
+
+def rows(found: dict[str, Any]) -> list[str]:
+    """One line a module, and the sum."""
+    made = [_row(module.removeprefix("drivebus."), one, one["commit"]) for module, one in found.items()]
+    total = {name: sum(one[name] for one in found.values()) for name in ("mutants", "comparisons", "at_load", "killed")}
+    return [*made, _row("**all**", total, "")]
+
+
+def _row(name: str, one: dict[str, Any], commit: str) -> str:
+    left, share = one["mutants"] - one["killed"], 100 * one["killed"] / one["mutants"] if one["mutants"] else 100.0
+    counts = f"{one['mutants']} | {one['comparisons']} | {one['at_load']} | {one['killed']} | {left}"
+    return f"| {name} | {counts} | {share:.1f} | {commit} |"
+
+
+def survivors(found: dict[str, Any]) -> list[str]:
+    return [
+        f"- `{module.removeprefix('drivebus.')}:{one['line']}` {one['scope']}: `{one['change']}`: {one['reason']}"
+        for module, module_found in found.items()
+        for one in module_found["survivors"]
+    ]
+
+
+def page(found: dict[str, Any], language: str) -> str:
+    title, other = TITLES[language]
+    table = "\n".join([HEAD[language], "| --- " * 8 + "|", *rows(found)])
+    listed = "\n".join(survivors(found)) + "\n" if language == "en" else ""
+    return f"# {title}\n\n{other}\n\n{INTRO[language]}\n{table}\n\n{SURVIVORS[language]}\n{listed}".rstrip() + "\n"
+
+
+def write(found: dict[str, Any]) -> None:
+    for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
+        (ROOT / "docs" / "reports" / name).write_text(page(found, language), encoding="utf-8")

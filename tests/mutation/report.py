@@ -1,0 +1,89 @@
+"""What became of the mutants, as figures: docs/reports/mutation.json."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from typing import Any
+
+from mutation.children import KILLED, SURVIVED, TIMEOUT, UNTESTED
+from mutation.mutate import mutants
+from mutation.run import ROOT, Judged, tree_of
+
+REPORT = ROOT / "docs" / "reports" / "mutation.json"
+REASONS = ROOT / "tests" / "mutation" / "reasons.json"
+TRIED = ("src/drivebus", "tests")
+
+
+def modules_of(room: str) -> list[str]:
+    found = sorted((ROOT / "src" / "drivebus" / room).rglob("*.py"))
+    names = [".".join(path.relative_to(ROOT / "src").with_suffix("").parts) for path in found]
+    return [name for name in names if not name.endswith("__init__")]
+
+
+ROOMS: list[tuple[list[str], list[str]]] = [
+    (["drivebus.drives.gate"], ["tests/drives/test_gate.py"]),
+    ([f"drivebus.bus.{name}" for name in ("job", "rights", "scheduler", "transaction")], ["tests/bus"]),
+    (modules_of("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
+]
+"""Modules, and the tests that have to notice."""
+
+
+def document(found: list[Judged], version: str) -> dict[str, Any]:
+    """Module → figures and survivors."""
+    made: dict[str, Any] = {}
+    for module in dict.fromkeys(one.module for one in found):
+        ours = [one for one in found if one.module == module]
+        changes = mutants(tree_of(module))
+        left = [one for one in ours if one.verdict in (SURVIVED, UNTESTED)]
+        made[module] = {
+            "commit": version,
+            "mutants": len(ours),
+            "killed": sum(one.verdict in (KILLED, TIMEOUT) for one in ours),
+            "at_load": sum(changes[one.number].at_load for one in ours),
+            "comparisons": sum(changes[one.number].kind == "comparison" for one in ours),
+            "survivors": [
+                {
+                    "line": changes[one.number].line,
+                    "scope": changes[one.number].scope,
+                    "kind": changes[one.number].kind,
+                    "change": changes[one.number].told(),
+                }
+                for one in left
+            ],
+        }
+    return made
+
+
+def unexplained(one: Judged) -> bool:
+    """It survived, and nobody has said why it may."""
+    mutant = mutants(tree_of(one.module))[one.number]
+    return key(one.module, mutant.scope, mutant.told()) not in json.loads(REASONS.read_text(encoding="utf-8"))
+
+
+def key(module: str, scope: str, change: str) -> str:
+    """A survivor's name in reasons.json; a line would not outlive an edit above it."""
+    return f"{module.removeprefix('drivebus.')} {scope}: {change}"
+
+
+def keep(made: dict[str, Any]) -> dict[str, Any]:
+    """Put these modules' figures into the report, and the reasons as they are now to all survivors."""
+    old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
+    reasons = json.loads(REASONS.read_text(encoding="utf-8"))
+    found: dict[str, Any] = dict(sorted((old | made).items()))
+    for module, one in found.items():
+        for left in one["survivors"]:
+            left["reason"] = reasons.get(key(module, left["scope"], left["change"]), "")
+    REPORT.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return found
+
+
+def commit() -> str:
+    """The commit that was tried, "-dirty" where a source or test differs from it."""
+    head = _git("rev-parse", "--short=12", "HEAD")
+    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", *TRIED) else "")
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()

@@ -1,0 +1,187 @@
+"""Runs the tests against one mutant after another, each in a process of its own.
+
+A mutant within a function is put into the living functions of tests that are already collected, and the tests that
+pass through its statement are run, quickest first. A mutant of what is computed while a module is loaded, and whatever
+survived although its statement also runs then, is loaded afresh, with the test files that touch the module.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import hypothesis
+import pytest
+
+from mutation.children import SURVIVED, UNTESTED, FirstFailure, Wait, Ways, isolated, measured, run_items, verdict
+from mutation.load import SEEN, Finder, Hit, functions, probed, swap
+from mutation.mutate import Mutant, apply, mutants
+
+ROOT = Path(__file__).resolve().parents[2]
+LOADED_S = 240
+"""Seconds of the processor for all tests of a module that was loaded with a mutant."""
+OPTIONS = ["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:terminal", "-s"]
+Wanted = Callable[[str, Mutant], bool]
+
+
+@dataclass(slots=True)
+class Judged:
+    """A mutant by its number in the module, and what became of it."""
+
+    module: str
+    number: int
+    verdict: str
+    afresh: bool
+    """It is to be loaded, or was."""
+    tests: int = 0
+
+
+def path_of(module: str) -> Path:
+    return ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
+
+
+def tree_of(module: str) -> ast.Module:
+    return ast.parse(path_of(module).read_bytes())
+
+
+class Collected:
+    """The plugin that is given the collected tests, and tries the mutants instead of running them."""
+
+    def __init__(self, modules: Sequence[str], wanted: Wanted, jobs: int, out: TextIO) -> None:
+        self.modules, self.wanted, self.jobs, self.out = modules, wanted, jobs, out
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        at_load = frozenset(SEEN)
+        items = {item.nodeid: item for item in session.items}
+        ways = measured(session.items, self.jobs)
+        for module in self.modules:
+            self._tell({"module": module, "files": ways.files(module)})
+            for judged in in_order(self._begun(module, items, ways, at_load), self.jobs):
+                self._tell([judged.module, judged.number, judged.verdict, judged.afresh, judged.tests])
+        return True
+
+    def _tell(self, what: object) -> None:
+        self.out.write(json.dumps(what) + "\n")
+        self.out.flush()
+
+    def _begun(
+        self, module: str, items: dict[str, pytest.Item], ways: Ways, at_load: frozenset[Hit]
+    ) -> Iterator[tuple[Judged, Wait]]:
+        path, tree = str(path_of(module)), tree_of(module)
+        alive = functions(path)
+        for number, mutant in enumerate(mutants(tree)):
+            if not self.wanted(module, mutant):
+                continue
+            hit = (module, mutant.statement)
+            names = ways.of(hit)
+            judged = Judged(module, number, SURVIVED, mutant.at_load or hit in at_load, len(names))
+            if mutant.at_load or not names:
+                judged.verdict = SURVIVED if judged.afresh else UNTESTED
+                yield judged, lambda: 0
+                continue
+
+            def work(mutant: Mutant = mutant, names: list[str] = names) -> int:
+                apply(mutant)
+                try:
+                    swap(alive, compile(tree, path, "exec", dont_inherit=True))
+                except ValueError:  # the closure is another
+                    return 0
+                return run_items([items[name] for name in names])
+
+            yield judged, isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
+
+
+def in_order(begun: Iterable[tuple[Judged, Wait]], jobs: int) -> Iterator[Judged]:
+    """Judge with at most ``jobs`` children at a time."""
+    running: list[tuple[Judged, Wait]] = []
+
+    def ended() -> Judged:
+        judged, wait = running.pop(0)
+        code = wait()
+        judged.verdict = judged.verdict if judged.verdict == UNTESTED else verdict(code)
+        return judged
+
+    for one in begun:
+        running.append(one)
+        if len(running) >= jobs:
+            yield ended()
+    while running:
+        yield ended()
+
+
+def in_functions(
+    modules: Sequence[str], tests: Sequence[str], wanted: Wanted, jobs: int
+) -> tuple[list[Judged], dict[str, list[str]]]:
+    """The mutants within functions; and which test files touch each module."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        code = 3
+        try:
+            os.close(reading)
+            sys.meta_path.insert(0, Finder(frozenset(modules), probed))
+            plugin = Collected(modules, wanted, jobs, os.fdopen(writing, "w"))
+            code = int(pytest.main([*OPTIONS, *tests], plugins=[plugin, FirstFailure()]))
+        finally:
+            os._exit(code)
+    os.close(writing)
+    found: list[Judged] = []
+    files: dict[str, list[str]] = {}
+    with os.fdopen(reading) as lines:
+        for line in map(json.loads, lines):
+            if isinstance(line, dict):
+                files[line["module"]] = line["files"]
+                print(line["module"], file=sys.stderr, flush=True)
+            else:
+                found.append(Judged(*line))
+                if found[-1].verdict in (SURVIVED, UNTESTED) and not found[-1].afresh:
+                    print(told(found[-1]), flush=True)
+    if code := os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]):
+        raise SystemExit(f"pytest ended with {code}")
+    return found, files
+
+
+def told(judged: Judged) -> str:
+    """One line about a mutant."""
+    mutant = mutants(tree_of(judged.module))[judged.number]
+    where = f"{judged.module}:{mutant.line} {mutant.scope}"
+    return f"{where} [{mutant.kind}] {mutant.told()}: {judged.verdict}, {judged.tests} tests"
+
+
+def afresh(found: Sequence[Judged], files: dict[str, list[str]], jobs: int) -> Iterator[Judged]:
+    """Try again what has to be loaded, each in a process that has loaded nothing of ours."""
+
+    def begun() -> Iterator[tuple[Judged, Wait]]:
+        for judged in found:
+            tree = tree_of(judged.module)
+            mutant = mutants(tree)[judged.number]
+
+            def work(judged: Judged = judged, mutant: Mutant = mutant, tree: ast.Module = tree) -> int:
+                apply(mutant)
+                sys.meta_path.insert(
+                    0, Finder(frozenset({judged.module}), lambda _, fresh: fresh.__setattr__("body", tree.body))
+                )
+                return int(pytest.main([*OPTIONS, *files[judged.module]], plugins=[FirstFailure()]))
+
+            yield judged, isolated(work, LOADED_S)
+
+    yield from in_order(begun(), jobs)
+
+
+def settle() -> None:
+    """Property tests: the same examples each time, no search for the smallest one. And load what all children need."""
+    phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+    health: Any = list(hypothesis.HealthCheck)
+    hypothesis.settings.register_profile(
+        "mutation", phases=phases, database=None, derandomize=True, deadline=None, suppress_health_check=health
+    )
+    hypothesis.settings.load_profile("mutation")
+    for name in ("pytest_asyncio.plugin", "hypothesis.strategies", "pydantic", "pymodbus.client", "fastcrc"):
+        __import__(name)

@@ -1,0 +1,87 @@
+"""The tool that changes our lines makes the changes that it says, and a slice of them is tried with every test run."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+
+import pytest
+
+from mutation.mutate import apply, mutants
+from mutation.report import ROOMS, ROOT
+from mutation.run import tree_of
+
+
+def changes(source: str) -> list[str]:
+    return [mutant.told() for mutant in mutants(ast.parse(source))]
+
+
+CHANGES = [
+    ("def f(a):\n return a <= 7", [
+        "return a <= 7 → return None", "a <= 7 → a < 7", "a <= 7 → a > 7", "7 → 8", "7 → 6",
+    ]),
+    ("def f(a, b):\n while a and b: break", ["a and b → a or b", "a and b → b", "a and b → a", "break → pass"]),
+    ("def f(a):\n if not a: raise KeyError", ["not a → a", "raise KeyError → pass"]),
+    ("def f(a, n):\n return a[:n]", ["return a[:n] → return None", ":n → :"]),
+    ("T = {1: A, 2: B}", [
+        "{1: A, 2: B} → {2: B}", "{1: A, 2: B} → {1: B, 2: B}", "{1: A, 2: B} → {1: A}", "{1: A, 2: B} → {1: A, 2: A}",
+        "1 → 2", "1 → 0", "2 → 3", "2 → 1",
+    ]),
+    ("T = b'ab'", ["b'ab' → b'b'", "b'ab' → b'a'"]),
+    ("@dataclass(frozen=True)\nclass C:\n \"\"\"Text.\"\"\"\n x: int = 5", ["5 → 6", "5 → 4"]),
+    ("@property\ndef f(self):\n return self.x == 'a'", [
+        "return self.x == 'a' → return None", "self.x == 'a' → self.x != 'a'", "'a' → 'ax'",
+    ]),
+    ("def f(a=3): pass", ["3 → 4", "3 → 2"]),
+    ("__all__ = ['a']\nX = One | Two\nY = Literal['a']\ndef f():\n raise ValueError(f'text {1}')", [
+        "raise ValueError(f'text {1}') → pass",
+    ]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("source", "expected"), CHANGES, ids=[row[0][:24] for row in CHANGES])
+def test_these_changes_are_made_and_no_others(source: str, expected: list[str]) -> None:
+    assert changes(source) == expected
+
+
+def test_what_acts_while_a_module_is_loaded_is_known() -> None:
+    source = "A = 1\nclass C:\n b = 2\n def f(self, c=3):\n  return 4"
+    found = {mutant.before: mutant.at_load for mutant in mutants(ast.parse(source))}
+    assert {number: found[number] for number in "1234"} == {"1": True, "2": True, "3": True, "4": False}
+
+
+def test_a_change_is_one_change() -> None:
+    source = "def f(a):\n return a < 1 or a > 2"
+    for number in range(len(changes(source))):
+        tree = ast.parse(source)
+        mutant = mutants(tree)[number]
+        apply(mutant)
+        text = ast.unparse(tree)
+        assert text != ast.unparse(ast.parse(source)) and mutant.after in text
+
+
+@pytest.mark.parametrize("module", [module for modules, _ in ROOMS for module in modules])
+def test_every_module_that_is_tried_exists_and_every_change_of_it_is_python(module: str) -> None:
+    tree = tree_of(module)
+    for mutant in mutants(tree)[::20]:
+        parent, name, index, new = mutant.place
+        old = getattr(parent, name) if index is None else getattr(parent, name)[index]
+        apply(mutant)
+        compile(tree, module, "exec", dont_inherit=True)
+        if index is None:
+            setattr(parent, name, old)
+        else:
+            getattr(parent, name)[index] = old
+        assert new is not old
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants run in forked processes")
+def test_every_changed_comparison_of_the_gate_is_noticed() -> None:
+    """The slice of continuous integration; the whole is ``make mutation``."""
+    command = [sys.executable, "-m", "mutation", "drives.gate", "--kind", "comparison"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    assert "20 tried, 0 to be loaded" in done.stderr and done.stdout == ""
