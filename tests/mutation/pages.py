@@ -12,9 +12,9 @@ TITLES = {
 }
 INTRO = {
     "en": """Each line of the protocols, the transaction, the scheduler, the jobs and their rights, and the gate is
-changed in a small way, one change at a time, and the tests of that room must notice. A change that no test notices is a line
-that nobody watches. The tool is our own (`tests/mutation`): beside the bodies of functions, also of decorated ones,
-it changes what is computed while a module is loaded: code tables, alphabets, lengths, defaults.
+changed in a small way, one change at a time, and the tests of that room must notice. A change that no test
+notices is a line that nobody watches. The tool is our own (`tests/mutation`): beside the bodies of functions, also
+of decorated ones, it changes what is computed while a module is loaded: code tables, alphabets, lengths, defaults.
 
 ```
 make mutation                         # all of it; it takes hours of the processor on a small machine
