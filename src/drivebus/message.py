@@ -171,6 +171,11 @@ class Permit:
     command: str = ""
     """Id of the command object it belongs to."""
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for an expiry that is no number: no comparison would ever end it (I1)."""
+        if self.expires_at != self.expires_at:
+            raise ValueError(f"permit for station {self.station}: expires_at is NaN, expected monotonic seconds")
+
 
 @dataclass(slots=True)
 class Ask:

@@ -37,6 +37,11 @@ def test_a_start_without_its_own_valid_permit_never_leaves(given: Permit | None,
     assert play.sent == [] and station.started == 0
 
 
+def test_i1_a_permit_without_an_end_can_not_be_made() -> None:
+    with pytest.raises(ValueError, match="expected monotonic seconds"):
+        permit(expires_at=float("nan"))
+
+
 def test_a_read_label_on_a_start_does_not_help() -> None:
     """The effect comes from the bytes, not from what the ask says of itself."""
     play = book(Station())

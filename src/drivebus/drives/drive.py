@@ -245,7 +245,10 @@ class Drive:
         return max(0.0, self.bus.now() - moved.sent_at - self.bus.line.seconds(len(moved.sent)))
 
     async def stop(self, wait: bool = True) -> Outcome:
-        """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated."""
+        """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.
+
+        Its patience is that of one drive on a line of its own: for several at once there is ``bus_stop``.
+        """
         return await self._stop(Stop.STOP, wait)
 
     async def coast(self, wait: bool = True) -> Outcome:
