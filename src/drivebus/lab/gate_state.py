@@ -44,6 +44,7 @@ class State:
     """Mutable; ``copy`` before each event."""
 
     __slots__ = (
+        "_begun",
         "_ours",
         "alarm",
         "command",
@@ -71,12 +72,15 @@ class State:
         self.leaves: dict[int, Leave] = {}
         self.shadow = subject.shadow
         self.seen = Seen()
+        self._begun = False
+        """The first of the command's frames has left: the others may follow."""
         self._ours = True
 
     def copy(self) -> Self:
         """The core is shared until something happens to it: whoever looks and waits changes nothing."""
         made = object.__new__(type(self))
         made.subject, made.core, made.now, made.alarm, made._ours = self.subject, self.core, self.now, self.alarm, False
+        made._begun = self._begun
         made.command, made.wish, made.held, made.shadow = self.command, self.wish, self.held, self.shadow
         made.leaves, made.monitor, made.seen = dict(self.leaves), self.monitor.copy(), Seen()
         return made
@@ -95,7 +99,7 @@ class State:
         return (
             gate_copy.name(self.core, self.now, far_s), self.command_name(), self.held_name(),
             [(slot, *self._leave_name(leave)) for slot, leave in sorted(self.leaves.items())],
-            self.shadow, self.monitor.held & 4, self.now % self.subject.grid.tick_s,
+            self.shadow, self._begun, self.monitor.held & 4, self.now % self.subject.grid.tick_s,
         )  # fmt: skip
 
     @property

@@ -71,10 +71,11 @@ class World(State):
         return self.monitor.epoch.since(self.wish.epoch) + ("unexpired",) * old
 
     def places(self) -> list[int]:
-        """Frames of the command that a permit can be asked for now; a stop needs none."""
+        """Frames of the command that a permit can be asked for now; a stop needs none, and what follows follows."""
         if self.command is None or OURS not in self.core.stations:
             return []
-        return [place for place in range(len(self.subject.frames)) if self.subject.acts(place, self.shadow)]
+        places = range(len(self.subject.frames) if self._begun else 1)
+        return [place for place in places if self.subject.acts(place, self.shadow)]
 
     # --- what happens ------------------------------------------------------------------------------------------
 
@@ -91,6 +92,7 @@ class World(State):
         """What lacks two things can never come back, and a latch over nothing at all is as good as one set later."""
         if self.wish is not None and len(self._wish_lacks()) > 1:
             self.command = self.wish = self.held = None
+            self._begun = False
         if self.monitor.latched and self.wish is None and not self.leaves and OURS in self.core.stations:
             self._latch("", False)
 
@@ -164,7 +166,7 @@ class World(State):
 
     def _make(self, _: str) -> None:
         self.command = self.subject.talk.command(self.subject.kind, gate_question.around(self.core, self.now))
-        self.wish, self.held = Wish(self.now, self.monitor.epoch), None
+        self.wish, self.held, self._begun = Wish(self.now, self.monitor.epoch), None, False
 
     def _submit(self, _: str, raw: bool = False) -> None:
         """As a conversation does it; ``raw``: as a program may that calls the bus itself and labels it at will."""
@@ -230,6 +232,7 @@ class World(State):
         if lacks:
             self.seen.bad.append(f"{data.hex(' ')} left without: {', '.join(lacks)}")
         if slot is not None:
+            self._begun = self.wish is not None and len(self.subject.frames) > 1
             self.leaves[slot] = replace(self.leaves[slot], sent=min(3, self.leaves[slot].sent + 1))
 
     def _done(self, done: Done) -> None:
