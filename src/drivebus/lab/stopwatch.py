@@ -110,6 +110,7 @@ class StopWatch:
             return
         one.due = sent.end + self.times.limit_s(sent.address, sent.data) + self.times.gap_s
         if sent.start <= one.at + EPSILON_S:
+            one.turnaround |= sent.address == self.stand.kind.broadcast
             return
         if sent.does is not Does.STOP:
             self._violation(f"I3 {sent.does} to {sent.address} went before it", one)
