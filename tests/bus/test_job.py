@@ -87,11 +87,15 @@ def test_only_a_stop_loses_its_expiry() -> None:
         assert job(Ask(1, request, expires_at=7.0)).expires_at == expires_at
 
 
-class Mute(modbus.RtuCodec):
-    """A codec whose reads nobody answers."""
+class Terse(modbus.RtuCodec):
+    """A codec whose reads are answered with so many bytes."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.size = size
 
     def reply_size(self, request: Any, /) -> int:
-        return 0
+        return self.size
 
 
 @pytest.mark.parametrize(
@@ -101,7 +105,8 @@ class Mute(modbus.RtuCodec):
         (None, modbus.ReadRegisters(2, 7), False),
         (None, modbus.WriteRegister(1, SPEED, 7), False),
         (None, modbus.WriteRegister(1, COMMAND, STOP), False),
-        (Mute(), modbus.ReadRegisters(1, 7), False),
+        (Terse(0), modbus.ReadRegisters(1, 7), False),
+        (Terse(1), modbus.ReadRegisters(1, 7), True),
     ],
 )
 def test_only_a_read_that_this_very_station_answers_is_remembered(codec: Any, request_: Any, plain: bool) -> None:

@@ -65,6 +65,7 @@ def test_the_limits_of_the_fairness_rules_are_those_that_the_page_names() -> Non
 
 def test_nothing_is_next_where_nothing_waits() -> None:
     empty = Scheduler(LINE)
+    assert empty.wake_at == FOREVER
     assert empty.next(0.0) is None and empty.wake_at == FOREVER and len(empty) == 0
 
 

@@ -233,3 +233,35 @@ def test_i8_describe_never_raises(family: str) -> None:
         assert found.valid is (not found.problems)
         sentences(found)
         sentences(found, "zh")
+
+
+@pytest.mark.parametrize(
+    ("kind", "state", "data", "direction"),
+    [
+        (3, 3, 0, "response"),
+        (3, 1, 0, "response"),
+        (3, 0x21, 0, "response"),
+        (3, 0, 0, "request"),
+        (3, 7, 0, "request"),
+        (3, 3, 5, "request"),
+        (3, 0, 5, "request"),
+        (5, 3, 0, "request"),
+        (5, 0, 5, "request"),
+        (0, 3, 0, "response"),
+        (2, 3, 5, "response"),
+    ],
+)
+def test_t21_an_18_byte_frame_is_a_write_unless_it_reads_as_a_refusal(
+    kind: int, state: int, data: int, direction: str
+) -> None:
+    assert sifang.describe(ASCII.build(WRITE, 5, kind, state, 1, 2, data)).direction == direction
+
+
+def test_what_was_said_of_a_frame_is_believed_before_its_shape() -> None:
+    read = ASCII.build(READ, 5, 2, 0, 1, 2)
+    assert sifang.describe(read).direction == "request"
+    assert sifang.describe(read, direction="response").direction == "response"
+    assert sifang.describe(read, request=read).direction == "response"
+    assert sifang.describe(read, request=read, direction="request").direction == "request"
+    assert sifang.describe(read, "hex").problems[0] == ("protocols.header", {"expected": 0x5A, "found": 0x2A})
+    assert (sifang.describe(read).encoding, sifang.describe(b"Z").encoding) == ("ascii", "hex")

@@ -636,3 +636,13 @@ def test_i8_a_reset_that_somebody_else_sent_with_a_frequency_raises_nothing_in_i
     assert CODEC.decode_reply(CODEC.decode_request(asked).message, reply).message.accepted
     found = dzb.describe(b"C\x03\x0601080000", request=asked)
     assert [key for key, _ in found.problems] == ["protocols.dzb.data"]
+
+
+def test_t08_only_a_setpoint_above_the_mains_frequency_deserves_a_second_look() -> None:
+    at, above = b"C\x03\x01010101F4", b"C\x03\x01010101F5"
+    assert dzb.describe(at).fields["frequency_hz"] == 50.0 and dzb.describe(at).hazards == ()
+    assert [key for key, _ in dzb.describe(above).hazards] == ["protocols.dzb.hazard.tenfold"]
+
+
+def test_a_codec_says_what_it_is() -> None:
+    assert (CODEC.family, CODEC.encoding, CODEC.broadcast_address) == ("dzb100", "ascii", 0)

@@ -19,7 +19,7 @@ from drivebus.errors import (
     ProtocolError,
     TerminatorError,
 )
-from drivebus.message import Complete, Incomplete
+from drivebus.message import Complete, CompleteIfSilent, Incomplete
 from drivebus.protocols.checksum import lrc
 from drivebus.protocols.modbus import (
     AsciiCodec,
@@ -124,6 +124,31 @@ def test_a_short_error_of_another_function_is_none_t15(codec: Codec, asked: Requ
     assert (caught.value.expected, caught.value.found) == (asked.function, function)
 
 
+def test_an_unknown_function_ends_at_the_largest_frame_even_where_a_later_check_would_fit() -> None:
+    """Serial Line V1.02, 2.5.1: 256 bytes."""
+    for size in (256, 257, 300):
+        octets = b"\x01\x2b" + b"\x55" * (size - 4)
+        data = rtu_frame(octets)
+        assert len(data) == size
+        with pytest.raises(BadRequest if size == 256 else LengthError):
+            RtuCodec().decode_request(data)
+        assert RtuCodec().decode_request(data[:255]) == Incomplete(256)
+    assert RtuCodec().decode_request(data[:5]) == Incomplete(6)
+
+
+def test_a_codec_says_what_it_is() -> None:
+    for codec, encoding in ((RtuCodec(), "rtu"), (AsciiCodec(), "ascii")):
+        assert (codec.family, codec.encoding, codec.broadcast_address) == ("modbus", encoding, 0)
+        assert (codec.error_form, codec.max_read) == ("exception", 125)
+    assert (RtuCodec("short", 4).error_form, AsciiCodec("short", 4).max_read) == ("short", 4)
+
+
+@pytest.mark.parametrize("third", ["01", "04", "FF"])
+def test_a_short_rtu_error_says_00_and_nothing_else_t15(third: str) -> None:
+    codec = RtuCodec("short")
+    assert codec.decode_reply(WriteRegister(1, 2, 3), frame(codec, f"01 06 {third}")) == Incomplete(8)
+
+
 @pytest.mark.parametrize("third", ["01", "04", "FF"])
 def test_a_short_error_says_00_and_nothing_else_t15(third: str) -> None:
     codec = AsciiCodec("short")
@@ -147,7 +172,34 @@ def test_another_stations_short_error_tells_its_size_f02(codec: Codec, function:
     data = frame(codec, f"07 {function} 00")
     with pytest.raises(AddressError) as caught:
         codec.decode_reply(asked, data)
-    assert (caught.value.found, caught.value.size) == (7, len(data))
+    assert (caught.value.key, caught.value.found, caught.value.size) == ("modbus.address", 7, len(data))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [WriteRegister(1, 0x23, 0xA001), WriteRegisters(3, 0x8C, (1, 2)), WriteBits(225, 0x24, (True,) * 0x601)],
+    ids=["06", "10H", "0FH"],
+)
+def test_t15_a_short_error_that_is_the_beginning_of_an_echo_asks_for_silence(asked: Any) -> None:
+    """Ruling 11: only these writes; the error's check has the bytes of register and value, or count."""
+    codec = RtuCodec("short")
+    error = codec.encode_reply(ErrorReply(asked.address, asked.function, None))
+    word = asked.value if isinstance(asked, WriteRegister) else len(asked.values)
+    done = Written(asked.address, asked.function, asked.register, word)
+    echo = codec.encode_reply(done)
+    assert echo.startswith(error)
+    for end in (5, 6, 7):
+        refused = CompleteIfSilent(ErrorReply(asked.address, asked.function, None), 5, 8)
+        assert codec.decode_reply(asked, echo[:end]) == refused
+    assert codec.decode_reply(asked, echo) == Complete(done, 8)
+
+
+def test_t15_a_short_error_of_a_read_needs_no_silence_although_the_request_begins_like_it() -> None:
+    """No read is answered by its own echo."""
+    codec, asked = RtuCodec("short"), ReadRegisters(3, 0x83, 1, 4)
+    error = codec.encode_reply(ErrorReply(3, 4, None))
+    assert codec.encode_request(asked).startswith(error)
+    assert codec.decode_reply(asked, error) == Complete(ErrorReply(3, 4, None), 5)
 
 
 @every_codec
@@ -305,6 +357,14 @@ def test_a_field_out_of_range_is_named_with_its_limits(message: Any, sentence: s
     encode = codec.encode_reply if isinstance(message, Registers | Bits | Written | Looped | ErrorReply) else None
     with pytest.raises(ValueError, match=f"^{sentence}$"):
         (encode or codec.encode_request)(message)
+
+
+def test_i11_only_a_whole_read_of_its_own_encoding_is_harmless() -> None:
+    read = RtuCodec().encode_request(ReadRegisters(1, 2, 3))
+    assert written(read) == ()
+    for data, encoding in ((read[:7], "rtu"), (read + b"\x00", "rtu"), (read, "ascii"), (b":" + read[1:], "ascii")):
+        with pytest.raises(ProtocolError):
+            written(data, encoding)
 
 
 @pytest.mark.parametrize("high", range(1, 5))
@@ -467,6 +527,7 @@ REFUSED_NUMBERS = [
     ("05 05 00 00 00 01", "modbus.coil", "0000H, FF00H", 1),
     ("05 08 00 01 12 34", "modbus.sub_function", 0, 1),
     ("05 07 00 00", "modbus.unknown_function", "1-6, 8, 15, 16", 7),
+    ("05 00 00 00", "modbus.unknown_function", "1-6, 8, 15, 16", 0),
 ]
 
 
@@ -487,6 +548,7 @@ def test_a_bad_request_says_what_is_wrong_with_both_numbers(
 FOREIGN_EXTENTS = [
     ("07 01 01 05", 6, 6),
     ("07 02 02 05 06", 7, 7),
+    ("07 02 01 05", 6, 6),
     ("07 03 02 00 05", 7, 7),
     ("07 03 03 00 05 06", None, None),
     ("07 04 01 05", None, None),
@@ -506,6 +568,7 @@ def test_f02_another_stations_frame_has_a_size_only_where_its_function_tells_one
         with pytest.raises(AddressError) as caught:
             codec.decode_reply(ReadRegisters(1, 0, 2), frame(codec, octets))
         assert (caught.value.expected, caught.value.found, caught.value.size) == (1, 7, size or 0)
+        assert caught.value.key == "modbus.address"
 
 
 @every_codec
@@ -586,6 +649,9 @@ def test_the_length_of_a_counted_request_is_known_with_its_byte_count_and_not_be
     for codec, data, known in ((RtuCodec(), rtu, 7), (AsciiCodec(), ascii_, 15)):
         assert codec.decode_request(data[:known]) == Incomplete(len(data))
         assert codec.decode_request(data[: known - 1]) == Incomplete({7: 9, 15: 19}[known])
+    many = AsciiCodec().encode_request(WriteRegisters(1, 2, (5,) * 10))
+    assert AsciiCodec().decode_request(many[:14]) == Incomplete(19), "half a byte count tells nothing"
+    assert AsciiCodec().decode_request(many[:15]) == Incomplete(len(many))
 
 
 def test_ascii_is_strict_at_offset_0() -> None:

@@ -113,9 +113,9 @@ def frame(octets: str) -> bytes:
 
 
 def test_a_spoiled_exception_is_still_a_reply() -> None:
-    spoiled = frame("01 83 02")[:-1] + b"\x00"
-    found = describe(spoiled, "rtu")
-    assert (found.direction, found.fields) == ("response", {"address": 1, "function": 3, "exception": 2})
+    for octets, function in (("01 83 02", 3), ("01 86 02", 6)):
+        found = describe(frame(octets)[:-1] + b"\x00", "rtu")
+        assert (found.direction, found.fields) == ("response", {"address": 1, "function": function, "exception": 2})
 
 
 def test_t15_five_bytes_are_a_short_error_only_with_00_and_a_good_check() -> None:

@@ -286,3 +286,19 @@ def test_an_encoding_is_one_of_two() -> None:
     for encoding in ("ASCII", "", "rtu"):
         with pytest.raises(ValueError, match="expected ascii or hex"):
             SifangCodec(encoding)  # type: ignore[arg-type]
+
+
+def test_a_codec_says_what_it_is() -> None:
+    for encoding in ENCODINGS:
+        codec = SifangCodec(encoding)
+        assert (codec.family, codec.encoding, codec.broadcast_address) == ("c320", encoding, 31)
+        assert (codec.digits, codec.nibble) == ("strict", False)
+
+
+@pytest.mark.parametrize("place", range(-5, -1))
+def test_t03_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place: int) -> None:
+    codec = SifangCodec("hex", nibble=True)
+    full = codec.encode_reply(Reply(5, Response.OK, State.STOPPED, 1, 10, 0))
+    assert codec.decode_reply(ASKED, full) == Complete(Reply(5, Response.OK, State.STOPPED, 1, 10, 0), 18)
+    with pytest.raises(ProtocolError):
+        codec.decode_reply(ASKED, spoiled(full, place, full[place] ^ 1))

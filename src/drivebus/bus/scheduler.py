@@ -74,7 +74,7 @@ class Scheduler:
         self.wake_at = FOREVER
         stops, commands, parameters, polls, probes = self.lanes
         if stops:
-            return stops[0] if len(stops) == 1 else min(stops, key=self._stop_turn)
+            return min(stops, key=self._stop_turn)
         if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
             return job
         for lane in (parameters, commands) if self._commands >= URGENT_RUN else (commands, parameters):

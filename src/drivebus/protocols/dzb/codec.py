@@ -32,8 +32,8 @@ S = 0x03
 ONE, ALL = 0x01, 0x02
 DONE, REFUSED = 0x06, 0x07
 HEADS = b"CPRQ"
-STATE_DIGITS = {byte: byte & 0x0F for byte in (*range(9), *b"012345678") if byte not in (DONE, REFUSED)}
-"""B of a C reply may also be a state digit X0-X8, binary or ASCII [OPEN] (T20)."""
+STATE_DIGITS = {byte: byte & 0x0F for byte in (*range(9), *b"012345678")}
+"""B of a C reply may also be a state digit X0-X8, binary or ASCII [OPEN]; 06 and 07 are told before (T20)."""
 
 
 class DzbCodec:

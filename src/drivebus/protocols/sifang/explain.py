@@ -59,24 +59,23 @@ def describe(
     encoding = encoding or ("hex" if data[:1] == bytes((HEX_HEAD,)) else "ascii")
     codec = SifangCodec(encoding, digits="tolerant", nibble=True)  # type: ignore[arg-type]
     form: Form = AsciiForm(TOLERANT) if encoding == "ascii" else MixedForm()
-    direction = direction or ("response" if request is not None else _guess(data, form))
-    if direction == "request":
+    if direction == "request" or (direction is None and request is None and _is_request(data, form)):
         return _describe_request(data, codec, form, meaning)
     return describe_reply(data, codec, form, request, meaning)
 
 
-def _guess(data: bytes, form: Form) -> Direction:
+def _is_request(data: bytes, form: Form) -> bool:
     """By length and byte 3. An 18-byte frame with 3 there is a write, unless its data are a refusal's 0000 (T21)."""
     if len(data) == SHORT.size:
-        return "response"
+        return False
     if len(data) != WRITE.size:
-        return "response" if _begins(data, form, WRITE, SHORT) and not _begins_request(data, form) else "request"
+        return _begins_request(data, form) or not _begins(data, form, WRITE, SHORT)
     try:
         kind, values = form.digit(data[KIND_AT], KIND_AT), form.read(WRITE, data).values
     except ProtocolError:
-        return "response"
+        return False
     refusal = values[2] in STATES and values[2] != Operation.NONE and values[5] == 0
-    return "request" if kind == 5 or (kind == 3 and not refusal) else "response"
+    return kind == 5 or (kind == 3 and not refusal)
 
 
 def _begins(data: bytes, form: Form, *layouts: Layout) -> bool:
@@ -112,9 +111,10 @@ def _request_fields(values: tuple[int, ...], meaning: Meaning) -> dict[str, Any]
     if operation in OPERATIONS:
         fields["operation_name"] = OPERATIONS[operation].name.lower()
     if kind == 4:
-        fields["data"] = rest[0]
+        (data,) = rest
+        fields["data"] = data
         if operation in OPERATIONS and OPERATIONS[operation].sets_frequency:
-            fields["frequency_hz"] = meaning.hz(rest[0])
+            fields["frequency_hz"] = meaning.hz(data)
         return fields
     fields["group"], item = rest[:2]
     if kind != 0:
@@ -124,7 +124,7 @@ def _request_fields(values: tuple[int, ...], meaning: Meaning) -> dict[str, Any]
 
 def _hazards(kind: int, operation: int) -> tuple[Note, ...]:
     """T01: an operation acts in every class, whatever the frame seems to be for."""
-    if kind == 4 or operation == Operation.NONE or operation not in OPERATIONS:
+    if kind == 4 or operation == Operation.NONE:
         return ()
     ordered = OPERATION_EFFECTS.get(OPERATIONS[operation], Effect.MOTION)
     key = "starts" if ordered is Effect.MOTION else "acts"

@@ -22,7 +22,6 @@ from drivebus.protocols.sifang.frame import (
 from drivebus.protocols.sifang.messages import ReadIdentity, Request
 from drivebus.protocols.sifang.replies import framed_size, read_full, read_short
 from drivebus.protocols.sifang.tables import (
-    KIND_AT,
     RESPONSES,
     STATES,
     Response,
@@ -91,15 +90,15 @@ def _check_alone(data: bytes, form: Form) -> None:
     read_full(form, data)  # a class-0 reply's digits 7-8 read as a nibble item
 
 
-def _only_identity(data: bytes, form: Form) -> bool:
+def _only_identity(data: bytes) -> bool:
     """A hex frame whose byte 7 is a digit of its own: packed items leave it 0."""
-    return not isinstance(form, AsciiForm) and data[7] != 0 and reads(PackedForm(), IDENTITY, data[: IDENTITY.size])
+    return data[7] != 0 and reads(PackedForm(), IDENTITY, data[: IDENTITY.size])
 
 
 def _reply_layout(data: bytes, form: Form, asked: Request | None) -> Layout:
-    if len(data) <= KIND_AT or len(data) < WRITE.size or digit_or_none(data, form) in (6, 7, 8):
+    if len(data) < WRITE.size or digit_or_none(data, form) in (6, 7, 8):
         return SHORT
-    if isinstance(asked, ReadIdentity) or (asked is None and _only_identity(data, form)):
+    if isinstance(asked, ReadIdentity) or (asked is None and _only_identity(data)):
         return IDENTITY if reads(form, IDENTITY, data[: IDENTITY.size]) else WRITE
     return WRITE
 
@@ -115,7 +114,7 @@ def _reply_fields(layout: Layout, values: tuple[int, ...], asked: Request | None
         fields["state_name"] = STATES[values[2]].name.lower()
     if layout is IDENTITY or isinstance(asked, ReadIdentity):
         return fields | _identity_fields(values)
-    group, item, data = values[3:6]
+    group, item, data = values[3:]
     if values[2] == State.FAULT:
         return fields | {"fault_code": item, "data": data}
     fields |= {"item": item, "data": data}
@@ -154,7 +153,7 @@ def _readings(
     found: list[Candidate] = []
     group, fault = values[3], values[2] == State.FAULT
     if layout is WRITE and not fault:
-        item, word = values[4:6]
+        item, word = values[4:]
         if group == 0:
             found.append(Candidate(note("protocols.sifang.reading.monitor"), place(1, 0, item, word, meaning)))
         found.append(Candidate(note("protocols.sifang.reading.parameter"), place(2, group, item, word, meaning)))
@@ -172,4 +171,4 @@ def _identity_reading(data: bytes, form: Form, group: int) -> dict[str, Any] | N
     if raw is None or group > 3:
         return None
     fields = _identity_fields(raw.values)
-    return fields if group or {"voltage_class", "power_kw"} <= fields.keys() else None
+    return fields if group or {"voltage_class", "power_kw"}.issubset(fields) else None

@@ -107,7 +107,9 @@ class AsciiForm:
         return b"*%b%04X\r" % (body, sum(body))
 
     def digit(self, byte: int, position: int) -> int:
-        found = self.table[byte] or canonical(bytes((byte,)), self.table, position)[0]
+        found = self.table[byte]
+        if not found:
+            canonical(bytes((byte,)), self.table, position)  # raises
         return found - 0x30 if found <= 0x39 else found - 0x37
 
     def read(self, layout: Layout, frame: bytes) -> Fields:
