@@ -302,3 +302,41 @@ def test_t03_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place
     assert codec.decode_reply(ASKED, full) == Complete(Reply(5, Response.OK, State.STOPPED, 1, 10, 0), 18)
     with pytest.raises(ProtocolError):
         codec.decode_reply(ASKED, spoiled(full, place, full[place] ^ 1))
+
+
+def test_t03_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None:
+    body = bytes((0, 5, 0, 0, 3, 0x10, 0, 10, 0, 0, 0, 0))
+    frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
+    with pytest.raises(AlphabetError) as caught:
+        SifangCodec("hex", nibble=True).decode_reply(ASKED, frame)
+    assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sifang.digit", 15, 16)
+    assert caught.value.params["position"] == 6
+
+
+@both
+def test_t05_an_identity_in_a_fault_is_sent_with_the_fault_code_in_its_place(encoding: Encoding) -> None:
+    reply = Reply(5, Response.OK, State.FAULT, 2, fault_code=0x1F, info="--ABCD")
+    data = CODECS[encoding].encode_reply(reply)
+    assert data == BUILD[encoding].build(WRITE, 5, 0, 0x20, 2, 0x1F, 0xABCD)
+    plain = Reply(5, Response.OK, State.STOPPED, 2, info="F0ABCD")
+    assert CODECS[encoding].encode_reply(plain) == BUILD[encoding].build(IDENTITY, 5, 0, 3, 2, 15, 0, 0xABCD)
+
+
+@both
+@pytest.mark.parametrize("info", ["12345", "1234567", "12345x", "12345g", "12345a", ""])
+def test_an_identity_has_six_digits(encoding: Encoding, info: str) -> None:
+    with pytest.raises(ValueError, match=f"^info '{info}': expected six digits$"):
+        CODECS[encoding].encode_reply(Reply(5, Response.OK, State.STOPPED, 2, info=info))
+
+
+@both
+def test_a_full_reply_needs_all_its_fields(encoding: Encoding) -> None:
+    for reply, sentence in (
+        (Reply(5, Response.OK, State.STOPPED, None, 0, 0), "a full reply has a state and a group"),
+        (Reply(5, Response.OK, None, 0, 0, 0), "a full reply has a state and a group"),
+        (Reply(5, Response.OK, State.STOPPED, 0, None, 0), "a full reply has data and an item, or in a fault its code"),
+        (Reply(5, Response.OK, State.STOPPED, 0, 0, None), "a full reply has data and an item, or in a fault its code"),
+        (Reply(5, Response.OK, State.FAULT, 0, 7, 0), "a full reply has data and an item, or in a fault its code"),
+    ):
+        with pytest.raises(ValueError, match=f"^{sentence}$"):
+            CODECS[encoding].encode_reply(reply)

@@ -190,18 +190,15 @@ def _by_field(layout: Layout, frame: bytes) -> Fields:
 
 
 def _is_nibbles(raw: bytes) -> bool | None:
-    """True, False, or None where the field says nothing (a one-byte field never does)."""
-    half = len(raw) // 2
-    if half == 0 or max(raw) == 0:
-        return None
-    if any(raw[:half]):
+    """True, False, or None where the field says nothing (a one-byte field that is a digit never does)."""
+    if any(raw[: len(raw) // 2]):
         return True
-    return False if max(raw[half:]) > 0x0F else None
+    return False if max(raw) > 0x0F else None
 
 
 def _field(raw: bytes, nibbles: bool, at: int) -> int:
     if nibbles:
         return int(canonical(raw, NIBBLES, at), 16)
-    if len(raw) == 1 and raw[0] > 0x0F:
+    if raw[0] > 0x0F:  # of a wider field it is 0 here
         raise AlphabetError("protocols.sifang.digit", expected=0x0F, found=raw[0], position=at)
     return int.from_bytes(raw, "big")
