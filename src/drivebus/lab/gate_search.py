@@ -110,7 +110,6 @@ class Search:
             self._edge(world.copy().happens(event), number, event, depth, alone)
         for place in world.places():
             decision = self._decide(world, place)
-            self.found.decisions += decision.asked
             gate_alone |= decision.alone
             for shown, lacks in decision.yes:
                 event = f"grant {place}" + (f" without {', '.join(lacks)}" if lacks else "")
@@ -170,6 +169,7 @@ class Search:
         found = self._decided.get(situation)
         if found is None:
             found = self._decided[situation] = decide(self.subject, world, place, self.domain.small)
+            self.found.decisions += found.asked
         return found
 
 
