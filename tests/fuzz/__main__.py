@@ -49,7 +49,10 @@ def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     last = re.findall(r"cov: (\d+) ft: (\d+) corp: (\d+)/", done.stderr)
     counted = re.search(r"stat::number_of_executed_units: (\d+)", done.stderr)
     edges, features, corpus = map(int, last[-1]) if last else (0, 0, 0)
-    if done.returncode:
+    crashed = "Uncaught Python exception" in done.stderr or "ERROR: libFuzzer" in done.stderr
+    if done.returncode and not crashed:
+        raise SystemExit(f"{script.name} was ended from outside ({done.returncode})")
+    if crashed:
         print(done.stderr[-3000:], file=sys.stderr)
     return {
         "commit": commit(),
@@ -61,7 +64,7 @@ def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
         "edges": edges,
         "features": features,
         "corpus": corpus,
-        "crashes": int(done.returncode != 0),
+        "crashes": int(crashed),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import random
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from fuzz.harness import SEALED, Broken, check
 from fuzz.targets import TARGETS
 
 HERE = Path(__file__).resolve().parent
+REPORT = HERE.parents[1] / "docs" / "reports" / "atheris.json"
 SCRIPTS = {path.stem.removeprefix("fuzz_").replace("_", "-"): path for path in HERE.glob("fuzz_*.py")}
 
 
@@ -95,3 +97,11 @@ def test_a_harness_runs_under_atheris(name: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "Done 2000 runs" in done.stderr
+
+
+def test_the_committed_report_has_every_decoder_and_no_crash() -> None:
+    found = json.loads(REPORT.read_text(encoding="utf-8"))["decoders"]
+    assert found.keys() == TARGETS.keys()
+    for name, one in found.items():
+        assert (one["crashes"], one["runs"] >= 40_000) == (0, True), name
+        assert not one["commit"].endswith("-dirty") and one["features"] >= one["edges"] > 0

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import subprocess
 import sys
 
 import pytest
 
+from mutation import pages
 from mutation.mutate import apply, mutants
-from mutation.report import ROOMS, ROOT
+from mutation.report import REPORT, ROOMS, ROOT
 from mutation.run import tree_of
 
 
@@ -75,6 +77,15 @@ def test_every_module_that_is_tried_exists_and_every_change_of_it_is_python(modu
         else:
             getattr(parent, name)[index] = old
         assert new is not old
+
+
+def test_the_pages_are_those_of_the_committed_figures_and_every_survivor_has_its_reason() -> None:
+    found = json.loads(REPORT.read_text(encoding="utf-8"))
+    for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
+        assert (REPORT.parent / name).read_text(encoding="utf-8") == pages.page(found, language)
+    for one in found.values():
+        assert one["mutants"] - one["killed"] == len(one["survivors"]) <= one["mutants"] / 10
+        assert all(left["reason"] for left in one["survivors"])
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants run in forked processes")
