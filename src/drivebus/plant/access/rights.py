@@ -1,0 +1,53 @@
+"""Rights and roles: what a person or a program may ask of the plant. Values only.
+
+Every operation (``plant.operations``) names the one right that it needs; the plant itself refuses whoever lacks it,
+whatever door the request came through (S01, S08, S09).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Right(StrEnum):
+    """What an operation needs."""
+
+    VIEW = "view"
+    """See drives, buses, frames, history, alarms."""
+    STOP = "stop"
+    """Stop a drive, a group, everything. Needs no lease and no second step."""
+    OPERATE = "operate"
+    """Run, jog, change the setpoint, reset, take a lease, acknowledge and shelve alarms."""
+    TUNE = "tune"
+    """Write parameters to the drive's RAM."""
+    SAVE = "save"
+    """Write parameters to EEPROM."""
+    LIMIT = "limit"
+    """Change limits, record a waiver."""
+    CONFIGURE = "configure"
+    """Read and reload the plant's configuration."""
+    AUDIT = "audit"
+    """Read the audit trail."""
+    ADMINISTER = "administer"
+    """Users and everybody's tokens."""
+
+
+class Role(StrEnum):
+    """What a user is; each role may all that the one before may."""
+
+    VIEWER = "viewer"
+    OPERATOR = "operator"
+    ENGINEER = "engineer"
+    ADMINISTRATOR = "administrator"
+
+
+_VIEWER = frozenset({Right.VIEW})
+_OPERATOR = _VIEWER | {Right.STOP, Right.OPERATE}
+_ENGINEER = _OPERATOR | {Right.TUNE, Right.SAVE, Right.LIMIT, Right.CONFIGURE, Right.AUDIT}
+
+RIGHTS: dict[Role, frozenset[Right]] = {
+    Role.VIEWER: _VIEWER,
+    Role.OPERATOR: _OPERATOR,
+    Role.ENGINEER: _ENGINEER,
+    Role.ADMINISTRATOR: frozenset(Right),
+}
