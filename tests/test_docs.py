@@ -8,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
-from drivebus import profiles
+from drivebus import errors, profiles
+from drivebus.cli.root import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs" / "protocols").glob("*.md"))
@@ -31,7 +33,7 @@ def test_the_generated_parts_are_up_to_date() -> None:
 
 
 def test_a_page_out_of_date_is_named_and_fails(tmp_path: Path) -> None:
-    for name in ("docs/explanation", "docs/generator", "docs/protocols", "docs/reports", "vectors"):
+    for name in ("docs/explanation", "docs/generator", "docs/protocols", "docs/reference", "docs/reports", "vectors"):
         shutil.copytree(ROOT / name, tmp_path / name)
     for name in ("docs/generate.py", "README.md", "README.zh.md"):
         shutil.copy(ROOT / name, tmp_path / name)
@@ -63,3 +65,15 @@ def test_a_profile_that_a_page_tells_to_write_loads(page: str, example: str, tmp
     own = tmp_path / "own.toml"
     own.write_text(example, encoding="utf-8")
     assert profiles.load(own).source == str(own)
+
+
+@pytest.mark.parametrize("suffix", ["", ".zh"])
+def test_every_verb_and_every_error_has_its_paragraph(suffix: str) -> None:
+    reference = ROOT / "docs" / "reference"
+    verbs = (reference / f"command-line{suffix}.md").read_text(encoding="utf-8")
+    context = click.Context(cli)
+    assert [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in verbs] == []
+    told = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
+    classes = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
+    assert len(classes) > 30
+    assert [name for name in classes if f"## {name}\n" not in told] == []

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivebus import profiles
 from drivebus.i18n import LANGUAGES
-from generator import campaigns, drives, frames, matrix, profile_tables
+from generator import campaigns, cli_reference, drives, error_reference, frames, matrix, profile_tables
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
@@ -34,6 +34,11 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield proof, _filled(proof, {"campaigns": campaigns.table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
         yield page, _filled(page, matrix.parts(root, language))
+        reference = root / "docs" / "reference"
+        page = reference / f"command-line{suffix}.md"
+        yield page, _filled(page, {"verbs": cli_reference.page(language)})
+        page = reference / f"errors{suffix}.md"
+        yield page, _filled(page, {"errors": error_reference.page(language)})
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _filled(page, _parts(root, model, language))

@@ -1,0 +1,88 @@
+"""Every error as a page: what it means, what it spoils, whether trying again may help, and every sentence of it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivebus import errors, i18n
+from drivebus.cli.exits import code_of
+from drivebus.errors import DrivebusError
+from drivebus.profiles.model import Text
+from generator.words import side, table
+
+CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "errors.zh.json").read_text(encoding="utf-8"))
+"""What the docstrings say, in Chinese; a class without an entry is a KeyError."""
+HEADS = {
+    "scope": Text("spoils", "影响范围"),
+    "again": Text("trying again may help", "重试可能有用"),
+    "exit": Text("exit code", "退出码"),
+    "key": Text("key", "键"),
+    "sentence": Text("sentence", "文字"),
+}
+SCOPES = {
+    "request": Text("this request", "本次请求"),
+    "station": Text("the station", "该站"),
+    "port": Text("the whole port", "整个端口"),
+    "configuration": Text("nothing on the wire", "线上无影响"),
+}
+YES, NO = Text("yes", "是"), Text("no", "否")
+
+
+def classes() -> list[type[DrivebusError]]:
+    """The tree, a parent before its children."""
+    return list(_tree(DrivebusError))
+
+
+def _tree(parent: type[DrivebusError]) -> Iterator[type[DrivebusError]]:
+    yield parent
+    for child in parent.__subclasses__():
+        if child.__module__ == errors.__name__:
+            yield from _tree(child)
+
+
+def page(language: str) -> str:
+    found = raised(Path(errors.__file__).parent)
+    return "\n".join(part for one in classes() for part in _entry(one, found.get(one.__name__, set()), language))
+
+
+def _entry(one: type[DrivebusError], keys: set[str], language: str) -> Iterator[str]:
+    parents = " → ".join(base.__name__ for base in reversed(one.__mro__) if issubclass(base, DrivebusError))
+    yield f"## {one.__name__}\n"
+    yield f"`{parents}`\n"
+    text = " ".join((one.__doc__ or "").split()).replace("``", "`")
+    yield (text if language == "en" else CHINESE[one.__name__]) + "\n"
+    row = (
+        side(SCOPES[str(one.scope)], language),
+        side(YES if one.retryable else NO, language),
+        int(code_of(one("errors"))),
+    )
+    yield table([side(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
+    if keys:
+        rows = [(f"`{key}`", _sentence(key, language)) for key in sorted(keys)]
+        yield table([side(HEADS["key"], language), side(HEADS["sentence"], language)], rows)
+
+
+def _sentence(key: str, language: str) -> str:
+    return re.sub(r"\{([a-z_]+)[^}]*\}", r"*\1*", i18n.catalogue(language)[key])
+
+
+def raised(folder: Path) -> dict[str, set[str]]:
+    """Class → keys that the program gives it where it makes one."""
+    names = {one.__name__ for one in classes()}
+    found: dict[str, set[str]] = {}
+    for file in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Call) and node.args and (name := _called(node)) in names:
+                key = node.args[0]
+                if isinstance(key, ast.Constant) and isinstance(key.value, str) and i18n.known(key.value):
+                    found.setdefault(name, set()).add(key.value)
+    return found
+
+
+def _called(node: ast.Call) -> str:
+    target = node.func
+    return target.attr if isinstance(target, ast.Attribute) else getattr(target, "id", "")
