@@ -21,8 +21,11 @@ class PlantClient(Protocol):
         """
         ...
 
-    def live(self, patterns: Sequence[str], actor: Actor) -> AsyncIterator[Json]:
-        """A ``snapshot`` first, then ``delta``s, then ``closed`` with a reason; topics by pattern (``drives/*``)."""
+    def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+        """A ``snapshot`` first, then ``delta``s, then ``closed`` with a reason; topics by pattern (``drives/*``).
+
+        ``interval_s``: at most one delta in that time, 0.1 to 10 s; on the wire ``{"live": [...], "interval_s": 0.1}``.
+        """
         ...
 
     async def record(self, entry: Json, actor: Actor) -> None:

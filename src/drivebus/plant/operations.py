@@ -14,6 +14,7 @@ from drivebus.plant.access.rights import Right
 Id = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)]
+Value = Annotated[float, Field(allow_inf_nan=False)]
 Reason = Annotated[str, Field(min_length=3, max_length=500)]
 TimeMs = Annotated[int, Field(ge=0, le=253_402_300_799_999)]
 Cursor = Annotated[str, Field(max_length=200)]
@@ -83,7 +84,7 @@ class ReadParameters(OfDrive):
 
 
 class WriteParameters(OfDrive):
-    values: Annotated[dict[Name, float], Field(min_length=1, max_length=64)]
+    values: Annotated[dict[Name, Value], Field(min_length=1, max_length=64)]
     save: bool = False
     """To EEPROM; needs the right ``save`` instead of ``tune``."""
 
@@ -119,6 +120,8 @@ class Export(Params):
     to_ms: TimeMs
     resolution: Literal["raw", "1s", "1min", "1h"] = "raw"
     format: Literal["csv", "parquet"] = "csv"
+    cursor: Cursor | None = None
+    """``next`` of the part before. A part fits one line of the socket; all parts after one another are the file."""
 
 
 class Span(Params):
