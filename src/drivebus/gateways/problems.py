@@ -1,0 +1,53 @@
+"""Every way in which a request can end badly, told in one shape: ``{"error": {code, kind, text, params, …}}``."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from fastapi import FastAPI
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse
+
+from drivebus.errors import DrivebusError
+from drivebus.plant.access.refusals import AccessError, as_json
+from drivebus.plant.failure import both, failure
+
+Json = dict[str, Any]
+
+_log = logging.getLogger(__name__)
+
+_KNOWN = {404: "api.no_such_address", 405: "api.method", 413: "api.too_large", 415: "api.media_type"}
+
+
+def install(app: FastAPI) -> None:
+    """Let errors of the plant, of the framework, and those that nobody foresaw be answered in the one shape."""
+    app.add_exception_handler(DrivebusError, _of_plant)
+    app.add_exception_handler(HTTPException, _of_framework)
+    app.add_exception_handler(Exception, _unforeseen)
+
+
+def problem(code: str, kind: str, status: int, **params: Any) -> Json:
+    """An error that has no class of its own."""
+    text = both(code, params)
+    return {"error": {"code": code, "kind": kind, "text": text, "params": params, "outcome": None, "status": status}}
+
+
+async def _of_plant(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, DrivebusError)
+    told = as_json(error, error.status) if isinstance(error, AccessError) else failure(error)
+    return JSONResponse({"error": told}, told["status"], headers={"Cache-Control": "no-store"})
+
+
+async def _of_framework(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    code = _KNOWN.get(error.status_code, "api.refused")
+    told = problem(code, "HttpError", error.status_code, method=request.method, path=request.url.path)
+    return JSONResponse(told, error.status_code, headers=error.headers)
+
+
+async def _unforeseen(request: Request, error: Exception) -> JSONResponse:
+    """Nothing of the inside is shown; the log has it."""
+    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    return JSONResponse(problem("api.unforeseen", "InternalError", 500), 500)

@@ -1,0 +1,225 @@
+"""What the plant answers, for the API's description: nothing is checked or cut on its way out, and keys may be added
+(the stability promise), so every object here may have more than is written.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Answer(BaseModel):
+    """An object of the API; keys may be added to it."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Both(Answer):
+    """A text in both languages."""
+
+    en: str
+    zh: str
+
+
+class Exchange(Answer):
+    """One frame of a command and what came back, as hex with blanks; seconds of the plant's monotonic clock."""
+
+    sent: str
+    received: str
+    sent_at_s: float | None
+    received_at_s: float | None
+    error: str | None
+
+
+class Note(Answer):
+    """A sentence besides."""
+
+    key: str
+    text: Both
+
+
+class Outcome(Answer):
+    """How a command ended. ``confirmed``: a later read shows the effect; ``acknowledged``: the drive said yes and
+    nothing can show it; ``unknown``: sent, and nobody can say whether it was done.
+    """
+
+    word: Literal["confirmed", "acknowledged", "refused", "failed", "unknown"]
+    key: str
+    text: Both
+    params: dict[str, Any]
+    notes: list[Note]
+    frames: list[Exchange]
+    command: str | None = None
+    """Under which id the audit trail has it."""
+
+
+class ErrorBody(Answer):
+    """Why not. ``code`` stays for ever; ``text`` may be worded better."""
+
+    code: str = Field(examples=["drives.above_maximum"])
+    kind: str = Field(examples=["LimitError"])
+    text: Both
+    params: dict[str, Any]
+    outcome: Outcome | None
+    status: int = Field(examples=[422])
+
+
+class Problem(Answer):
+    """The one shape of every error."""
+
+    error: ErrorBody
+
+
+class SignalValue(Answer):
+    """One value with its trust; ``reason`` says why it is not good, ``age_s`` is null where it was never read."""
+
+    value: float | int | str | None
+    unit: str
+    quality: Literal["good", "uncertain", "bad"]
+    reason: str | None
+    age_s: float | None
+
+
+class HostDiesAnswer(Answer):
+    """What the drive does when the host dies."""
+
+    kind: Literal["trips", "runs_on", "unknown"]
+    after_s: float | None
+    text: Both | None
+    waiver: Any = None
+
+
+class Lease(Answer):
+    """Who may command the drive."""
+
+    owner: str
+    session: str
+    expires_in_s: float
+
+
+class Drive(Answer):
+    """One drive as the plant knows it now."""
+
+    id: str
+    title: Both | None
+    bus: str
+    address: int
+    model: str
+    grade: str
+    capabilities: list[str]
+    groups: list[str]
+    presence: Literal["online", "silent", "never_seen"]
+    state: str
+    state_reason: str | None
+    direction: Literal["forward", "reverse"] | None
+    fault: dict[str, Any] | None
+    commanded_hz: float | None
+    minimum_hz: float
+    maximum_hz: float
+    host_dies: HostDiesAnswer
+    lease: Lease | None
+    latched: bool
+    stop_pending: bool
+    blocked: list[dict[str, Any]]
+    alarms: dict[str, int]
+    signals: dict[str, SignalValue]
+
+
+class Drives(Answer):
+    drives: list[Drive]
+
+
+class Done(Answer):
+    outcome: Outcome
+
+
+class Leased(Answer):
+    lease: Lease
+    ttl_s: float
+
+
+class Armed(Answer):
+    """The second step, ``run``, needs ``arm`` within ``expires_s``."""
+
+    arm: str
+    expires_s: float
+
+
+class Jogging(Answer):
+    """The motor turns while ``jog`` is renewed within ``lease_s``."""
+
+    jog: str
+    lease_s: float
+    outcome: Outcome
+
+
+class Outcomes(Answer):
+    """An outcome or an error for each drive."""
+
+    outcomes: dict[str, dict[str, Any]]
+
+
+class BusStopped(Answer):
+    confirmed: bool
+    unconfirmed: list[str]
+    took_s: float | None
+
+
+class PlantStopped(Outcomes):
+    buses: dict[str, BusStopped]
+
+
+class Page(Answer):
+    """A part of a list; ``next`` is the ``cursor`` of the next part, null at the end. A cursor is opaque."""
+
+    items: list[dict[str, Any]]
+    next: str | None
+
+
+class Groups(Answer):
+    groups: list[dict[str, Any]]
+
+
+class Buses(Answer):
+    buses: list[dict[str, Any]]
+
+
+class Frames(Answer):
+    """Decoded frames; ``last`` is what ``after`` takes to go on."""
+
+    frames: list[dict[str, Any]]
+    last: int
+
+
+class Tags(Answer):
+    tags: list[dict[str, Any]]
+
+
+class Series(Answer):
+    """At most 1,000 points; null is a gap. ``q``: 0 good, 1 uncertain, 2 bad."""
+
+    t: list[int]
+    min: list[float | None]
+    mean: list[float | None]
+    max: list[float | None]
+    q: list[int]
+
+
+class Trend(Answer):
+    resolution: Literal["raw", "1s", "1min", "1h"]
+    series: dict[str, Series]
+
+
+class Parameters(Answer):
+    parameters: dict[str, dict[str, Any]]
+
+
+class Active(Answer):
+    active: list[dict[str, Any]]
+
+
+class Verified(Answer):
+    ok: bool
+    entries: int
+    problems: list[dict[str, Any]]

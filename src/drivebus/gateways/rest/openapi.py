@@ -1,0 +1,52 @@
+"""The description of the whole API, ``/api/v1/openapi.json``: what FastAPI finds, and how one comes in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from drivebus.gateways.rest.table import PREFIX, ROUTES
+
+Json = dict[str, Any]
+
+TITLE = "drivebus"
+VERSION = "1"
+"""Of the API, not of the program: it changes when something that was promised goes away."""
+COOKIE, TOKEN, CSRF = "session", "token", "csrf"
+
+SCHEMES: Json = {
+    COOKIE: {
+        "type": "apiKey", "in": "cookie", "name": "drivebus_session",
+        "description": "From POST /login. `__Host-drivebus` where the service speaks TLS.",
+    },
+    CSRF: {
+        "type": "apiKey", "in": "header", "name": "X-Drivebus-CSRF",
+        "description": "From GET /session; beside the cookie on everything but GET.",
+    },
+    TOKEN: {"type": "http", "scheme": "bearer", "description": "A token of this service, from POST /tokens."},
+}  # fmt: skip
+
+
+def describe(app: FastAPI) -> Json:
+    """The OpenAPI document of an app that has the routes."""
+    found = get_openapi(title=TITLE, version=VERSION, routes=app.routes, summary="One plant of drives on many buses")
+    found.setdefault("components", {})["securitySchemes"] = SCHEMES
+    for route in ROUTES:
+        operation = found["paths"][PREFIX + route.path][route.method.lower()]
+        cookie: Json = {COOKIE: []} if route.method == "GET" else {COOKIE: [], CSRF: []}
+        operation["security"] = [{TOKEN: []}, cookie]
+    return found
+
+
+def install(app: FastAPI) -> None:
+    """Let the app tell the whole description; made once."""
+    made: list[Json] = []
+
+    def openapi() -> Json:
+        if not made:
+            made.append(describe(app))
+        return made[0]
+
+    app.openapi = openapi  # type: ignore[method-assign]
