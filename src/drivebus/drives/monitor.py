@@ -19,6 +19,14 @@ PERIODS = 3.0
 """Ruling 12: good for max(3 x period, 1 s) + timeout."""
 
 
+def wanted(dialect: Dialect, names: tuple[str, ...], fastest_s: float = 0.0) -> list[Poll]:
+    """The polls that keep these signals, the state and the fault current, none more often than every ``fastest_s``."""
+    polls = dialect.polls(names)
+    known = {request for request, _ in polls}
+    faults = tuple((request, FAULT_PERIOD_S) for request in dialect.fault_reads() if request not in known)
+    return [Poll(request, max(period, fastest_s)) for request, period in (*polls, *faults)]
+
+
 class Monitor:
     """The newest status of one drive. ``close`` (or the end of the block) ends its polls."""
 
@@ -38,16 +46,10 @@ class Monitor:
         self._on_change = on_change
         self.last_error: Exception | None = None
         self._fresh_s: dict[str, float] = {}
-        polls = [Poll(request, max(period, period_s)) for request, period in self._wanted()]
+        polls = wanted(dialect, self._names, period_s)
         self._limits: dict[Any, float] = {poll.request: self._limit(poll) for poll in polls}
         self._state_fresh_s = min(self._limits.values(), default=LEAST_FRESH_S)
         self._watch: Watch | None = bus.watch(dialect.address, polls, self._heard)
-
-    def _wanted(self) -> tuple[tuple[object, float], ...]:
-        polls = self._dialect.polls(self._names)
-        known = {request for request, _ in polls}
-        faults = tuple((r, FAULT_PERIOD_S) for r in self._dialect.fault_reads() if r not in known)
-        return (*polls, *faults)
 
     def _limit(self, poll: Poll) -> float:
         timing, codec = self._dialect.link.timing, self._dialect.codec

@@ -1,4 +1,7 @@
-"""What is wrong with a profile file: file, line, key, found, expected, remedy; and the one error that says so."""
+"""What is wrong with a TOML file: file, line, key, found, expected, remedy; and a profile's error that says so.
+
+Other files than profiles (``plant.toml``) complain in the same form, with sentences of their own ``room``.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,13 @@ from drivebus.errors import ProfileError
 from drivebus.profiles.model import Text
 
 Path = tuple[str | int, ...]
+ROOM = "profiles"
+"""The room of the catalogues whose sentences every file's faults may use."""
 
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """One fault of one file. ``kind`` is the i18n key of its sentence, ``profiles.<kind>``."""
+    """One fault of one file. ``kind`` is the i18n key of its sentence, ``<room>.kind.<kind>``."""
 
     kind: str
     key: str
@@ -25,6 +30,8 @@ class Complaint:
     remedy: Text
     file: str = ""
     line: int | None = None
+    room: str = ROOM
+    """Whose sentences they are: a kind that it lacks is said in this room's words."""
 
     def text(self, language: str = "en") -> str:
         """The whole sentence: where, what was found, what was expected, what to do."""
@@ -34,7 +41,7 @@ class Complaint:
             file=self.file,
             line="?" if self.line is None else self.line,
             key=self.key or "-",
-            what=i18n.text(f"profiles.kind.{self.kind}", language),
+            what=i18n.text(_key(self.room, "kind", self.kind), language),
             found=self.found,
             expected=self.expected,
             remedy=self.remedy,
@@ -49,7 +56,7 @@ class Problem:
     path: Path
     found: Any
     params: dict[str, Any]
-    """Places of the sentences ``profiles.expected.<kind>`` and ``profiles.remedy.<kind>``."""
+    """Places of the sentences ``<room>.expected.<kind>`` and ``<room>.remedy.<kind>``."""
     also: tuple[Path, ...] = ()
     """Other keys that have a part in it: where only one of them stands in the user's file, that one is named."""
 
@@ -60,35 +67,45 @@ def problem(
     return Problem(kind, tuple(path), found, params, tuple(also))
 
 
-def complain(found: Problem, file: str, line: int | None) -> Complaint:
+def complain(found: Problem, file: str, line: int | None, room: str = ROOM) -> Complaint:
     """The complaint, with its sentences in both languages."""
     return Complaint(
         found.kind,
         dotted(found.path),
         shown(found.found),
-        both(f"profiles.expected.{found.kind}", **found.params),
-        both(f"profiles.remedy.{found.kind}", **found.params),
+        both(_key(room, "expected", found.kind), **found.params),
+        both(_key(room, "remedy", found.kind), **found.params),
         file,
         line,
+        room,
     )
+
+
+def _key(room: str, part: str, kind: str) -> str:
+    own = f"{room}.{part}.{kind}"
+    return own if i18n.known(own) else f"{ROOM}.{part}.{kind}"
 
 
 def refusal(complaints: Sequence[Complaint]) -> ProfileError:
-    """The error for a file with these faults. ``params`` carries the first one's facts and all ``complaints``."""
+    """The error for a profile with these faults."""
+    return ProfileError("profiles.refused", **facts(complaints))
+
+
+def facts(complaints: Sequence[Complaint]) -> dict[str, Any]:
+    """What a refusal carries: the facts of the first fault, and all ``complaints``."""
     first = complaints[0]
     everything = Text(*("\n".join(c.text(language) for c in complaints) for language in i18n.LANGUAGES))
-    return ProfileError(
-        "profiles.refused",
-        file=first.file,
-        line=first.line,
-        key=first.key,
-        found=first.found,
-        expected=first.expected,
-        remedy=first.remedy,
-        count=len(complaints),
-        everything=everything,
-        complaints=tuple(complaints),
-    )
+    return {
+        "file": first.file,
+        "line": first.line,
+        "key": first.key,
+        "found": first.found,
+        "expected": first.expected,
+        "remedy": first.remedy,
+        "count": len(complaints),
+        "everything": everything,
+        "complaints": tuple(complaints),
+    }
 
 
 def both(key: str, /, **params: Any) -> Text:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from drivebus.profiles.complaint import Problem, both, problem
 from drivebus.profiles.notation import nearest
@@ -25,19 +25,19 @@ _TYPES = {
 _RANGES = {"greater_than": ">", "greater_than_equal": ">=", "less_than": "<", "less_than_equal": "<="}
 
 
-def from_pydantic(error: ValidationError) -> list[Problem]:
-    """One problem for each fault that pydantic names, unions counted once."""
+def from_pydantic(error: ValidationError, root: type[BaseModel] = ProfileIn) -> list[Problem]:
+    """One problem for each fault that pydantic names in a file of this shape, unions counted once."""
     found: dict[tuple[str | int, ...], Problem] = {}
     for fault in error.errors(include_url=False):
         path = tuple(part for part in fault["loc"] if part not in ("[key]", "str", "int", "float", "bool"))
-        found.setdefault(path, _translated(fault, path))
+        found.setdefault(path, _translated(fault, path, root))
     return list(found.values())
 
 
-def _translated(fault: Any, path: tuple[str | int, ...]) -> Problem:
+def _translated(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) -> Problem:
     kind, value, ctx = fault["type"], fault["input"], fault.get("ctx", {})
     if kind == "extra_forbidden":
-        return problem("unknown_key", path, path[-1], known=", ".join(_known_keys(path)))
+        return problem("unknown_key", path, path[-1], known=", ".join(_known_keys(path, root)))
     if kind == "missing":
         return problem("missing_key", path, "-", name=path[-1])
     if kind == "literal_error":
@@ -47,7 +47,7 @@ def _translated(fault: Any, path: tuple[str | int, ...]) -> Problem:
     if kind in _RANGES:
         bound = next(iter(ctx.values()))
         return problem("range", path, value, bound=f"{_RANGES[kind]} {bound}")
-    if kind in ("too_short", "too_long", "string_too_short"):
+    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
         few = ctx.get("min_length", 0)
         return problem("length", path, value, bound=f">= {few}" if "min_length" in ctx else f"<= {ctx['max_length']}")
     if kind == "string_pattern_mismatch":
@@ -55,9 +55,9 @@ def _translated(fault: Any, path: tuple[str | int, ...]) -> Problem:
     return problem("type", path, value, type=both(f"profiles.type.{_TYPES.get(kind, 'other')}"))
 
 
-def _known_keys(path: tuple[str | int, ...]) -> list[str]:
+def _known_keys(path: tuple[str | int, ...], root: type[BaseModel]) -> list[str]:
     """The keys that the table of an unknown one may have; those that look like it where some do."""
-    model: Any = ProfileIn
+    model: Any = root
     for part in path[:-1]:
         model = _below(model, part)
         if model is None:

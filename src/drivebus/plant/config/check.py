@@ -1,0 +1,15 @@
+"""What a well-formed ``plant.toml`` must still satisfy: names that exist, drives that fit, rules that can hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drivebus.plant.config import check_drives
+from drivebus.plant.config.draft import Draft
+from drivebus.profiles.complaint import Complaint, Problem
+
+
+def problems(draft: Draft) -> Iterator[Problem | Complaint]:
+    """Everything that does not fit together. Fills in the draft's profiles, links and dialects on the way."""
+    draft.read_profiles()
+    yield from check_drives.problems(draft)
