@@ -33,15 +33,15 @@ def test_the_generated_parts_are_up_to_date() -> None:
 
 
 def test_a_page_out_of_date_is_named_and_fails(tmp_path: Path) -> None:
-    for name in ("docs/explanation", "docs/generator", "docs/protocols", "docs/reference", "docs/reports", "vectors"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    for name in ("docs/generate.py", "README.md", "README.zh.md"):
+    shutil.copytree(ROOT / "docs", tmp_path / "docs")
+    shutil.copytree(ROOT / "vectors", tmp_path / "vectors")
+    for name in ("README.md", "README.zh.md"):
         shutil.copy(ROOT / name, tmp_path / name)
     page = tmp_path / "docs" / "protocols" / "vc660.md"
     page.write_text(page.read_text().replace("| `state` | 3000H |", "| `state` | 3001H |"))
     command = [sys.executable, str(tmp_path / "docs" / "generate.py")]
     done = subprocess.run([*command, "--check"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout.split(":")[0]) == (1, "docs/protocols/vc660.md")
+    assert (done.returncode, "docs/protocols/vc660.md: out of date" in done.stdout) == (1, True)
     assert subprocess.run(command, capture_output=True, check=False).returncode == 0
     assert page.read_text() == (ROOT / "docs" / "protocols" / "vc660.md").read_text()
 

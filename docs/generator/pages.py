@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivebus import profiles
 from drivebus.i18n import LANGUAGES
-from generator import campaigns, cli_reference, drives, error_reference, frames, matrix, profile_tables
+from generator import arithmetic, campaigns, cli_reference, drives, error_reference, frames, matrix, profile_tables
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
@@ -34,6 +34,10 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield proof, _filled(proof, {"campaigns": campaigns.table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
         yield page, _filled(page, matrix.parts(root, language))
+        page = root / "docs" / "explanation" / f"timing{suffix}.md"
+        yield page, _filled(page, {"arithmetic": arithmetic.page(language)})
+        page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
+        yield page, _filled(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
         reference = root / "docs" / "reference"
         page = reference / f"command-line{suffix}.md"
         yield page, _filled(page, {"verbs": cli_reference.page(language)})
@@ -54,5 +58,5 @@ def _parts(root: Path, model: str, language: str) -> dict[str, str]:
 def _filled(page: Path, parts: dict[str, str]) -> str:
     """The page with its marked parts filled. Raises KeyError for a mark that nobody can fill."""
     text = page.read_text(encoding="utf-8")
-    pattern = re.compile(r"(<!-- ([a-z]+):begin -->\n).*?(<!-- \2:end -->)", re.DOTALL)
+    pattern = re.compile(r"(<!-- ([a-z0-9]+):begin -->\n).*?(<!-- \2:end -->)", re.DOTALL)
     return pattern.sub(lambda match: f"{match[1]}{parts[match[2]].rstrip()}\n{match[3]}", text)
