@@ -1,0 +1,101 @@
+"""What an alarm is. Values only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from drivebus.plant.model import Priority
+from drivebus.plant.view import Json, text_json
+from drivebus.profiles.model import Text
+
+
+class Own(StrEnum):
+    """What the service itself raises; nothing that a drive reports decides about it."""
+
+    STOP_UNCONFIRMED = "stop_unconfirmed"
+    """A stop was sent and the drive does not report stopped (G07)."""
+    LEASE_LOST = "lease_lost"
+    """Whoever commanded the running drive is gone (6.6)."""
+    NO_OWNER = "no_owner"
+    """It was running when the service started (ruling 7)."""
+    INTERLOCK = "interlock"
+    """An interlock stopped it."""
+    STORE = "store"
+    """The audit trail or the history can't be written (G14)."""
+    PORT = "port"
+    """A bus has lost its port (F12)."""
+    FOREIGN_MASTER = "foreign_master"
+    """Somebody else speaks on a bus (F14)."""
+
+
+PRIORITIES: Mapping[Own, Priority] = {
+    Own.STOP_UNCONFIRMED: Priority.URGENT,
+    Own.LEASE_LOST: Priority.HIGH,
+    Own.NO_OWNER: Priority.HIGH,
+    Own.INTERLOCK: Priority.URGENT,
+    Own.STORE: Priority.URGENT,
+    Own.PORT: Priority.URGENT,
+    Own.FOREIGN_MASTER: Priority.URGENT,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One time that something was wrong. Active: not cleared, or not acknowledged. Times are UTC milliseconds."""
+
+    id: str
+    setting: str
+    """The AlarmSetting's id, ``fault`` or ``silent``; for what the service raises, its kind."""
+    drive: str
+    """Empty where it is about no drive."""
+    priority: Priority
+    kind: str
+    """An AlarmKind or an ``Own``."""
+    title: Text
+    text: Text
+    raised_ms: int
+    value: float | int | str | None = None
+    """The value that raised it; a fault's code."""
+    about: str = ""
+    """What else it is about: a bus, an interlock, a store."""
+    cleared_ms: int | None = None
+    acknowledged_ms: int | None = None
+    by: str | None = None
+    shelved_until_ms: int | None = None
+    case: str | None = None
+
+    @property
+    def active(self) -> bool:
+        return self.cleared_ms is None or self.acknowledged_ms is None
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What it is an alarm of: it can be raised once at a time."""
+        return (self.setting, self.drive, self.about)
+
+    def as_json(self) -> Json:
+        return {
+            "id": self.id, "setting": self.setting, "drive": self.drive, "priority": str(self.priority),
+            "kind": self.kind, "title": text_json(self.title), "text": text_json(self.text), "value": self.value,
+            "about": self.about, "raised_ms": self.raised_ms, "cleared_ms": self.cleared_ms,
+            "acknowledged_ms": self.acknowledged_ms, "by": self.by, "shelved_until_ms": self.shelved_until_ms,
+            "case": self.case,
+        }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, found: dict[str, Any]) -> Alarm:
+        """Raises KeyError, TypeError, ValueError for what is no alarm."""
+        return cls(**{**found, "priority": Priority(found["priority"]), **{
+            name: Text(found[name]["en"], found[name]["zh"]) for name in ("title", "text")
+        }})  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What happened to an alarm: ``raised``, ``cleared``, ``acknowledged``, ``shelved``, ``unshelved`` or ``case``."""
+
+    word: str
+    alarm: Alarm

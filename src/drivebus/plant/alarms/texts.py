@@ -1,0 +1,59 @@
+"""What an alarm says, in both languages, with its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivebus import i18n
+from drivebus.plant.model import AlarmKind, AlarmSetting
+from drivebus.profiles.model import Text
+
+
+def both(key: str, /, **params: Any) -> Text:
+    """The sentence in every language."""
+    return Text(i18n.text(key, "en", **params), i18n.text(key, "zh", **params))
+
+
+def number(value: Any) -> Any:
+    """As short as it can be said: 50, not 50.000; a word stays a word."""
+    return f"{round(value, 3):.12g}" if isinstance(value, float) else value
+
+
+def signal_name(name: str) -> Text:
+    """``output_frequency`` as people say it, where the catalogues know it."""
+    key = f"signal.{name}"
+    return both(key) if i18n.known(key) else Text(name, name)
+
+
+def title_of(setting: AlarmSetting, params: Mapping[str, Any]) -> Text:
+    """The plant's own title, else what the kind is called."""
+    if setting.title.en or setting.title.zh:
+        return Text(setting.title.en or setting.title.zh, setting.title.zh or setting.title.en)
+    return both(f"alarms.title.{setting.kind}", **params)
+
+
+def text_of(kind: AlarmKind, params: Mapping[str, Any]) -> Text:
+    """What is the matter, with the numbers."""
+    return both(f"alarms.text.{kind}", **params)
+
+
+def params_of(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, Any]:
+    """The numbers of a sentence."""
+    fault = found.get("fault") or {}
+    signals = [signal_name(name) for name in found.get("signals", ())]
+    return {
+        "drive": drive,
+        "value": number(value),
+        "unit": found.get("unit", ""),
+        "threshold": number(found.get("threshold")),
+        "signal": signal_name(str(found.get("signal"))),
+        "signals": Text(", ".join(one.en for one in signals), "、".join(one.zh for one in signals)),
+        "label": fault.get("label") or fault.get("code"),
+        "fault": _fault_text(fault),
+    }
+
+
+def _fault_text(fault: Mapping[str, Any]) -> Text:
+    text = fault.get("text") or {}
+    return Text(str(text.get("en", "")), str(text.get("zh", "")))

@@ -1,0 +1,101 @@
+"""Many tasks hand something over; one thread keeps it, all that waits at a time (group commit)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+V = TypeVar("V")
+
+MOST_POSTED = 10_000
+"""So much is kept for a disk that has failed; then the oldest are dropped and counted (I12)."""
+MOST_AT_ONCE = 500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting(Generic[T, R]):
+    item: T
+    told: asyncio.Future[R] | None
+    """None: nobody waits; it is tried again until it is kept."""
+
+
+class Grouped(Generic[T, R]):
+    """``keep`` runs in a thread, with one batch at a time; it keeps all of it or raises.
+
+    ``put`` returns when its item is kept, or raises what ``keep`` raised. ``post`` never waits and never raises:
+    after a failure its item is tried again with the next batch, in order, before everything newer.
+    """
+
+    def __init__(self, name: str, keep: Callable[[Sequence[T]], Sequence[R]]) -> None:
+        self._keep = keep
+        self._queue: deque[_Waiting[T, R]] = deque()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._task: asyncio.Task[None] | None = None
+        self.error: Exception | None = None
+        """Why the last batch was not kept; None while all is well."""
+        self.dropped = 0
+
+    async def put(self, item: T) -> R:
+        """Kept when it returns."""
+        told: asyncio.Future[R] = asyncio.get_running_loop().create_future()
+        self._queue.append(_Waiting(item, told))
+        self.wake()
+        return await told
+
+    def post(self, item: T) -> None:
+        """Kept soon, or when the disk works again."""
+        if len(self._queue) >= MOST_POSTED:
+            self._drop()
+        self._queue.append(_Waiting(item, None))
+        self.wake()
+
+    def wake(self) -> None:
+        """Try what waits; called again and again by somebody's timer, it ends a failure that is over."""
+        if self._queue and (self._task is None or self._task.done()):
+            self._task = asyncio.get_running_loop().create_task(self._work(), name="keep what waits")
+
+    async def close(self) -> None:
+        """Keep what waits, once more, and end the thread. Nothing may be put in afterwards."""
+        self.wake()
+        while self._task is not None and not self._task.done():
+            await asyncio.wait([self._task])
+        self._thread.shutdown(wait=False)
+
+    async def _work(self) -> None:
+        while self._queue:
+            batch = [self._queue.popleft() for _ in range(min(len(self._queue), MOST_AT_ONCE))]
+            try:
+                kept = await self.run(partial(self._keep, [one.item for one in batch]))
+            except Exception as error:  # whatever it is, whoever waits is told, and what was posted is not lost
+                self._failed(batch, error)
+                return
+            self.error = None
+            for one, result in zip(batch, kept, strict=True):
+                if one.told is not None and not one.told.done():
+                    one.told.set_result(result)
+
+    async def run(self, function: Callable[[], V]) -> V:
+        """In the same thread, between two batches."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, function)
+
+    def _failed(self, batch: list[_Waiting[T, R]], error: Exception) -> None:
+        """Who waits is refused, all that wait now: what is behind a disk that fails would only wait for the next."""
+        self.error = error
+        waiting = [*batch, *self._queue]
+        self._queue = deque(one for one in waiting if one.told is None)
+        for one in waiting:
+            if one.told is not None and not one.told.done():
+                one.told.set_exception(error)
+
+    def _drop(self) -> None:
+        oldest = next((one for one in self._queue if one.told is None), None)
+        if oldest is not None:
+            self._queue.remove(oldest)
+            self.dropped += 1
