@@ -1,0 +1,87 @@
+// REST under /api/v1: one way to ask, one kind of error. Nothing is ever asked twice by itself.
+import { signal } from "./lib.js";
+import { t, both } from "./i18n.js";
+
+const ROOT = "/api/v1";
+const PATIENCE_MS = 15_000;
+
+/** What GET /session said; null before it is known. Set by session.js. */
+export const session = signal(null);
+
+/** Why a request came to nothing: the server's one error shape, or that it could not be reached. */
+export class ApiError extends Error {
+  constructor(error, status) {
+    super(error.code);
+    this.code = error.code;
+    this.kind = error.kind ?? "";
+    this.params = error.params ?? {};
+    this.outcome = error.outcome ?? null;
+    this.text = error.text ?? null;
+    /** 0: no answer came. */
+    this.status = status;
+  }
+
+  /** No answer: nobody knows what became of the request. */
+  get unreachable() {
+    return this.status === 0;
+  }
+
+  /** The sentence in the reader's language. */
+  get sentence() {
+    return this.text === null ? t(this.code, this.params) : both(this.text);
+  }
+}
+
+const noAnswer = () => new ApiError({ code: "page.unreachable", kind: "Unreachable" }, 0);
+
+async function failure(answer) {
+  const found = await answer.json().catch(() => ({}));
+  const error = found.error ?? { code: "page.answer_unknown", params: { status: answer.status } };
+  return new ApiError(error, answer.status);
+}
+
+function addressOf(path, query) {
+  const search = new URLSearchParams();
+  for (const [name, value] of Object.entries(query ?? {})) {
+    if (value === null || value === undefined) continue;
+    for (const one of Array.isArray(value) ? value : [value]) search.append(name, one);
+  }
+  return `${ROOT}${path}${search.size ? `?${search}` : ""}`;
+}
+
+async function ask(method, path, { body, query, patience_ms = PATIENCE_MS, signal: given } = {}) {
+  const headers = { Accept: "application/json" };
+  if (body !== undefined) headers["Content-Type"] = "application/json";
+  if (method !== "GET" && session.peek()?.csrf) headers["X-Drivebus-CSRF"] = session.peek().csrf;
+  const limit = AbortSignal.timeout(patience_ms);
+  const stop = given ? AbortSignal.any([limit, given]) : limit;
+  const how = {
+    method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
+    body: body === undefined ? undefined : JSON.stringify(body),
+  };
+  const answer = await fetch(addressOf(path, query), how).catch(() => { throw noAnswer(); });
+  if (!answer.ok) throw await noteLogout(await failure(answer));
+  return answer;
+}
+
+/** 401 anywhere: the session is over, the login page comes. */
+function noteLogout(error) {
+  if (error.status === 401 && session.peek()?.user) session.value = { ...session.peek(), user: null, rights: [] };
+  return error;
+}
+
+const parsed = async (answer) => (answer.status === 204 ? {} : answer.json().catch(() => { throw noAnswer(); }));
+const asked = async (method, path, options) => parsed(await ask(method, path, options));
+
+/** `api.get("/drives")`, `api.post("/drives/fan-1/run", {frequency_hz: 25})`: JSON back, ApiError for everything else. */
+export const api = {
+  get: (path, query, options) => asked("GET", path, { ...options, query }),
+  post: (path, body = {}, options) => asked("POST", path, { ...options, body }),
+  put: (path, body = {}, options) => asked("PUT", path, { ...options, body }),
+  patch: (path, body = {}, options) => asked("PATCH", path, { ...options, body }),
+  remove: (path, body, options) => asked("DELETE", path, { ...options, body }),
+  /** The answer itself, for downloads. */
+  raw: (path, query, options) => ask("GET", path, { ...options, query }),
+};
+
+export const drivePath = (drive, rest = "") => `/drives/${encodeURIComponent(drive)}${rest}`;

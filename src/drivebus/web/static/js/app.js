@@ -1,0 +1,75 @@
+// Begins: language, session, live line; then draws the page of the address.
+import { effect, html, render, signal, useEffect, useState } from "./lib.js";
+import { language, loadLanguage, t, titled } from "./i18n.js";
+import "./theme.js";
+import { loadSession, loggedIn, loginOnce, session } from "./session.js";
+import { start } from "./live.js";
+import { go, route } from "./router.js";
+import { topic } from "./store.js";
+import { Shell } from "./shell.js";
+import { ErrorNote, Loading, Notice } from "./ui.js";
+import { Login } from "./pages/login.js";
+
+/** Page → its module; each exports Page({id, query}). Loaded when first opened. */
+const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "cases"]);
+const loaded = new Map();
+const problem = signal(null);
+
+function Current() {
+  const { page, id, query } = route.value;
+  const [, redraw] = useState(0);
+  const known = PAGES.has(page);
+  useEffect(() => {
+    if (!known || loaded.has(page)) return;
+    import(`./pages/${page}.js`).then(
+      (found) => { loaded.set(page, found.Page); redraw((n) => n + 1); },
+      () => { problem.value = "page.not_loaded"; },
+    );
+  }, [page]);
+  if (!known) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
+  const Page = loaded.get(page);
+  if (!Page) return problem.value ? html`<${Notice} kind="bad" live>${t(problem.value)}<//>` : html`<${Loading} />`;
+  return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;
+}
+
+const startError = signal(null);
+
+function App() {
+  if (session.value === null) return startError.value ? html`<${ErrorNote} error=${startError.value} />` : null;
+  if (!loggedIn.value) return html`<${Login} />`;
+  return html`<${Shell}><${Current} /><//>`;
+}
+
+/** #login=CODE, printed by the demo: the code is used by POST, once, and leaves the address at once. */
+async function useCode() {
+  const code = /^#login=(.+)$/.exec(location.hash)?.[1];
+  if (!code) return;
+  history.replaceState(null, "", "#/fleet");
+  route.value = { page: "fleet", id: null, query: {} };
+  await loginOnce(decodeURIComponent(code));
+}
+
+async function meet() {
+  for (;;) {
+    try {
+      await loadSession();
+      startError.value = null;
+      return;
+    } catch (error) {
+      startError.value = error;
+      await new Promise((resolve) => { setTimeout(resolve, 1500); });
+    }
+  }
+}
+
+effect(() => {
+  const plant = topic("plant").value;
+  const name = plant ? titled(plant) : "drivebus";
+  document.title = language.value && session.value?.user ? `${t(`page.way_${route.value.page}`)} · ${name}` : name;
+});
+
+await loadLanguage(language.peek());
+render(html`<${App} />`, document.getElementById("page"));
+await meet();
+await useCode().catch((error) => { startError.value = error; go("fleet"); });
+start();

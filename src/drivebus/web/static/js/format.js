@@ -1,0 +1,76 @@
+// Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
+// times of day are labels only.
+import { language, t } from "./i18n.js";
+import { now, trusted } from "./live.js";
+
+const DIGITS = { Hz: 2, A: 2, V: 0, "°C": 0, "%": 1, kW: 2, kWh: 1, h: 1, s: 1, rpm: 0, "r/min": 0 };
+export const NOTHING = "–";
+
+/** A number with the digits of its unit; "–" for null. Whole numbers of no unit stay whole. */
+export function number(value, unit = "", digits = DIGITS[unit]) {
+  if (value === null || value === undefined) return NOTHING;
+  if (typeof value !== "number") return String(value);
+  if (digits === undefined) return String(Number.isInteger(value) ? value : Number(value.toPrecision(6)));
+  return value.toFixed(digits);
+}
+
+/** "25.00 Hz". */
+export const quantity = (value, unit, digits) => `${number(value, unit, digits)}${unit && value !== null ? ` ${unit}` : ""}`;
+
+/** "3 s", "4 min", "2 h", "5 d" in the reader's language. */
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined) return NOTHING;
+  if (seconds < 10) return t("page.seconds", { n: seconds.toFixed(1) });
+  if (seconds < 100) return t("page.seconds", { n: Math.floor(seconds) });
+  if (seconds < 6000) return t("page.minutes", { n: Math.floor(seconds / 60) });
+  if (seconds < 172_800) return t("page.hours", { n: Math.floor(seconds / 3600) });
+  return t("page.days", { n: Math.floor(seconds / 86_400) });
+}
+
+const locale = () => (language.value === "zh" ? "zh-CN" : "en-GB");
+const TIME = { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false };
+const DAY = { year: "numeric", month: "2-digit", day: "2-digit" };
+
+const formats = new Map();
+function shown(ms, options) {
+  const key = `${locale()}${Object.keys(options)}`;
+  if (!formats.has(key)) formats.set(key, new Intl.DateTimeFormat(locale(), options));
+  return formats.get(key).format(ms);
+}
+
+/** "14:03:22" of a UTC millisecond, in this browser's time zone. */
+export const clock = (ms) => (ms === null || ms === undefined ? NOTHING : shown(ms, TIME));
+/** Date and time. */
+export const moment = (ms) => (ms === null || ms === undefined ? NOTHING : shown(ms, { ...DAY, ...TIME }));
+
+/** A value of a drive's view as it may be shown now: its age has grown since it came, and without a live line it is
+ * bad whatever it was. `{value, unit, quality, reason, age_s}`; null where the drive has no such signal. */
+export function reading(view, name) {
+  const found = view?.signals?.[name];
+  if (!found) return null;
+  if (!trusted.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: ageOf(found) };
+  return { ...found, age_s: ageOf(found) };
+}
+
+/** Seconds since a value was true on the drive. Follows the page's tick. */
+export function ageOf(found) {
+  return found.age_s === null ? null : found.age_s + Math.max(0, now.value - found.at) / 1000;
+}
+
+const UNTRUE = new Set(["silent", "never_seen"]);
+
+/** The drive's state as it may be shown now: `stale` without a live line, and where the drive does not answer. */
+export function stateOf(view) {
+  const stale = !trusted.value || UNTRUE.has(view.presence);
+  return { state: view.state, presence: view.presence, stale, lost: !trusted.value };
+}
+
+/** Drive signals in the order in which people ask for them. */
+export const FIRST_SIGNALS = ["output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency"];
+
+/** A signal's name in the reader's language; the profile's own name where the catalogue has none. */
+export function signalName(name) {
+  const key = `signal.${name}`;
+  const found = t(key);
+  return found === key ? name.replaceAll("_", " ") : found;
+}

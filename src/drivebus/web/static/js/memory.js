@@ -1,0 +1,19 @@
+// What this browser remembers for its user: small choices, never a secret. Works without storage too.
+const PREFIX = "drivebus.";
+
+export function recall(name, otherwise = null) {
+  try {
+    const found = localStorage.getItem(PREFIX + name);
+    return found === null ? otherwise : JSON.parse(found);
+  } catch {
+    return otherwise;
+  }
+}
+
+export function remember(name, value) {
+  try {
+    localStorage.setItem(PREFIX + name, JSON.stringify(value));
+  } catch {
+    // A browser that keeps nothing forgets the choice with the page.
+  }
+}

@@ -1,0 +1,36 @@
+// Log in; at the very first start: set the plant up with the secret that the service printed on its own machine.
+import { html, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { login, session, setUp } from "../session.js";
+import { Preferences } from "../shell.js";
+
+const SHORTEST_PASSWORD = 10;
+
+function Form({ title, note, fields, submit, send }) {
+  const [values, setValues] = useState({});
+  const [run, busy, error] = useAsk();
+  const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
+  const go = (event) => { event.preventDefault(); run(() => send(values)); };
+  return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
+    ${fields.map(([name, type, complete, help]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)} help=${help}>
+      <input name=${name} type=${type} autocomplete=${complete} required value=${values[name] ?? ""} onInput=${put(name)}
+        minlength=${help ? SHORTEST_PASSWORD : undefined} spellcheck="false" autocapitalize="none" /><//>`)}
+    <${ErrorNote} error=${error} /><button type="submit" class="button main" disabled=${busy}>${submit}</button></form>`;
+}
+
+const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")}
+  fields=${[["name", "text", "username"], ["password", "password", "current-password"]]}
+  send=${({ name, password }) => login(name, password)} />`;
+
+const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page.set_up_do")}
+  note=${html`<${Notice}>${t("page.set_up_how")}<//>`}
+  fields=${[["secret", "text", "off"], ["name", "text", "username"],
+    ["password", "password", "new-password", t("page.password_help", { n: SHORTEST_PASSWORD })]]}
+  send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
+
+export function Login() {
+  return html`<main class="loginpage"><p class="brand">drivebus</p>
+    ${session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
+    <div class="prefs"><${Preferences} /></div></main>`;
+}

@@ -1,0 +1,45 @@
+// A drive's state by shape, word and (only where abnormal) colour.
+import { html } from "../lib.js";
+import { t } from "../i18n.js";
+import { Icon } from "../icons.js";
+
+/** State → [icon, tone]. Tones: calm, active, alarm, warn, doubt. */
+const LOOKS = {
+  stopped: ["standing", "calm"], running: ["turning", "active"], accelerating: ["ramp_up", "active"],
+  decelerating: ["ramp_down", "active"], braking: ["ramp_down", "active"], jogging: ["turning", "active"],
+  paused: ["pause", "warn"], restarting: ["warning", "warn"], not_ready: ["warning", "warn"], fault: ["fault", "alarm"],
+  emergency_stopped: ["fault", "alarm"], unknown: ["unknown", "doubt"],
+};
+
+/** [icon, tone, word] for what `format.stateOf` gave. */
+export function lookOf({ state, presence, lost }) {
+  if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen")];
+  if (presence === "silent") return ["silent", "alarm", t("page.presence_silent")];
+  const [icon, tone] = LOOKS[state] ?? LOOKS.unknown;
+  return lost ? [icon, "doubt", t(`drives.state_${state}`)] : [icon, tone, t(`drives.state_${state}`)];
+}
+
+/** `known` is what format.stateOf gave; a stale state says so. */
+export function StateMark({ known, direction, size = 22 }) {
+  const [icon, tone, word] = lookOf(known);
+  const turning = tone === "active" && direction;
+  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word">${word}</span>
+    ${turning && html`<${Icon} name=${direction} size=${size - 4} /><span class="sr">${t(`drives.way_${direction}`)}</span>`}
+    ${known.lost && html`<span class="was">${t("page.state_was")}</span>`}</span>`;
+}
+
+const PRIORITIES = { urgent: "fault", high: "warning", low: "low" };
+
+/** An alarm's priority by shape, word and colour. */
+export function PriorityMark({ priority, word = true, size = 18 }) {
+  return html`<span class=${`priority ${priority}`}><${Icon} name=${PRIORITIES[priority] ?? "warning"} size=${size} />
+    <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span></span>`;
+}
+
+/** The badge: what the drive does when this host dies. */
+export function HostDiesBadge({ badge }) {
+  const calm = badge.kind === "trips";
+  const words = t(`page.host_dies_${badge.kind}`, { after: badge.after_s ?? "?" });
+  return html`<span class=${`badge ${calm ? "calm" : "warn"}`}><${Icon} name=${calm ? "check" : "warning"} size=${16} />
+    ${words}${badge.waiver && html`<span> · ${t("page.waived")}</span>`}</span>`;
+}

@@ -1,0 +1,38 @@
+// Who is logged in and what they may do. The server checks every right again; here they only shape the page.
+import { computed } from "./lib.js";
+import { api, session } from "./api.js";
+
+export { session };
+
+export const loggedIn = computed(() => Boolean(session.value?.user));
+
+/** `may("operate")`: is the user allowed to? Rights are those of the server's table. */
+export const may = (right) => (session.value?.rights ?? []).includes(right);
+
+/** Is this lease (of a drive's view) held by this very session? */
+export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
+
+/** Asks the server who we are. Raises ApiError where it can't be reached. */
+export async function loadSession() {
+  session.value = await api.get("/session");
+}
+
+export async function login(name, password) {
+  await api.post("/login", { name, password });
+  await loadSession();
+}
+
+export async function loginOnce(code) {
+  await api.post("/login-once", { code });
+  await loadSession();
+}
+
+export async function setUp(secret, name, password) {
+  await api.post("/setup", { secret, name, password });
+  await loadSession();
+}
+
+export async function logout() {
+  await api.post("/logout");
+  await loadSession();
+}

@@ -1,0 +1,75 @@
+// The stop bar: at the foot of every page. A bus stop is a convenience over a wire; it must never look like the red
+// button on the machine, so it has neither its colours nor its shape.
+import { html, signal, useEffect } from "./lib.js";
+import { t, titled } from "./i18n.js";
+import { clock } from "./format.js";
+import { Icon } from "./icons.js";
+import { route } from "./router.js";
+import { may } from "./session.js";
+import { drive, group, idsOf } from "./store.js";
+import { nameOf, stop, stops } from "./stops.js";
+
+const menuOpen = signal(false);
+
+function StopButton({ kind, id, children, ...rest }) {
+  return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}>
+    <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span></button>`;
+}
+
+/** What the page is about: the drive of its address, the groups of that drive or of the filter. */
+function scope() {
+  const { page, id, query } = route.value;
+  const view = page === "drive" ? drive(id).value : null;
+  return { drive: page === "drive" ? id : null, groups: view?.groups ?? (query.group ? [query.group] : []) };
+}
+
+const groupName = (id) => { const found = group(id).value; return found ? titled(found) : id; };
+
+function GroupMenu({ groups }) {
+  useEffect(() => {
+    const close = (event) => { if (event.key === "Escape") menuOpen.value = false; };
+    addEventListener("keydown", close);
+    return () => { removeEventListener("keydown", close); menuOpen.value = false; };
+  }, []);
+  return html`<div class="stopmenu" role="group" aria-label=${t("page.stop_choose_group")}>${groups.map((id) => html`
+    <${StopButton} key=${id} kind="group" id=${id}>${groupName(id)}<//>`)}</div>`;
+}
+
+function GroupStop({ groups }) {
+  if (groups.length === 1) return html`<${StopButton} kind="group" id=${groups[0]}>${groupName(groups[0])}<//>`;
+  return html`<button type="button" class="stop" aria-expanded=${menuOpen.value ? "true" : "false"} data-stop="groups"
+    onClick=${() => { menuOpen.value = !menuOpen.value; }}><${Icon} name="stop" size=${22} />
+    <span><b>${t("page.bus_stop")}</b><span class="what">${t("page.stop_scope_group")}</span></span>
+    <${Icon} name="more" size=${16} /></button>`;
+}
+
+function wordsOf(entry) {
+  const what = nameOf(entry.what);
+  if (entry.phase === "sending") return t("page.stop_sending", { what });
+  if (entry.phase === "trying") return t("page.stop_trying", { what });
+  const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";
+  return t(key, { what, why: entry.tell() });
+}
+
+function Told() {
+  const [entry] = stops.value;
+  if (!entry) return html`<p class="told" role="status">${t("page.stop_note")}</p>`;
+  const kind = entry.phase === "sending" || entry.phase === "trying" ? "waiting" : entry.good ? "good" : "bad";
+  return html`<p class=${`told ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
+    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${wordsOf(entry)}</span></p>`;
+}
+
+export function StopBar() {
+  if (!may("stop")) return html`<footer class="stopbar"><p class="told">${t("page.stop_no_right")}</p></footer>`;
+  const { drive: id, groups } = scope();
+  const every = idsOf("groups").value;
+  const offered = groups.length ? groups : every;
+  const view = id && drive(id).value;
+  return html`<footer class="stopbar" aria-label=${t("page.stop_bar")}>
+    ${menuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
+    <div class="stops">
+      ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titled(view) : id}<//>`}
+      ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
+      <${StopButton} kind="all">${t("page.stop_scope_all")}<//>
+    </div><${Told} /></footer>`;
+}

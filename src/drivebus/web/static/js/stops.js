@@ -1,0 +1,76 @@
+// Stops: by REST alone, so that they work while the live line is lost, and with whatever the page last knew. No lease,
+// no second step, no question. Each tells what became of it.
+import { batch, signal } from "./lib.js";
+import { api } from "./api.js";
+import { loadSession } from "./session.js";
+import { both, t, titled } from "./i18n.js";
+import { drive, group } from "./store.js";
+import { nowMs } from "./store.js";
+
+/** A stop may take the drive's whole ramp until it is confirmed. */
+const PATIENCE_MS = 120_000;
+/** A server that can't be reached is asked again so long, not longer: nobody expects a stop of ten minutes ago. */
+const TRY_AGAIN_MS = 30_000;
+const PAUSE_MS = 700;
+const KEPT = 5;
+
+/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text, time_ms}. */
+export const stops = signal([]);
+let count = 0;
+
+const PATHS = {
+  drive: (id) => `/drives/${encodeURIComponent(id)}/stop`,
+  group: (id) => `/groups/${encodeURIComponent(id)}/stop`,
+  all: () => "/stop",
+};
+
+export function nameOf({ kind, id }) {
+  if (kind === "all") return t("page.stop_scope_all");
+  const found = (kind === "drive" ? drive(id) : group(id)).value;
+  return found ? titled(found) : id;
+}
+
+function change(id, fields) {
+  stops.value = stops.peek().map((one) => (one.id === id ? { ...one, ...fields } : one));
+}
+
+/** Stops a drive ("drive", id), a group ("group", id) or everything ("all"). Never raises. */
+export async function stop(kind, id = null) {
+  const mine = ++count;
+  const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, tell: null, time_ms: Date.now() };
+  stops.value = [entry, ...stops.peek()].slice(0, KEPT);
+  const end = await ended(mine, PATHS[kind](id));
+  batch(() => change(mine, end));
+}
+
+async function ended(mine, path) {
+  const until = nowMs() + TRY_AGAIN_MS;
+  for (;;) {
+    try {
+      return judged(await api.post(path, {}, { patience_ms: PATIENCE_MS }));
+    } catch (error) {
+      if (!error.unreachable || nowMs() > until) return failed(error);
+      change(mine, { phase: "trying" });
+      await new Promise((resolve) => { setTimeout(resolve, PAUSE_MS); });
+      // Another server process may want another CSRF token.
+      await loadSession().catch(() => null);
+    }
+  }
+}
+
+const failed = (error) => ({ phase: "failed", good: false, tell: () => error.sentence ?? String(error) });
+
+const okay = (found) => found.word === "confirmed" || found.word === "acknowledged";
+
+/** The three shapes of an answer: one outcome, outcomes by drive, buses. */
+export function judged(answer) {
+  if (answer.outcome) return { phase: "done", good: okay(answer.outcome), tell: () => both(answer.outcome.text) };
+  const outcomes = Object.entries(answer.outcomes ?? {});
+  const named = new Set(Object.values(answer.buses ?? {}).flatMap((bus) => bus.unconfirmed ?? []));
+  for (const [id, one] of outcomes) if (!okay(one)) named.add(id);
+  const unnamed = Object.entries(answer.buses ?? {}).filter(([, bus]) => !bus.confirmed && !bus.unconfirmed?.length);
+  for (const [id] of unnamed) named.add(id);
+  if (named.size === 0) return { phase: "done", good: true, tell: () => t("page.stop_all_confirmed") };
+  const names = () => [...named].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
+  return { phase: "done", good: false, tell: () => t("page.stop_unconfirmed", { names: names() }) };
+}

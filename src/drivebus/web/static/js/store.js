@@ -1,0 +1,115 @@
+// What the plant looks like now: one signal per topic, so that a change redraws only what shows that topic.
+import { batch, computed, signal } from "./lib.js";
+
+/** Topics drawn in one frame of the screen: 300 drives change in one message and the page stays smooth. */
+const SLICE = 40;
+/** Lines that grow (frames, events) keep their newest so many. */
+const LONGEST_FEED = 500;
+
+const topics = new Map();
+const names = signal([]);
+const pending = new Map();
+let scheduled = false;
+
+/** The signal of a topic: its object, or null while (or after) there is none. */
+export function topic(name) {
+  if (!topics.has(name)) topics.set(name, signal(null));
+  return topics.get(name);
+}
+
+/** A signal of the ids under "drives", "buses" or "groups"; changes only when one comes or goes. */
+export function idsOf(kind) {
+  if (!lists.has(kind)) {
+    const start = `${kind}/`;
+    lists.set(kind, computed(() => names.value.filter((name) => name.startsWith(start))
+      .map((name) => name.slice(start.length))));
+  }
+  return lists.get(kind);
+}
+const lists = new Map();
+
+export const drive = (id) => topic(`drives/${id}`);
+export const bus = (id) => topic(`buses/${id}`);
+export const group = (id) => topic(`groups/${id}`);
+
+/** Milliseconds of this page's own clock, never of the server's (S20). */
+export const nowMs = () => performance.now();
+
+let plantAhead_ms = null;
+
+/** The plant's UTC milliseconds now, by its last message: for the right edge of charts and for labels only. */
+export const plantNow = () => Math.round(plantAhead_ms === null ? Date.now() : nowMs() + plantAhead_ms);
+
+const stamped = (signals, at) => Object.fromEntries(
+  Object.entries(signals).map(([name, found]) => [name, { ...found, at }]),
+);
+
+function grown(old, change) {
+  const news = Array.isArray(change) ? change : change.items ?? [];
+  const items = [...(old?.items ?? []), ...news].slice(-LONGEST_FEED);
+  return { items, dropped: (old?.dropped ?? 0) + (change.dropped ?? 0) };
+}
+
+const isFeed = (name) => name === "events" || name.startsWith("frames/");
+
+/** `change` laid over `old`: top-level keys whole, signals one by one, feeds appended. */
+export function merged(name, old, change, at) {
+  if (isFeed(name)) return grown(old, change);
+  const now = { ...old, ...change, at };
+  if (change.signals) now.signals = { ...old?.signals, ...stamped(change.signals, at) };
+  return now;
+}
+
+function draw() {
+  scheduled = false;
+  const slice = document.hidden ? pending.size : SLICE;
+  batch(() => {
+    for (const [name, value] of [...pending].slice(0, slice)) {
+      pending.delete(name);
+      topic(name).value = value;
+    }
+    noteNames();
+  });
+  if (pending.size) schedule();
+}
+
+function noteNames() {
+  const now = [...topics.keys()].filter((name) => topics.get(name).peek() !== null);
+  if (now.length !== names.peek().length || now.some((name, n) => name !== names.peek()[n])) names.value = now;
+}
+
+function schedule() {
+  if (scheduled) return;
+  scheduled = true;
+  if (document.hidden) setTimeout(draw, 0);
+  else requestAnimationFrame(draw);
+}
+
+// A hidden page gets no frames of the screen: what waits for one is drawn at once.
+document.addEventListener("visibilitychange", () => { if (scheduled) draw(); });
+
+function put(name, value) {
+  pending.delete(name);
+  pending.set(name, value);
+  schedule();
+}
+
+const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
+
+/** The first message of a connection: what it lacks is gone. */
+export function snapshot(message) {
+  for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) put(name, null);
+  addTopics(message, () => null);
+}
+
+/** A later message. */
+export function delta(message) {
+  addTopics(message, newest);
+  for (const name of message.gone ?? []) put(name, null);
+}
+
+function addTopics(message, oldOf) {
+  const at = nowMs();
+  if (typeof message.time_ms === "number") plantAhead_ms = message.time_ms - at;
+  for (const [name, change] of Object.entries(message.topics)) put(name, merged(name, oldOf(name), change, at));
+}

@@ -1,0 +1,159 @@
+// Parts that every page is made of. They hold no sentence of their own: texts come in as children or through t().
+import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./lib.js";
+import { both, t } from "./i18n.js";
+import { NOTHING, clock, duration, number } from "./format.js";
+import { Icon } from "./icons.js";
+
+/** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited. */
+export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", ...rest }) {
+  return html`<button type="button" class=${`button ${kind} ${more}`} disabled=${disabled || busy}
+    aria-busy=${busy ? "true" : undefined} ...${rest}>
+    ${icon && html`<${Icon} name=${icon} />`}${children}</button>`;
+}
+
+/** A label, its input (the child), help, and what is wrong with it. */
+export function Field({ label, help, wrong, children, class: more = "" }) {
+  return html`<label class=${`field ${more}`}><span class="label">${label}</span>${children}
+    ${help && html`<span class="help">${help}</span>`}
+    ${wrong && html`<span class="wrong" role="alert">${wrong}</span>`}</label>`;
+}
+
+/** Buttons of which one is chosen: `options` is [[value, text], …]. */
+export function Choice({ label, value, options, onChange, disabled = false }) {
+  return html`<div class="choice" role="group" aria-label=${label}>${options.map(([name, text]) => html`
+    <button type="button" key=${name} aria-pressed=${name === value ? "true" : "false"} disabled=${disabled}
+      onClick=${() => onChange(name)}>${text}</button>`)}</div>`;
+}
+
+/** kind: "info", "good", "warning", "bad". */
+export function Notice({ kind = "info", title, live = false, children }) {
+  const icon = { warning: "warning", bad: "fault", good: "check" }[kind];
+  return html`<div class=${`notice ${kind}`} role=${live ? "alert" : undefined}>
+    ${icon && html`<${Icon} name=${icon} />`}<div>${title && html`<strong>${title}</strong>`}${children}</div></div>`;
+}
+
+/** What an ApiError says, with its outcome's frames where it has one. */
+export function ErrorNote({ error }) {
+  if (!error) return null;
+  if (error.outcome) return html`<${OutcomeNote} outcome=${error.outcome} />`;
+  return html`<${Notice} kind="bad" live>${error.sentence ?? String(error)}<//>`;
+}
+
+const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", failed: "bad", unknown: "bad" };
+
+/** How a command ended: the word, the sentence, notes, and on demand the frames. */
+export function OutcomeNote({ outcome }) {
+  return html`<${Notice} kind=${OUTCOME_KIND[outcome.word] ?? "info"} live title=${t(`page.word_${outcome.word}`)}>
+    <p>${both(outcome.text)}</p>
+    ${outcome.notes?.map((note) => html`<p key=${note.key}>${both(note.text)}</p>`)}
+    ${outcome.frames?.length > 0 && html`<details class="frames"><summary>${t("page.frames")}</summary>
+      <${Frames} frames=${outcome.frames} /></details>`}<//>`;
+}
+
+function Frames({ frames }) {
+  return html`<table class="data"><thead><tr><th>${t("page.frame_sent")}</th><th>${t("page.frame_received")}</th></tr>
+    </thead><tbody>${frames.map((frame, n) => html`<tr key=${n}><td class="mono">${frame.sent}</td>
+    <td class="mono">${frame.received || (frame.error && t(frame.error)) || NOTHING}</td></tr>`)}</tbody></table>`;
+}
+
+/** A number with its unit, and plainly marked where it can't be trusted. `found` is what format.reading gives. */
+export function Value({ found, big = false, digits }) {
+  if (!found || found.value === null) {
+    const why = found?.reason ? t(found.reason) : t("page.no_value");
+    return html`<span class=${`value none ${big ? "big" : ""}`} title=${why}>${NOTHING}<span class="sr">${why}</span></span>`;
+  }
+  const bad = found.quality !== "good";
+  const why = bad ? `${t(`page.quality_${found.quality}`)}${found.reason ? t("page.colon") + t(found.reason) : ""}` : "";
+  return html`<span class=${`value ${found.quality} ${big ? "big" : ""}`} title=${why || undefined}>
+    <span class="number">${number(found.value, found.unit, digits)}</span><span class="unit">${found.unit}</span>
+    ${bad && html`<span class="doubt"><${Icon} name="unknown" size=${14} />${
+      found.age_s === null ? t(`page.quality_${found.quality}`) : t("page.old", { age: duration(found.age_s) })
+    }<span class="sr">${why}</span></span>`}</span>`;
+}
+
+/** A window over the page; Escape closes it. The stop bar stays in reach: it is not modal. */
+export function Dialog({ title, onClose, children, class: more = "" }) {
+  const box = useRef(null);
+  const id = useId();
+  useLayoutEffect(() => {
+    const before = document.activeElement;
+    box.current.show();
+    (box.current.querySelector("[data-first]") ?? box.current).focus();
+    return () => before?.focus?.();
+  }, []);
+  const key = (event) => { if (event.key === "Escape") onClose(); };
+  return html`<div class="veil" onClick=${onClose}></div>
+    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1" onKeyDown=${key}>
+      <header><h2 id=${id}>${title}</h2>
+        <${Button} kind="quiet" icon="close" onClick=${onClose} aria-label=${t("page.close")} /></header>
+      ${children}</dialog>`;
+}
+
+/** `tabs` is [[name, title, render]…]; arrows move between them. */
+export function Tabs({ label, tabs, value, onChange }) {
+  const id = useId();
+  const row = useRef(null);
+  const move = (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const at = tabs.findIndex(([name]) => name === value);
+    const next = (at + step + tabs.length) % tabs.length;
+    onChange(tabs[next][0]);
+    row.current.children[next].focus();
+  };
+  const shown = tabs.find(([name]) => name === value) ?? tabs[0];
+  return html`<div class="tabs"><div class="tabrow" role="tablist" aria-label=${label} ref=${row} onKeyDown=${move}>
+    ${tabs.map(([name, title]) => html`<button type="button" role="tab" key=${name} id=${`${id}-${name}`}
+      aria-selected=${name === shown[0] ? "true" : "false"} aria-controls=${`${id}-panel`}
+      tabindex=${name === shown[0] ? 0 : -1} onClick=${() => onChange(name)}>${title}</button>`)}</div>
+    <div role="tabpanel" id=${`${id}-panel`} aria-labelledby=${`${id}-${shown[0]}`} key=${shown[0]}>${shown[2]()}</div></div>`;
+}
+
+/** A table that scrolls within itself where the screen is narrow. `columns`: [[title, row → cell, class]…]. */
+export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
+  return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table class="data">
+    <caption class="sr">${caption}</caption>
+    <thead><tr>${columns.map(([title, , style]) => html`<th key=${title} class=${style} scope="col">${title}</th>`)}</tr></thead>
+    <tbody>${rows.map((row) => html`<tr key=${keyOf(row)} class=${rowClass?.(row)}>${columns.map(([title, cell, style]) =>
+      html`<td key=${title} class=${style}>${cell(row)}</td>`)}</tr>`)}
+    ${rows.length === 0 && html`<tr><td class="empty" colspan=${columns.length}>${empty ?? t("page.nothing")}</td></tr>`}
+    </tbody></table></div>`;
+}
+
+/** Runs one request at a time for a part of the page: `[run, busy, error, result]`. */
+export function useAsk() {
+  const [state, setState] = useState({ busy: false, error: null, result: null });
+  const alive = useRef(true);
+  useEffect(() => () => { alive.current = false; }, []);
+  const set = (next) => { if (alive.current) setState(next); };
+  const run = async (request) => {
+    set({ busy: true, error: null, result: null });
+    try {
+      const result = await request();
+      set({ busy: false, error: null, result });
+      return result;
+    } catch (error) {
+      set({ busy: false, error, result: null });
+      return null;
+    }
+  };
+  return [run, state.busy, state.error, state.result, () => set({ busy: false, error: null, result: null })];
+}
+
+/** Loads once and again whenever `what` changes: `[value, error, reload]`. */
+export function useLoaded(load, what) {
+  const [state, setState] = useState({ value: null, error: null });
+  const [round, setRound] = useState(0);
+  useEffect(() => {
+    let current = true;
+    load().then(
+      (value) => current && setState({ value, error: null }),
+      (error) => current && setState((old) => ({ value: old.value, error })),
+    );
+    return () => { current = false; };
+  }, [...what, round]);
+  return [state.value, state.error, () => setRound((n) => n + 1)];
+}
+
+export const Loading = () => html`<p class="loading" role="status">${t("page.loading")}</p>`;
+export const Time = ({ ms }) => html`<time dateTime=${ms ? new Date(ms).toISOString() : undefined}>${clock(ms)}</time>`;
