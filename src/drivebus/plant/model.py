@@ -71,7 +71,7 @@ class DriveSetting:
     signals: Mapping[str, float] = field(default_factory=dict)
     """Signal → period in seconds, 0.05 and more; every signal of the profile at its own period where empty."""
     fastest_s: float = 0.0
-    """No poll of this drive more often: what the file says, else what its line can do where the file asks for nothing."""
+    """No poll of this drive more often: as the file says, else what its line can do where no period is asked for."""
     on_client_lost: OnClientLost = OnClientLost.HOLD
     on_service_stop: OnServiceStop = OnServiceStop.STOP
     on_restart: OnRestart = OnRestart.ADOPT
