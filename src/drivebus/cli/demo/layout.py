@@ -47,8 +47,8 @@ DZB_CODING = dict.fromkeys(("setpoint_coding", "query_coding", "parameter_coding
 
 LINES = (
     PlantLine("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
-    PlantLine("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2), DZB_CODING),
-    PlantLine("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2)),
-    PlantLine("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2)),
+    PlantLine("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2, 3), DZB_CODING),
+    PlantLine("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2, 3)),
+    PlantLine("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2, 3)),
 )
-"""Nine drives of four families on four lines, each at a speed that its family knows."""
+"""Twelve drives of four families on four lines, each at a speed that its family knows."""
