@@ -1,0 +1,76 @@
+"""Passwords: hashed with argon2 in a thread of their own: the loop never waits for one. The one door to argon2."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import unicodedata
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from argon2 import PasswordHasher
+from argon2.exceptions import Argon2Error, InvalidHashError
+
+from drivebus.plant.access.refusals import Unavailable, Unfit
+
+T = TypeVar("T")
+
+SHORTEST = 10
+LONGEST = 200
+_FEWEST_DIFFERENT = 5
+_WAITING = 8
+"""So many may wait for the thread; more are sent away, or a flood of logins would fill the memory (S14)."""
+_COMMON = """
+1234567890 12345678910 123456789a 0123456789 password12 password123 password1234 qwertyuiop qwerty12345
+1q2w3e4r5t 1qaz2wsx3edc administrator admin12345 adminadmin changeme123 drivebus123 iloveyou123 letmein1234
+welcome123 operator123 engineer123 a123456789 woaini1314 5201314520 asdfghjkl1 zxcvbnm123 abcd123456 abc123456789
+"""
+
+
+class Passwords:
+    """Makes and checks hashes. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second choice), about 0.1 s."""
+
+    def __init__(self, hasher: PasswordHasher | None = None) -> None:
+        self._hasher = hasher or PasswordHasher(time_cost=3, memory_cost=65536, parallelism=1)
+        self._thread = ThreadPoolExecutor(1, "password")
+        self._nobody = self._hasher.hash(secrets.token_urlsafe())
+        self._waiting = 0
+
+    async def hash(self, password: str) -> str:
+        """Raises Unavailable where too many wait."""
+        return await self._in_thread(self._hasher.hash, _normal(password))
+
+    async def verify(self, known: str | None, password: str) -> bool:
+        """As slow for a user that does not exist (``known`` None) as for a wrong password. Raises Unavailable."""
+        right = await self._in_thread(self._verify, known or self._nobody, _normal(password))
+        return right and known is not None
+
+    def _verify(self, known: str, password: str) -> bool:
+        try:
+            return self._hasher.verify(known, password)
+        except (Argon2Error, InvalidHashError):
+            return False
+
+    async def _in_thread(self, work: Callable[..., T], *arguments: str) -> T:
+        if self._waiting >= _WAITING:
+            raise Unavailable("access.busy")
+        self._waiting += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._thread, work, *arguments)
+        finally:
+            self._waiting -= 1
+
+
+def check_new(password: str, name: str) -> str:
+    """Is this fit to be the password of ``name``? Raises Unfit with the reason."""
+    said = _normal(password)
+    if not SHORTEST <= len(said) <= LONGEST:
+        raise Unfit("access.password_length", shortest=SHORTEST, longest=LONGEST)
+    if len(set(said)) < _FEWEST_DIFFERENT or said.casefold() in _COMMON.split() or name.casefold() in said.casefold():
+        raise Unfit("access.password_common", different=_FEWEST_DIFFERENT)
+    return password
+
+
+def _normal(password: str) -> str:
+    return unicodedata.normalize("NFC", password)

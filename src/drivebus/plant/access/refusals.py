@@ -1,0 +1,66 @@
+"""What access says no to, each with the HTTP status that tells it. ``key`` is a sentence of the room ``access``."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from drivebus import i18n
+from drivebus.errors import DrivebusError
+
+
+class AccessError(DrivebusError):
+    """Not let in, or not in that way."""
+
+    status: ClassVar[int] = 403
+
+
+class NotLoggedIn(AccessError):
+    """No credential, or one that is forged, expired or ended."""
+
+    status = 401
+
+
+class Forbidden(AccessError):
+    """Known, and without the right; or a request that no page of ours would make."""
+
+
+class Conflict(AccessError):
+    """Not in this state: no administrator yet, or the last one would go."""
+
+    status = 409
+
+
+class NoSuch(AccessError):
+    """There is no such user, token or address."""
+
+    status = 404
+
+
+class Unfit(AccessError):
+    """What was given can't be used: a weak password, an unknown right."""
+
+    status = 422
+
+
+class TooManyAttempts(AccessError):
+    """Too many wrong passwords; ``retry_s`` tells when the next may be tried (S05)."""
+
+    status = 429
+
+
+class Unavailable(AccessError):
+    """The plant, or its record, can't be reached just now."""
+
+    status = 503
+
+
+def as_json(error: DrivebusError, status: int) -> dict[str, Any]:
+    """The one shape of an error, without the outer ``error``."""
+    return {
+        "code": error.key,
+        "kind": type(error).__name__,
+        "text": {language: error.text(language) for language in i18n.LANGUAGES},
+        "params": error.params,
+        "outcome": None,
+        "status": status,
+    }

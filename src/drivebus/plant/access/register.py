@@ -1,0 +1,145 @@
+"""Who may come in: users, tokens and one-time codes as values. Secrets are kept as hashes only (S07)."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from drivebus.plant.access.refusals import Conflict, NoSuch, Unfit
+from drivebus.plant.access.rights import RIGHTS, Right, Role
+
+_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """A person."""
+
+    name: str
+    role: Role
+    password: str | None
+    """argon2's own text; None: can't log in by password."""
+    created_ms: int
+    disabled: bool = False
+
+    @property
+    def rights(self) -> frozenset[Right]:
+        return frozenset() if self.disabled else RIGHTS[self.role]
+
+    @property
+    def stamp(self) -> tuple[object, ...]:
+        """Whatever of this changes ends the user's sessions (S04: role loss)."""
+        return (self.role, self.password, self.disabled, self.created_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A program's key, of one user: never more than that user may."""
+
+    id: str
+    name: str
+    user: str
+    rights: tuple[Right, ...]
+    digest: str
+    created_ms: int
+    expires_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Once:
+    """A code that logs a user in, once."""
+
+    digest: str
+    user: str
+    expires_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """All of them. Every change gives a new one."""
+
+    users: tuple[User, ...] = ()
+    tokens: tuple[Token, ...] = ()
+    codes: tuple[Once, ...] = ()
+
+    def find(self, name: str) -> User | None:
+        """By the name as somebody typed it."""
+        wanted = plain(name)
+        return next((user for user in self.users if user.name == wanted), None)
+
+    def user(self, name: str) -> User:
+        """Raises NoSuch."""
+        found = self.find(name)
+        if found is None:
+            raise NoSuch("access.no_such_user", name=name)
+        return found
+
+    @property
+    def has_administrator(self) -> bool:
+        """One who can log in: commands and addresses beyond this machine wait for that (S06, S15)."""
+        return any(_rules(user) for user in self.users)
+
+    def added(self, user: User) -> Register:
+        """Raises Unfit for a name that can't be one, Conflict where it is taken."""
+        if not _NAME.fullmatch(user.name) or user.name != plain(user.name):
+            raise Unfit("access.bad_name", name=user.name)
+        if self.find(user.name) is not None:
+            raise Conflict("access.name_taken", name=user.name)
+        return replace(self, users=(*self.users, user))
+
+    def changed(self, user: User) -> Register:
+        """The user of that name becomes ``user``. Raises NoSuch; Conflict where nobody could administer any more."""
+        self.user(user.name)
+        return self._kept(replace(self, users=tuple(user if one.name == user.name else one for one in self.users)))
+
+    def removed(self, name: str) -> Register:
+        """Without the user and all that was the user's. Raises NoSuch, Conflict."""
+        gone = self.user(name).name
+        return self._kept(
+            Register(
+                tuple(user for user in self.users if user.name != gone),
+                tuple(token for token in self.tokens if token.user != gone),
+                tuple(code for code in self.codes if code.user != gone),
+            )
+        )
+
+    def with_token(self, token: Token) -> Register:
+        """Raises NoSuch for its user, Unfit where the user may not all of it."""
+        beyond = set(token.rights) - RIGHTS[self.user(token.user).role]
+        if beyond or not token.rights:
+            raise Unfit("access.beyond_role", rights=", ".join(sorted(beyond)))
+        return replace(self, tokens=(*self.tokens, token))
+
+    def without_token(self, id: str) -> Register:
+        """Raises NoSuch."""
+        if all(token.id != id for token in self.tokens):
+            raise NoSuch("access.no_such_token", id=id)
+        return replace(self, tokens=tuple(token for token in self.tokens if token.id != id))
+
+    def with_code(self, code: Once, now_ms: int) -> Register:
+        """Raises NoSuch for its user. Codes that are too old go."""
+        self.user(code.user)
+        return replace(self, codes=(*_fresh(self.codes, now_ms), code))
+
+    def without_code(self, digest: str) -> Register:
+        return replace(self, codes=tuple(code for code in self.codes if code.digest != digest))
+
+    def _kept(self, after: Register) -> Register:
+        if self.has_administrator and not after.has_administrator:
+            raise Conflict("access.last_administrator")
+        return after
+
+
+def plain(name: str) -> str:
+    """One spelling for names that look alike (NFKC, case folded)."""
+    return unicodedata.normalize("NFKC", name).casefold()
+
+
+def _rules(user: User) -> bool:
+    return user.role is Role.ADMINISTRATOR and user.password is not None and not user.disabled
+
+
+def _fresh(codes: Iterable[Once], now_ms: int) -> tuple[Once, ...]:
+    return tuple(code for code in codes if code.expires_ms > now_ms)

@@ -1,0 +1,32 @@
+"""Answers that are given before any route is reached, in the one shape of errors."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from starlette.types import Send
+
+from drivebus.errors import DrivebusError
+from drivebus.plant.access.refusals import AccessError, as_json
+
+Headers = tuple[tuple[bytes, bytes], ...]
+
+
+async def refuse(send: Send, error: AccessError, *more: tuple[bytes, bytes]) -> None:
+    """``error`` as JSON with its own status; the connection closes, whatever of the request is still to come."""
+    body = json.dumps({"error": as_json(error, error.status)}, ensure_ascii=False).encode()
+    headers: Headers = (
+        (b"content-type", b"application/json"),
+        (b"content-length", str(len(body)).encode()),
+        *retry_after(error),
+        *more,
+    )
+    await send({"type": "http.response.start", "status": error.status, "headers": list(headers)})
+    await send({"type": "http.response.body", "body": body})
+
+
+def retry_after(error: DrivebusError) -> Headers:
+    """Whole seconds, where the error tells when to come again."""
+    wait: Any = error.params.get("retry_s")
+    return () if wait is None else ((b"retry-after", str(int(wait) + 1).encode()),)

@@ -1,0 +1,68 @@
+"""What was refused at the door, told to the audit trail: each kind at once, repetitions as one entry with their number,
+so that a flood of requests can't fill the disk (S01, S14).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+from drivebus.errors import DrivebusError
+from drivebus.plant.actor import Actor
+from drivebus.plant.client import Json, PlantClient
+from drivebus.seams import Clock
+
+PERIOD_S = 10.0
+KINDS = 32
+"""So many different ones are told in a period; what is beyond is counted together."""
+_LONGEST_S = 2.0
+
+
+async def tell(client: PlantClient, entry: Json, actor: Actor) -> bool:
+    """Put into the trail; False where the plant can't be reached in time. For what must not wait for the trail."""
+    try:
+        async with asyncio.timeout(_LONGEST_S):
+            await client.record(entry, actor)
+    except (TimeoutError, OSError, DrivebusError):
+        return False
+    return True
+
+
+@dataclass(slots=True)
+class Refusals:
+    """Counts by kind; ``flush`` tells what was only counted."""
+
+    client: PlantClient
+    clock: Clock
+    _counts: dict[tuple[str, str, str, str], int] = field(default_factory=dict)
+    _since: float = -PERIOD_S
+
+    async def refused(self, what: str, target: str, why: str, actor: Actor) -> None:
+        """``what`` is the method, ``target`` the address as the table has it, ``why`` the error's key."""
+        if self.clock() - self._since >= PERIOD_S:
+            await self.flush()
+            self._since = self.clock()
+        kind = (what, target, why, f"{actor.name}@{actor.address}")
+        if kind not in self._counts and len(self._counts) >= KINDS:
+            kind = ("*", "*", "*", "*")
+        if kind in self._counts or kind[0] == "*":
+            self._counts[kind] = self._counts.get(kind, 0) + 1
+            return
+        self._counts[kind] = 0
+        await tell(self.client, _entry(kind, 1), actor)
+
+    async def flush(self) -> None:
+        """Tell the repetitions."""
+        counted, self._counts = self._counts, {}
+        for kind, times in counted.items():
+            if times:
+                await tell(self.client, _entry(kind, times), NOBODY)
+
+
+NOBODY = Actor("", frozenset(), "", remote=True, address="")
+"""Who did not say who it is."""
+
+
+def _entry(kind: tuple[str, str, str, str], times: int) -> Json:
+    what, target, why, who = kind
+    return {"what": "refused", "target": f"{what} {target}", "params": {"who": who, "times": times}, "outcome": why}

@@ -1,0 +1,136 @@
+"""The rights table: every address of the service and what it needs (S02). The door lets nothing through that is not
+here, so a new route without a line is unreachable, and a test fails.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivebus.plant.access.rights import Right
+
+
+class Door(StrEnum):
+    """What is not a right."""
+
+    PUBLIC = "public"
+    """Anybody, also before the set-up."""
+    SESSION = "session"
+    """Whoever is logged in with a browser, idle or not."""
+
+
+Need = Right | Door
+WEBSOCKET = "WEBSOCKET"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One method of one address."""
+
+    method: str
+    path: str
+    need: Need
+    by_hand: bool = True
+    """A person does this; what a page does by itself keeps no session from becoming idle (S07)."""
+
+    @property
+    def pattern(self) -> re.Pattern[str]:
+        parts = re.split(r"({\w+(?::path)?})", self.path)
+        return re.compile("".join(_place(part) if part.startswith("{") else re.escape(part) for part in parts))
+
+
+def _place(part: str) -> str:
+    return ".+" if part.endswith(":path}") else "[^/]+"
+
+
+def _api(need: Need, *lines: str) -> tuple[Entry, ...]:
+    pairs = (line.split() for line in lines)
+    return tuple(Entry(method, f"/api/v1{path}", need) for method, path in pairs)
+
+
+TABLE: tuple[Entry, ...] = (
+    Entry("GET", "/", Door.PUBLIC),
+    Entry("GET", "/static/{path:path}", Door.PUBLIC),
+    Entry("GET", "/vendor/{path:path}", Door.PUBLIC),
+    Entry("GET", "/i18n/{language}.json", Door.PUBLIC),
+    *_api(
+        Door.PUBLIC,
+        "GET /health",
+        "GET /session",
+        "POST /login",
+        "POST /login-once",
+        "POST /setup",
+    ),
+    *_api(
+        Door.SESSION,
+        "POST /logout",
+        "POST /logout-everywhere",
+        "POST /session/active",
+        "POST /password",
+        "GET /tokens",
+        "POST /tokens",
+        "DELETE /tokens/{token}",
+    ),
+    *_api(Right.ADMINISTER, "GET /users", "POST /users", "PATCH /users/{user}", "DELETE /users/{user}"),
+    *_api(
+        Right.VIEW,
+        f"{WEBSOCKET} /live",
+        "GET /openapi.json",
+        "GET /plant",
+        "GET /drives",
+        "GET /drives/{drive}",
+        "GET /drives/{drive}/profile",
+        "GET /drives/{drive}/statistics",
+        "GET /groups",
+        "GET /buses",
+        "GET /buses/{bus}",
+        "GET /buses/{bus}/frames",
+        "GET /history/tags",
+        "GET /history/trend",
+        "GET /history/export",
+        "GET /history/markers",
+        "GET /alarms",
+        "GET /alarms/history",
+        "GET /cases",
+        "GET /cases/{case}",
+    ),
+    *_api(
+        Right.STOP,
+        "POST /stop",
+        "POST /drives/{drive}/stop",
+        "POST /drives/{drive}/jog/end",
+        "POST /groups/{group}/stop",
+    ),
+    Entry("POST", "/api/v1/drives/{drive}/lease/renew", Right.STOP, by_hand=False),
+    *_api(
+        Right.OPERATE,
+        "POST /drives/{drive}/parameters/read",
+        "POST /drives/{drive}/lease",
+        "DELETE /drives/{drive}/lease",
+        "POST /drives/{drive}/arm",
+        "POST /drives/{drive}/run",
+        "POST /drives/{drive}/set-frequency",
+        "POST /drives/{drive}/jog",
+        "POST /drives/{drive}/jog/renew",
+        "POST /drives/{drive}/reset",
+        "POST /drives/{drive}/release",
+        "POST /groups/{group}/arm",
+        "POST /groups/{group}/start",
+        "POST /groups/{group}/set-frequency",
+        "POST /alarms/{alarm}/acknowledge",
+        "POST /alarms/{alarm}/shelve",
+        "POST /alarms/{alarm}/unshelve",
+    ),
+    *_api(Right.TUNE, "POST /drives/{drive}/parameters/write"),
+    *_api(Right.LIMIT, "POST /drives/{drive}/waiver", "DELETE /drives/{drive}/waiver", "PUT /drives/{drive}/limits"),
+    *_api(Right.AUDIT, "GET /audit", "GET /audit/verify"),
+    *_api(Right.CONFIGURE, "GET /configuration", "POST /configuration/check", "POST /configuration/reload"),
+)
+
+_PATTERNS = [(entry, entry.pattern) for entry in TABLE]
+
+
+def entries_for(path: str) -> list[Entry]:
+    """Every method of the address that ``path`` is."""
+    return [entry for entry, pattern in _PATTERNS if pattern.fullmatch(path)]

@@ -1,0 +1,96 @@
+"""A whole app in this process over a plant that only counts: what came through the door, and what was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from argon2 import PasswordHasher
+from fastapi import FastAPI
+
+from drivebus.plant.access.access import Access
+from drivebus.plant.access.passwords import Passwords
+from drivebus.plant.access.register import User
+from drivebus.plant.access.rights import Role
+from drivebus.plant.actor import Actor
+from drivebus.plant.model import WebSetting
+from drivebus.web.app import make_app
+
+Json = dict[str, Any]
+BASE = "http://127.0.0.1:8080"
+PASSWORD = "correct horse battery"
+QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+"""As argon2, but a thousand times quicker: these tests are about who is asked, not about guessing offline."""
+
+
+@dataclass
+class Plant:
+    """Counts. ``deaf`` makes its record fail, as with a full disk."""
+
+    calls: list[tuple[str, Json, Actor]] = field(default_factory=list)
+    records: list[tuple[Json, Actor]] = field(default_factory=list)
+    deaf: bool = False
+
+    async def call(self, operation: str, params: Json, actor: Actor) -> Json:
+        self.calls.append((operation, params, actor))
+        return {}
+
+    async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+        self.calls.append(("live", {"patterns": list(patterns)}, actor))
+        yield {"type": "snapshot", "seq": 1, "time_ms": 0, "topics": {}}
+
+    async def record(self, entry: Json, actor: Actor) -> None:
+        if self.deaf:
+            raise OSError(28, "No space left on device")
+        self.records.append((entry, actor))
+
+
+@dataclass
+class Clock:
+    """Monotonic seconds and UTC milliseconds that only a test moves."""
+
+    now: float = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def wall_ms(self) -> int:
+        return 1_800_000_000_000 + round(self.now * 1000)
+
+
+class House:
+    """An app, its plant, its users: one of each role, all with the same password."""
+
+    def __init__(self, directory: Path, *, users: bool = True, web: WebSetting | None = None) -> None:
+        self.clock = Clock()
+        self.plant = Plant()
+        self.directory = directory
+        self.access = Access(directory, passwords=Passwords(QUICK), clock=self.clock, wall=self.clock.wall_ms)
+        if users:
+            hashed = QUICK.hash(PASSWORD)
+            for role in Role:
+                user = User(str(role), role, hashed, 0)
+                self.access.file.change(lambda register, user=user: register.added(user))
+        self.app: FastAPI = make_app(self.plant, self.access, web or WebSetting())
+
+    def client(self, base: str = BASE, **headers: str) -> httpx.AsyncClient:
+        transport = httpx.ASGITransport(app=self.app, raise_app_exceptions=False, client=("127.0.0.1", 50000))
+        return httpx.AsyncClient(transport=transport, base_url=base, headers=headers)
+
+    async def logged_in(self, role: str) -> httpx.AsyncClient:
+        """A client with the session cookie and the CSRF header of a user of that role."""
+        client = self.client()
+        answer = await client.post("/api/v1/login", json={"name": role, "password": PASSWORD})
+        assert answer.status_code == 200, answer.text
+        client.headers["X-Drivebus-CSRF"] = answer.json()["csrf"]
+        return client
+
+    async def token(self, role: str, *rights: str) -> str:
+        """A token's secret."""
+        client = await self.logged_in(role)
+        answer = await client.post("/api/v1/tokens", json={"name": "t", "rights": list(rights), "days": 1})
+        assert answer.status_code == 200, answer.text
+        return str(answer.json()["secret"])
