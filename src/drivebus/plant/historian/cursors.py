@@ -1,0 +1,23 @@
+"""Opaque places in a list: a few whole numbers as text."""
+
+from __future__ import annotations
+
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+
+from drivebus.errors import ParamsError
+
+
+def cursor(*numbers: int) -> str:
+    return urlsafe_b64encode(".".join(map(str, numbers)).encode()).decode()
+
+
+def place(text: str, count: int) -> list[int]:
+    """The ``count`` numbers of a cursor. Raises ParamsError."""
+    try:
+        numbers = [int(part) for part in urlsafe_b64decode(text.encode()).decode().split(".")]
+        if len(numbers) == count and min(numbers) >= 0 and cursor(*numbers) == text:
+            return numbers
+    except ValueError:
+        pass
+    fault = {"path": "cursor", "found": text[:60], "expected": 'the value of "next" of the page before'}
+    raise ParamsError("plant.params", faults=[fault])

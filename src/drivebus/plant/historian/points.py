@@ -1,0 +1,155 @@
+"""Columns of one signal and how they are rolled up. Pure: time is in the data.
+
+A rollup can be rolled up again and two rollups of the same stretch can be put together (late samples, a second seal),
+because each point carries how many values it stands for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import compress, repeat
+from operator import mul, ne
+
+from drivebus.reading import Quality
+
+GOOD, UNCERTAIN, BAD = 0, 1, 2
+CODES: dict[Quality, int] = {Quality.GOOD: GOOD, Quality.UNCERTAIN: UNCERTAIN, Quality.BAD: BAD}
+QUALITIES: tuple[Quality, ...] = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
+
+
+@dataclass(slots=True)
+class Points:
+    """Columns of equal length. ``low``, ``mean`` and ``high`` are NaN where ``count`` is 0: a gap."""
+
+    time: Sequence[int] = field(default_factory=list)
+    """UTC ms: the sample's own time, or the beginning of what the point stands for."""
+    count: Sequence[int] = field(default_factory=list)
+    """Values that the point stands for; a bad one does not count."""
+    low: Sequence[float] = field(default_factory=list)
+    mean: Sequence[float] = field(default_factory=list)
+    high: Sequence[float] = field(default_factory=list)
+    quality: bytes = b""
+    """0 all good, 2 nothing to trust, 1 something between."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def columns(self) -> tuple[Sequence[int], Sequence[int], Sequence[float], Sequence[float], Sequence[float], bytes]:
+        return self.time, self.count, self.low, self.mean, self.high, self.quality
+
+
+def of_samples(time: Sequence[int], value: Sequence[float], quality: bytes) -> Points:
+    """Samples as points in the order of their times; samples of one time stay in the order in which they came.
+
+    A bad sample is a gap, whatever value stands beside it: nothing stale is shown as live (G17).
+    """
+    known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
+    if 0 in known:
+        value = [number if one else math.nan for number, one in zip(value, known, strict=True)]
+    return in_order(Points(time, known, value, value, value, quality))
+
+
+def in_order(points: Points) -> Points:
+    """Sorted by time, and stable."""
+    time = list(points.time)
+    if time == sorted(time):
+        return points
+    order = sorted(range(len(time)), key=time.__getitem__)
+    _, count, low, mean, high, quality = points.columns()
+    return Points(
+        [time[n] for n in order], [count[n] for n in order], [low[n] for n in order], [mean[n] for n in order],
+        [high[n] for n in order], bytes([quality[n] for n in order]),
+    )  # fmt: skip
+
+
+def together(pieces: Iterable[Points]) -> Points:
+    """All pieces as one, in the order of their times."""
+    found = Points([], [], [], [], [], b"")
+    time, count, low, mean, high = list[int](), list[int](), list[float](), list[float](), list[float]()
+    for piece in pieces:
+        time += piece.time
+        count += piece.count
+        low += piece.low
+        mean += piece.mean
+        high += piece.high
+        found.quality += piece.quality
+    return in_order(Points(time, count, low, mean, high, found.quality))
+
+
+def between(points: Points, first_ms: int, last_ms: int) -> Points:
+    """Those with ``first_ms <= time <= last_ms``."""
+    wanted = [first_ms <= time <= last_ms for time in points.time]
+    if all(wanted):
+        return points
+    time, count, low, mean, high, quality = (list(compress(column, wanted)) for column in points.columns())
+    return Points(time, count, low, mean, high, bytes(quality))  # type: ignore[arg-type]
+
+
+def roll(points: Points, width_ms: int) -> Points:
+    """One point for each ``width_ms``, counted from 1970, that has any; ``points`` are in order."""
+    time, count, low, mean, high, quality = points.columns()
+    keys = [moment // width_ms for moment in time]
+    changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
+    starts = [key * width_ms for key in map(keys.__getitem__, [0, *changes])] if keys else []
+    if len(starts) == len(keys):
+        return Points(starts, count, low, mean, high, quality)
+    runs = list(zip([0, *changes], [*changes, len(keys)], strict=True))
+    rolled = _roll_whole if 0 not in count else _roll_with_gaps
+    counts, lows, means, highs = rolled(runs, count, low, mean, high)
+    return Points(starts, counts, lows, means, highs, bytes([_quality(quality[a:b]) for a, b in runs]))
+
+
+Runs = list[tuple[int, int]]
+Rolled = tuple[list[int], list[float], list[float], list[float]]
+Column = Sequence[float]
+
+
+def _roll_whole(runs: Runs, count: Sequence[int], low: Column, mean: Column, high: Column) -> Rolled:
+    """Every point has a value."""
+    lows, highs = [min(low[a:b]) for a, b in runs], [max(high[a:b]) for a, b in runs]
+    counts = [sum(count[a:b]) for a, b in runs]
+    weighed = list(map(mul, mean, count))
+    # Rounding may not push a mean out of what it is the mean of.
+    means = [
+        min(max(sum(weighed[a:b]) / n, least), most)
+        for (a, b), n, least, most in zip(runs, counts, lows, highs, strict=True)
+    ]
+    return counts, lows, means, highs
+
+
+def _roll_with_gaps(runs: Runs, count: Sequence[int], low: Column, mean: Column, high: Column) -> Rolled:
+    """Some points are gaps: each run without them, and a gap where nothing is left."""
+    counts, lows, means, highs = list[int](), list[float](), list[float](), list[float]()
+    for a, b in runs:
+        columns = [list(compress(column[a:b], count[a:b])) for column in (count, low, mean, high)]
+        if columns[0]:
+            whole = [(0, len(columns[0]))]
+            one = _roll_whole(whole, [int(n) for n in columns[0]], columns[1], columns[2], columns[3])
+        else:
+            one = [0], [math.nan], [math.nan], [math.nan]
+        counts += one[0]
+        lows += one[1]
+        means += one[2]
+        highs += one[3]
+    return counts, lows, means, highs
+
+
+def _quality(codes: bytes) -> int:
+    """Good only where all are good, bad only where all are bad."""
+    for code in (GOOD, BAD):
+        if codes.count(code) == len(codes):
+            return code
+    return UNCERTAIN
+
+
+def split(points: Points, width_ms: int) -> Iterable[tuple[int, Points]]:
+    """Cut where one stretch of ``width_ms`` ends: the stretch's beginning (ms) and its points; they are in order."""
+    columns = points.columns()
+    keys = list(map(int.__floordiv__, points.time, repeat(width_ms)))
+    changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
+    for a, b in zip([0, *changes], [*changes, len(keys)], strict=True):
+        if a < b:
+            time, count, low, mean, high, quality = (column[a:b] for column in columns)
+            yield keys[a] * width_ms, Points(time, count, low, mean, high, quality)  # type: ignore[arg-type]

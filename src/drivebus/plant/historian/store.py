@@ -1,0 +1,175 @@
+"""What the historian needs of a database. ``sqlite`` and ``postgres`` are two of them, with the same tests.
+
+A store is used by one thread. Every writing method is one transaction and durable on return; done again after an
+uncertain end (a connection lost during its commit) it changes nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivebus.plant.historian.levels import Level
+
+SCHEMA = 1
+"""Version of the tables; a store of a later one is left alone."""
+
+
+class StoreError(Exception):
+    """The database could not do it: full, read-only, damaged, gone. What was asked for may or may not be done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tag:
+    """A signal of a drive; stays known when the drive is taken out of the plant."""
+
+    id: int
+    name: str
+    """``<drive>.<signal>``."""
+    unit: str = ""
+    en: str = ""
+    zh: str = ""
+    sealed: int = 0
+    """Samples with a smaller number are in blocks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One row of packed points."""
+
+    level: Level
+    tag: int
+    start_ms: int
+    """Beginning of its partition."""
+    number: int
+    """Number of its first sample; 0 where a partition has one row only (merged levels)."""
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class EventRow:
+    """Something that happened; ``id`` orders events of one moment."""
+
+    id: int
+    time_ms: int
+    kind: str
+    drive: str | None
+    data: str
+    """JSON."""
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """Somebody else's state, by kind and id. ``data`` (JSON) None deletes it."""
+
+    kind: str
+    id: str
+    data: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What came in one interval."""
+
+    id: int
+    samples: bytes | None = None
+    tags: Sequence[Tag] = ()
+    """New, or with a new unit or text."""
+    events: Sequence[EventRow] = ()
+    documents: Sequence[Document] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """Samples of one tag moved from the journal into blocks."""
+
+    tag: int
+    from_number: int
+    to_number: int
+    blocks: Sequence[Block]
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What a store holds when it is opened."""
+
+    tags: Sequence[Tag]
+    last_event: int
+    clock_ms: int | None = None
+    """The retention's clock when it last was at work."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Which events are asked for; newest first."""
+
+    from_ms: int
+    to_ms: int
+    drive: str | None
+    before: tuple[int, int] | None
+    """``(time_ms, id)`` of the last one had."""
+    limit: int
+
+
+class Store(Protocol):
+    """Each method raises StoreError."""
+
+    def open(self) -> Contents:
+        """Connect, make the tables where there are none."""
+        ...
+
+    def close(self) -> None: ...
+
+    def journal(self) -> Iterator[tuple[int, bytes]]:
+        """Batches that are not yet in blocks, in their order."""
+        ...
+
+    def put(self, batch: Batch) -> None:
+        """Nothing more where a batch of this id is there."""
+        ...
+
+    def seal(self, seals: Sequence[Seal], stored_ms: int, keep_from: int | None) -> None:
+        """Put blocks (in place of one at the same place) and forget journal rows before ``keep_from`` (all: None).
+
+        A seal that is already done is passed over.
+        """
+        ...
+
+    def block(self, level: Level, tag: int, start_ms: int) -> bytes | None:
+        """The one row of a merged level's partition."""
+        ...
+
+    def forget(self, level: Level, before_ms: int, most: int) -> int:
+        """Delete at most so many of the blocks that were stored before; how many it were. Keeps the floor."""
+        ...
+
+    def forget_events(self, before_ms: int) -> None: ...
+
+    def oldest(self, level: Level, skip: int) -> int | None:
+        """When the ``skip``-th oldest block of a level was stored."""
+        ...
+
+    def keep_clock(self, clock_ms: int) -> None: ...
+
+    def size_bytes(self) -> int:
+        """What the data takes, without what deleted rows left free."""
+        ...
+
+    def read(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> tuple[dict[int, int], list[Block]]:
+        """At one moment: each tag's ``sealed``, and blocks whose partition begins within, by tag, start, number."""
+        ...
+
+    def floors(self) -> dict[Level, int]:
+        """Everything that was stored before (ms) is gone from this level."""
+        ...
+
+    def extent(self, level: Level, tags: Sequence[int]) -> tuple[int, int] | None:
+        """Where the first and the last partition begin that hold any of these tags."""
+        ...
+
+    def events(self, window: Window) -> list[EventRow]: ...
+
+    def documents(self, kind: str, ids: Iterable[str] | None = None) -> list[Document]:
+        """By id."""
+        ...

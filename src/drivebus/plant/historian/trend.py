@@ -1,0 +1,78 @@
+"""From stored points to at most so many on a screen. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from statistics import median
+from typing import Any
+
+from drivebus.plant.historian.levels import GRAINS, Level
+from drivebus.plant.historian.points import BAD, Points, roll
+
+Json = dict[str, Any]
+
+DIGITS = 6
+"""After the point, of a mean."""
+SILENT = 3
+"""So many times the usual distance without a point is a gap."""
+
+
+def level(from_ms: int, to_ms: int, points: int, floors: Mapping[Level, int]) -> Level:
+    """The coarsest level that still gives ``points``; a coarser one where the finer no longer reaches back so far."""
+    wanted = (to_ms - from_ms) / points
+    finest = max(one for one in Level if one is Level.RAW or GRAINS[one].width_ms <= wanted)
+    reaching = (one for one in Level if one >= finest and floors.get(one, 0) <= from_ms)
+    return next(reaching, Level.HOUR)
+
+
+def thinned(points: Points, one: Level, from_ms: int, to_ms: int, most: int) -> Points:
+    """At most ``most`` points, in order, with a gap wherever nothing was recorded; ``points`` are in order."""
+    width = GRAINS[one].width_ms
+    if one is not Level.RAW:
+        points = roll(points, width)
+    if len(points) <= most and len(shown := with_gaps(points, width)) <= most:
+        return shown
+    span = max(to_ms - from_ms, 1)
+    # Buckets begin at multiples of their length, so that one more than span / length may be touched.
+    bucket = -(-span // (most - 1) // width) * width
+    return with_gaps(roll(points, bucket), bucket)
+
+
+def with_gaps(points: Points, width_ms: int) -> Points:
+    """A gap after each point that is followed by far too long a silence."""
+    time = points.time
+    if len(time) < 3:
+        return points
+    steps = [after - before for before, after in pairwise(time)]
+    usual = max(width_ms, median(steps))
+    if max(steps) <= SILENT * usual:
+        return points
+    found: list[list[Any]] = [[], [], [], [], [], []]
+    nan = float("nan")
+    for at, row in enumerate(zip(*points.columns(), strict=True)):
+        rows = [row]
+        if at < len(steps) and steps[at] > SILENT * usual:
+            rows.append((row[0] + int(usual), 0, nan, nan, nan, BAD))
+        for one in rows:
+            for column, cell in zip(found, one, strict=True):
+                column.append(cell)
+    return Points(found[0], found[1], found[2], found[3], found[4], bytes(found[5]))
+
+
+def series(points: Points) -> Json:
+    """As the API gives it: null is a gap."""
+    known = points.count
+    if 0 not in known:
+        low, high = list(points.low), list(points.high)
+        mean: list[float | None] = [round(value, DIGITS) for value in points.mean]
+        return {"t": list(points.time), "min": low, "mean": mean, "max": high, "q": list(points.quality)}
+
+    def column(values: Any, digits: int | None = None) -> list[float | None]:
+        shown = (value if digits is None else round(value, digits) for value in values)
+        return [value if n else None for value, n in zip(shown, known, strict=True)]
+
+    return {
+        "t": list(points.time), "min": column(points.low), "mean": column(points.mean, DIGITS),
+        "max": column(points.high), "q": list(points.quality),
+    }  # fmt: skip

@@ -1,0 +1,257 @@
+"""The one writer: makes durable what the intake holds, moves it into blocks, forgets what is too old.
+
+Every method but ``status`` runs on the writer's thread. A store that fails is closed and opened again at the next
+round; until then the batch stays in memory and the intake fills, and nobody else notices.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from drivebus.plant.historian import retention
+from drivebus.plant.historian.blocks import Damaged, Samples, decode_batch, encode_batch
+from drivebus.plant.historian.intake import Intake, Taken, number
+from drivebus.plant.historian.points import CODES
+from drivebus.plant.historian.sealing import seal
+from drivebus.plant.historian.store import Batch, Contents, EventRow, Seal, Store, StoreError, Tag
+from drivebus.plant.historian.unsealed import Unsealed
+from drivebus.plant.model import HistorySetting
+from drivebus.plant.view import Sample
+
+log = logging.getLogger("drivebus.history")
+
+BATCH = 50_000
+"""Samples in one transaction."""
+BLOCK = 3600
+"""Samples of a tag that make a full block."""
+UNSEALED = 200_000
+UNSEALED_A_TAG = 600
+"""The journal holds so many samples, or so many a tag if that is more. Fewer: small blocks; more: a long start."""
+TOGETHER = 16
+"""Tags sealed in one transaction."""
+SEALING_S = 0.25
+"""Of one round at most, unless samples come faster than that."""
+BREATH_S = 0.0005
+"""Between two tags: the bus loops of the same process get the interpreter in between."""
+RETENTION_S = 600.0
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A batch on its way, tried again until it is durable."""
+
+    batch: Batch
+    groups: list[tuple[int, int, Samples]]
+    tags: list[Tag]
+    taken: Taken
+
+
+class Writer:
+    """Over a store that nobody else writes to."""
+
+    def __init__(
+        self,
+        store: Store,
+        setting: HistorySetting,
+        intake: Intake,
+        *,
+        wall_ms: Callable[[], int] = lambda: time.time_ns() // 1_000_000,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        breath_s: float = BREATH_S,
+    ) -> None:
+        self._store, self._setting, self._intake = store, setting, intake
+        self._wall_ms, self._monotonic_s, self._breath_s = wall_ms, monotonic_s, breath_s
+        self.unsealed = Unsealed()
+        self.tags: dict[str, Tag] = {}
+        self.problem: str | None = None
+        """Why nothing can be written now."""
+        self.written = 0
+        """Things of the intake that are durable."""
+        self._pending: _Pending | None = None
+        self._is_open = False
+        self._batch = self._event = 0
+        self._known = False
+        self._clock_ms: int | None = None
+        self._clock_s = self._retention_s = monotonic_s()
+
+    def round(self) -> None:
+        """Once each flush interval. Raises nothing that a database can do."""
+        try:
+            self.write()
+            self._seal_ripe()
+            self._forget()
+        except StoreError:
+            pass
+
+    def write(self) -> None:
+        """Everything that the intake held at the call is durable on return. Raises StoreError."""
+        mark = self._intake.accepted
+        self._guarded(self._write_one)
+        while self.written < mark:
+            self._guarded(self._write_one)
+
+    def close(self) -> None:
+        """The last batch, as far as the store takes it."""
+        try:
+            self.write()
+        except StoreError:
+            pass
+        finally:
+            self._store.close()
+            self._is_open = False
+
+    def seal_all(self) -> None:
+        """Everything into blocks. Raises StoreError."""
+        self.write()
+        self._guarded(lambda: self._seal([tag for tag, _ in self.unsealed.oldest_first()]))
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            if not self._is_open:
+                self._open()
+            step()
+        except (StoreError, Damaged) as error:
+            self._failed(error)
+            raise StoreError(str(error)) from error
+        if self.problem is not None:
+            self.problem = None
+            log.warning("history is written again; samples lost: %d", self._intake.lost_samples)
+
+    def _failed(self, error: Exception) -> None:
+        self._is_open = False
+        if self.problem is None:
+            log.error("history can't be written: %s", error)
+        self.problem = str(error)
+        try:
+            self._store.close()
+        except StoreError as second:
+            log.debug("and can't be closed: %s", second)
+
+    def _open(self) -> None:
+        contents = self._store.open()
+        if self._known:
+            for tag in contents.tags:
+                self.unsealed.sealed(tag.id, tag.sealed)
+        else:
+            self._replay(contents)
+        self._clock_ms = retention.at_start(contents.clock_ms, self._wall_ms())
+        self._clock_s = self._monotonic_s()
+        self._is_open = self._known = True
+
+    def _replay(self, contents: Contents) -> None:
+        """After a start: what was durable and is not in blocks yet."""
+        self.unsealed = Unsealed()
+        self.tags = {tag.name: tag for tag in contents.tags}
+        self._event = contents.last_event
+        for tag in contents.tags:
+            self.unsealed.begin(tag.id, tag.sealed)
+        for batch, data in self._store.journal():
+            self.unsealed.add(batch, decode_batch(data))
+            self._batch = batch
+
+    def _write_one(self) -> None:
+        if self._pending is None:
+            self._pending = self._prepared(self._intake.take(BATCH))
+        pending = self._pending
+        batch = pending.batch
+        if batch.samples or batch.tags or batch.events or batch.documents:
+            self._store.put(batch)
+        for tag in pending.tags:
+            if tag.name not in self.tags:
+                self.unsealed.begin(tag.id, 0)
+            self.tags[tag.name] = tag
+        self.unsealed.add(batch.id, pending.groups)
+        self._batch, self._event = batch.id, self._event + len(batch.events)
+        self.written = pending.taken.accepted
+        self._pending = None
+
+    def _prepared(self, taken: Taken) -> _Pending:
+        by_tag: defaultdict[str, list[Sample]] = defaultdict(list)
+        for sample in taken.samples:
+            by_tag[sample.tag].append(sample)
+        tags = self._changed_tags(list(by_tag), taken)
+        ids = {tag.name: tag.id for tag in tags}
+        groups = [self._group(ids.get(name), name, samples) for name, samples in by_tag.items()]
+        events = [self._row(event, self._event + n) for n, event in enumerate(taken.events, 1)]
+        packed = encode_batch(groups) if groups else None
+        batch = Batch(self._batch + 1, packed, tags, events, list(taken.documents.values()))
+        return _Pending(batch, groups, tags, taken)
+
+    def _changed_tags(self, names: list[str], taken: Taken) -> list[Tag]:
+        """Tags that are new, or that have another unit or text now."""
+        found = []
+        following = 1 + max((tag.id for tag in self.tags.values()), default=0)
+        for name in dict.fromkeys([*names, *taken.labels]):
+            tag = self.tags.get(name) or Tag(following, name)
+            following += tag.id == following
+            if name in taken.labels:
+                unit, text = taken.labels[name]
+                tag = replace(tag, unit=unit, en=text.en, zh=text.zh)
+            if self.tags.get(name) != tag:
+                found.append(tag)
+        return found
+
+    def _group(self, new: int | None, name: str, samples: list[Sample]) -> tuple[int, int, Samples]:
+        known = self.tags.get(name)
+        tag, first = (new or 0, 0) if known is None else (known.id, self.unsealed.next(known.id))
+        time_ms = [sample.time_ms for sample in samples]
+        quality = bytes([CODES[sample.quality] for sample in samples])
+        return tag, first, (time_ms, [number(sample) for sample in samples], quality)
+
+    @staticmethod
+    def _row(event: dict[str, object], id: int) -> EventRow:
+        time_ms, kind, drive = event["time_ms"], event["kind"], event.get("drive")
+        data = json.dumps(event, ensure_ascii=False, separators=(",", ":"))
+        return EventRow(id, int(str(time_ms)), str(kind), None if drive is None else str(drive), data)
+
+    def _seal_ripe(self) -> None:
+        most = max(UNSEALED, UNSEALED_A_TAG * len(self.tags))
+        until = self._monotonic_s() + SEALING_S
+        while ripe := self._ripe(most):
+            self._guarded(lambda ripe=ripe: self._seal(ripe))  # type: ignore[misc]
+            if self.unsealed.total < 2 * most and self._monotonic_s() > until:
+                return
+
+    def _ripe(self, most: int) -> list[int]:
+        """Tags with a full block, and those that keep the oldest journal rows while there are too many."""
+        over, ripe = self.unsealed.total - most, []
+        for tag, size in self.unsealed.oldest_first():
+            if size >= BLOCK or over > 0:
+                ripe.append(tag)
+                over -= size
+        return ripe[:TOGETHER]
+
+    def _seal(self, tags: list[int]) -> None:
+        for at in range(0, len(tags), TOGETHER):
+            part = tags[at : at + TOGETHER]
+            seals = [self._sealed(tag) for tag in part]
+            self._store.seal(seals, self._now_ms(), self.unsealed.oldest_batch(without=set(part)))
+            for one in seals:
+                self.unsealed.sealed(one.tag, one.to_number)
+
+    def _sealed(self, tag: int) -> Seal:
+        first, samples = self.unsealed.copy(tag)
+        time.sleep(self._breath_s)
+        return seal(tag, first, samples, self._store.block)
+
+    def _now_ms(self) -> int:
+        """The retention's clock."""
+        passed = self._monotonic_s() - self._clock_s
+        return retention.clock(self._clock_ms, self._wall_ms(), round(1000 * passed))
+
+    def _forget(self) -> None:
+        if self._monotonic_s() < self._retention_s:
+            return
+        self._clock_ms, self._clock_s = self._now_ms(), self._monotonic_s()
+        self._guarded(self._forget_some)
+
+    def _forget_some(self) -> None:
+        now_ms = self._clock_ms or 0
+        self._store.keep_clock(now_ms)
+        more = [rule(self._store, self._setting, now_ms) for rule in (retention.by_age, retention.by_size)]
+        self._retention_s = self._monotonic_s() + (0.0 if any(more) else RETENTION_S)

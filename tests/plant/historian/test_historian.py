@@ -1,0 +1,172 @@
+"""What is given to the historian comes back: at every resolution, after a restart, late, out of order, with gaps."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.errors import NotFound, ParamsError
+from drivebus.plant.operations import Span, Trend
+from drivebus.plant.view import Sample
+from drivebus.profiles.model import Text
+from drivebus.reading import Quality
+from historykit import NOON, Database, samples, sealed, trend
+
+HOUR = 3_600_000
+
+
+async def test_samples_come_back_as_they_were_given(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([1.0, 2.5, None, 4.0]))
+        await historian.flush()
+        found = await trend(historian, NOON, NOON + 10_000)
+    assert found["resolution"] == "raw"
+    assert found["t"] == [NOON, NOON + 1000, NOON + 2000, NOON + 3000]
+    assert found["min"] == found["mean"] == found["max"] == [1.0, 2.5, None, 4.0]
+    assert found["q"] == [0, 0, 2, 0]
+
+
+async def test_samples_are_the_same_in_the_journal_in_blocks_and_in_both(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples(range(50)))
+        await historian.flush()
+        before = await trend(historian, NOON, NOON + HOUR)
+        await sealed(historian)
+        assert await trend(historian, NOON, NOON + HOUR) == before
+        historian.append(samples(range(50, 60), start_ms=NOON + 50_000))
+        await historian.flush()
+        both = await trend(historian, NOON, NOON + 59_000)
+    assert both["mean"] == list(range(60))
+
+
+async def test_a_restart_forgets_nothing_that_was_flushed_and_doubles_nothing(database: Database) -> None:
+    for turn in range(4):
+        async with database.historian() as historian:
+            historian.append(samples(range(10 * turn, 10 * turn + 10), start_ms=NOON + turn * 10_000))
+            if turn == 1:
+                await sealed(historian)
+    async with database.historian() as historian:
+        assert (await trend(historian, NOON, NOON + 100_000))["mean"] == list(range(40))
+        await sealed(historian)
+        assert (await trend(historian, NOON, NOON + 100_000))["mean"] == list(range(40))
+
+
+async def test_rollups_hold_minimum_mean_maximum_and_quality_of_what_was_given(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([float(n % 60) for n in range(3600)]))
+        historian.append(samples([100.0, None, 200.0], start_ms=NOON + HOUR))
+        historian.append(samples([None, None], start_ms=NOON + HOUR + 60_000))
+        await sealed(historian)
+        minutes = await trend(historian, NOON, NOON + 2 * HOUR, points=100)
+    assert minutes["resolution"] == "1min"
+    assert minutes["t"] == [NOON + n * 60_000 for n in range(62)]
+    assert minutes["min"] == [0.0] * 60 + [100.0, None]
+    assert minutes["mean"] == [29.5] * 60 + [150.0, None]
+    assert minutes["max"] == [59.0] * 60 + [200.0, None]
+    assert minutes["q"] == [0] * 60 + [1, 2]
+
+
+async def test_a_late_sample_finds_its_minute_and_its_hour(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([10.0] * 3600))
+        await sealed(historian)
+        historian.append(samples([70.0], start_ms=NOON + 90_500))
+        await sealed(historian)
+        minutes = await trend(historian, NOON, NOON + HOUR, points=60)
+        hours = await trend(historian, NOON, NOON + 48 * HOUR, points=40)
+    assert minutes["resolution"] == "1min"
+    assert (minutes["max"][1], minutes["min"][1], minutes["max"][2]) == (70.0, 10.0, 10.0)
+    assert minutes["mean"][1] == pytest.approx((60 * 10 + 70) / 61)
+    assert hours["resolution"] == "1h"
+    assert (hours["max"], hours["mean"]) == ([70.0], [pytest.approx((3600 * 10 + 70) / 3601)])
+
+
+async def test_a_clock_that_is_set_back_loses_and_reorders_nothing(database: Database) -> None:
+    """G15: numbers follow the coming, times follow the clock; both jumps and both hours are kept."""
+    jumps = [0, 1000, -HOUR, -HOUR + 1000, 2000, 10 * 365 * 24 * HOUR, 3000, 3000]
+    async with database.historian() as historian:
+        historian.append([Sample("a.b", NOON + jump, float(n), Quality.GOOD) for n, jump in enumerate(jumps)])
+        await sealed(historian)
+        ids = historian.tag_ids(["a.b"])
+        far = 20 * 365 * 24 * HOUR
+        kept = await historian._read(lambda: historian._reader.samples([ids["a.b"]], NOON - far, NOON + far))
+        shown = await trend(historian, NOON - 2 * HOUR, NOON + 10_000, tag="a.b")
+    assert kept[ids["a.b"]].number == list(range(8))
+    assert kept[ids["a.b"]].samples[0] == [NOON + jump for jump in jumps]
+    assert kept[ids["a.b"]].samples[1] == [float(n) for n in range(8)]
+    assert shown["t"] == sorted(shown["t"])
+
+
+async def test_tags_keep_their_unit_and_text(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([1.0]))
+        historian.label({"fan-1.output_frequency": ("Hz", Text("Output frequency", "输出频率"))})
+        await historian.flush()
+    async with database.historian() as historian:
+        assert historian.tags() == {
+            "tags": [
+                {
+                    "tag": "fan-1.output_frequency", "drive": "fan-1", "signal": "output_frequency", "unit": "Hz",
+                    "text": {"en": "Output frequency", "zh": "输出频率"},
+                }
+            ]
+        }  # fmt: skip
+
+
+async def test_markers_come_newest_first_and_page_by_page(database: Database) -> None:
+    def event(n: int, drive: str | None = None) -> dict[str, object]:
+        return {"id": f"e-{n}", "time_ms": NOON + n // 2, "kind": "command", "drive": drive}
+
+    async with database.historian() as historian:
+        for n in range(10):
+            historian.put_event(event(n, "fan-1" if n % 3 else None))
+        await historian.flush()
+        found, cursor = [], None
+        while True:
+            page = await historian.markers(Span(limit=3, cursor=cursor))
+            found += [item["id"] for item in page["items"]]
+            cursor = page["next"]
+            if cursor is None:
+                break
+        of_one = await historian.markers(Span(drive="fan-1", from_ms=NOON + 2))
+    assert found == [f"e-{n}" for n in range(9, -1, -1)]
+    assert [item["id"] for item in of_one["items"]] == ["e-8", "e-7", "e-5", "e-4"]
+
+
+async def test_documents_are_kept_replaced_and_forgotten(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.put_document("statistics", "fan-1", {"starts": 1})
+        historian.put_document("statistics", "fan-2", {"starts": 7})
+        await historian.flush()
+        historian.put_document("statistics", "fan-1", {"starts": 2})
+        historian.put_document("statistics", "fan-2", None)
+        historian.put_document("cases", "fan-1", [])
+    async with database.historian() as historian:
+        assert await historian.documents("statistics") == {"fan-1": {"starts": 2}}
+
+
+async def test_what_nobody_knows_and_what_makes_no_sense_is_refused(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([1.0]))
+        await historian.flush()
+        with pytest.raises(NotFound):
+            await trend(historian, NOON, NOON + 1000, tag="fan-9.output_frequency")
+        with pytest.raises(ParamsError):
+            await trend(historian, NOON, NOON - 1)
+        for cursor in ("", "MQ==", "zzz", "LTEuMQ==", "MS4x\n"):
+            with pytest.raises(ParamsError):
+                await historian.markers(Span(cursor=cursor))
+
+
+async def test_an_answer_has_as_many_points_as_asked_for_at_most(database: Database) -> None:
+    async with database.historian() as historian:
+        historian.append(samples([float(n) for n in range(4000)], step_ms=250))
+        await historian.flush()
+        for span_ms in (1, 999, 30_000, 250_000, 1_000_000, HOUR, 100 * HOUR):
+            for points in (2, 7, 1000):
+                for from_ms in (NOON, NOON - 333):
+                    asked = Trend(
+                        tags=["fan-1.output_frequency"], from_ms=from_ms, to_ms=from_ms + span_ms, points=points
+                    )
+                    found = (await historian.trend(asked))["series"]["fan-1.output_frequency"]
+                    assert len(found["t"]) <= points
+                    assert found["t"] == sorted(set(found["t"]))
