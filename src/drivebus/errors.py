@@ -16,16 +16,26 @@
     │   └── PortError
     │       ├── PortUnavailable can't be opened: why, and what to do
     │       └── PortLost        was open and is gone
-    └── DriveError
-        ├── Refused             the drive said no, with its code
-        ├── CapabilityError     this family or model can't do that: refused before sending
-        ├── LimitError          outside the drive's limits: refused before sending
-        ├── PreflightError      the drive does not listen to the bus: what to set on the keypad
-        ├── GateError           not now: stale status, foreign master, bad link, no ownership
-        ├── NotReached          the drive reported something else than was asked for
-        ├── OutcomeUnknown      sent, and nobody can say whether it was done (exit 4)
-        ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
-        └── WearBudget          too many EEPROM writes of that parameter today
+    ├── DriveError
+    │   ├── Refused             the drive said no, with its code
+    │   ├── CapabilityError     this family or model can't do that: refused before sending
+    │   ├── LimitError          outside the drive's limits: refused before sending
+    │   ├── PreflightError      the drive does not listen to the bus: what to set on the keypad
+    │   ├── GateError           not now: stale status, foreign master, bad link, no ownership
+    │   ├── NotReached          the drive reported something else than was asked for
+    │   ├── OutcomeUnknown      sent, and nobody can say whether it was done (exit 4)
+    │   ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
+    │   └── WearBudget          too many EEPROM writes of that parameter today
+    └── PlantError              the service that owns the buses said no; nothing was sent
+        ├── NotFound            no such operation, drive, group, bus, alarm or case
+        ├── ParamsError         wrong parameters: each with its path, found and expected
+        ├── Forbidden           the right is missing
+        ├── NotOwner            somebody else commands this drive now
+        ├── ArmNeeded           a start from afar takes two steps
+        ├── Interlocked         an interlock forbids the start
+        ├── WaiverNeeded        the drive would run on when this host dies, and nobody has allowed that
+        ├── AuditUnavailable    the start can't be written into the audit trail
+        └── ServiceUnavailable  the plant does not answer
 
 ``key`` is a sentence in the catalogues (``i18n``), ``params`` are its numbers; ``str()`` is English.
 """
@@ -214,3 +224,47 @@ class StopUnconfirmed(DriveError):
 
 class WearBudget(DriveError):
     """The EEPROM write budget of this parameter is used up."""
+
+
+class PlantError(DrivebusError):
+    """The service that owns the buses said no; nothing was sent."""
+
+
+class NotFound(PlantError):
+    """No such operation, drive, group, bus, alarm or case."""
+
+
+class ParamsError(PlantError):
+    """Wrong parameters. ``params["faults"]`` lists each with ``path``, ``found`` and ``expected``."""
+
+
+class Forbidden(PlantError):
+    """The actor lacks the right that the operation needs."""
+
+
+class NotOwner(PlantError):
+    """Somebody else holds the drive's lease, or nobody does and the command needs one."""
+
+
+class ArmNeeded(PlantError):
+    """A start from afar takes two steps: arm, then start within ten seconds, once."""
+
+
+class Interlocked(PlantError):
+    """An interlock forbids the start."""
+
+
+class WaiverNeeded(PlantError):
+    """The drive does not certainly stop when this host dies, and nobody has recorded that it may start all the same."""
+
+
+class AuditUnavailable(PlantError):
+    """The audit trail can't be written: no start (G14)."""
+
+    retryable = True
+
+
+class ServiceUnavailable(PlantError):
+    """The plant does not answer."""
+
+    retryable = True

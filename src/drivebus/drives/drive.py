@@ -158,6 +158,30 @@ class Drive:
                 self._insist_on(Stop.STOP)
             raise
 
+    @property
+    def limits(self) -> DriveLimits:
+        """The user's own limits; what is set here holds from the next command on."""
+        return self._memory.limits
+
+    @limits.setter
+    def limits(self, limits: DriveLimits) -> None:
+        self._memory.limits = limits
+        self._memory.wear = self._wear(limits)
+
+    @property
+    def range_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that may be set: the profile's and the user's limits together."""
+        return self._memory.minimum_hz, self._memory.maximum_hz
+
+    @property
+    def acceleration_s(self) -> float | None:
+        """Its ramp, where the pre-flight has read it."""
+        return self._memory.acceleration_s
+
+    def check_frequency(self, frequency_hz: float) -> float:
+        """What the drive makes of a frequency, in Hz. Raises LimitError; nothing is sent."""
+        return self._memory.check_frequency(frequency_hz)[1]
+
     # --- what it is doing ---------------------------------------------------------------------------------------
 
     async def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
@@ -250,6 +274,10 @@ class Drive:
         Its patience is that of one drive on a line of its own: for several at once there is ``bus_stop``.
         """
         return await self._stop(Stop.STOP, wait)
+
+    async def stop_among(self, drives: int) -> Outcome:
+        """``stop`` as one of so many drives of a line that are stopped at once: each waits for the others' turns."""
+        return await self._stop(Stop.STOP, True, drives)
 
     async def coast(self, wait: bool = True) -> Outcome:
         """Output off, the motor runs out. Raises CapabilityError where the model has no such command."""

@@ -1,0 +1,81 @@
+"""What is only looked at: drives, groups, buses, frames, profiles, and parameters read for somebody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.plant import operations as ask
+from drivebus.plant.actor import Actor
+from drivebus.plant.failure import outcome_json
+from drivebus.plant.frames import frame_json
+from drivebus.plant.groups import Groups
+from drivebus.plant.parameters import address_hex, reading_json
+from drivebus.plant.parts import Handler
+from drivebus.plant.profile_view import profile_json
+from drivebus.plant.state import Plant
+from drivebus.plant.views import bus_view, drive_view, plant_topic
+
+Json = dict[str, Any]
+
+
+class Answers:
+    """Handlers of everything that changes nothing."""
+
+    def __init__(self, plant: Plant, groups: Groups) -> None:
+        self.plant, self.groups = plant, groups
+
+    def handlers(self) -> dict[str, Handler]:
+        return {
+            "plant.get": self.whole, "drives.list": self.drives, "drives.get": self.drive,
+            "drives.profile": self.profile, "groups.list": self.all_groups, "buses.list": self.buses,
+            "buses.get": self.bus, "buses.frames": self.frames, "parameters.read": self.read,
+            "parameters.write": self.write,
+        }  # fmt: skip
+
+    async def whole(self, params: ask.Nothing, actor: Actor) -> Json:
+        return plant_topic(self.plant)
+
+    async def drives(self, params: ask.Nothing, actor: Actor) -> Json:
+        return {"drives": [drive_view(self.plant, unit).as_json() for unit in self.plant.units.values()]}
+
+    async def drive(self, params: ask.OfDrive, actor: Actor) -> Json:
+        return drive_view(self.plant, self.plant.unit(params.drive)).as_json()
+
+    async def profile(self, params: ask.OfDrive, actor: Actor) -> Json:
+        return profile_json(self.plant.unit(params.drive).profile)
+
+    async def all_groups(self, params: ask.Nothing, actor: Actor) -> Json:
+        return {"groups": [self.groups.view(group) for group in self.plant.setting.groups]}
+
+    async def buses(self, params: ask.Nothing, actor: Actor) -> Json:
+        return {"buses": [bus_view(self.plant, line) for line in self.plant.lines.values()]}
+
+    async def bus(self, params: ask.OfBus, actor: Actor) -> Json:
+        return bus_view(self.plant, self.plant.line(params.bus))
+
+    async def frames(self, params: ask.Frames, actor: Actor) -> Json:
+        line = self.plant.line(params.bus)
+        kept = [
+            frame for frame in line.frames
+            if frame.number > params.after and params.station in (None, frame.event.station)
+        ]  # fmt: skip
+        return {"frames": [frame_json(line, frame) for frame in kept[-params.limit :]], "last": line.count}
+
+    async def read(self, params: ask.ReadParameters, actor: Actor) -> Json:
+        unit = self.plant.unit(params.drive)
+        found = await unit.drive.read(params.names)
+        return {
+            "parameters": {
+                name: reading_json(reading) | {"address_hex": address_hex(unit.profile, name)}
+                for name, reading in found.items()
+            }
+        }
+
+    async def write(self, params: ask.WriteParameters, actor: Actor) -> Json:
+        """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
+        unit = self.plant.unit(params.drive)
+        self.plant.leases.need(unit.id, actor, self.plant.now())
+        unit.badge_stale = True
+        outcome = await unit.drive.write(params.values, params.save)
+        self.plant.tell("configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word))
+        return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}

@@ -1,0 +1,81 @@
+"""Frames on the wire for people: bytes and meaning, decoded only when somebody looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus import i18n
+from drivebus.bus.trace import Kind
+from drivebus.commissioning.explain import explain
+from drivebus.errors import DrivebusError
+from drivebus.plant.failure import both
+from drivebus.plant.lines import Line, Seen
+from drivebus.protocols.describe import Description
+
+Json = dict[str, Any]
+EXPLAINED = (Kind.SENT, Kind.REPLY)
+
+
+def frame_json(line: Line, seen: Seen) -> Json:
+    """One frame. ``time_ms`` is a label, ``time_s`` monotonic."""
+    number, time_ms, event = seen
+    error = event.error
+    return {
+        "n": number, "time_ms": time_ms, "time_s": round(event.time, 6), "kind": event.kind.value,
+        "station": event.station, "hex": event.data.hex(" ").upper(), "text": _text(line, seen),
+        "error": None if not isinstance(error, DrivebusError) else _error(error),
+    }  # fmt: skip
+
+
+def _error(error: DrivebusError) -> Json:
+    return {"code": error.key, "text": both(error.key, error.params)}
+
+
+@dataclass(frozen=True, slots=True)
+class Framed:
+    """A frame that is told when somebody takes it."""
+
+    line: Line
+    seen: Seen
+
+    def json(self, now: float) -> Json:
+        return frame_json(self.line, self.seen)
+
+
+def _text(line: Line, seen: Seen) -> Json:
+    """What it says; what is not ours to read is named by its kind only."""
+    event = seen.event
+    profile = next((unit.profile for unit in line.units.values() if unit.setting.address == event.station), None)
+    if profile is None or not event.data or event.kind not in EXPLAINED:
+        return both(f"plant.frame_{event.kind.value}")
+    direction = "request" if event.kind is Kind.SENT else "response"
+    try:
+        found = explain(profile.model, event.data, direction=direction)
+    except DrivebusError as error:
+        return both(error.key, error.params)
+    return {language: _sentence(found, language) for language in i18n.LANGUAGES}
+
+
+def _sentence(found: Description, language: str) -> str:
+    """Its fields in a row, and what is wrong with it."""
+    fields = [f"{_label(name, language)} {_shown(value, language)}" for name, value in found.fields.items()]
+    notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
+    return "; ".join([", ".join(fields), *notes])
+
+
+def _label(name: str, language: str) -> str:
+    key = f"decode.field.{name}"
+    return i18n.text(key, language) if i18n.known(key) else name
+
+
+def _shown(value: Any, language: str) -> str:
+    if value is None or isinstance(value, bool):
+        return i18n.text(f"decode.{str(value).lower()}", language)
+    if isinstance(value, dict):
+        return ", ".join(f"{_label(name, language)} {_shown(each, language)}" for name, each in value.items())
+    if isinstance(value, list | tuple):
+        return " ".join(_shown(each, language) for each in value)
+    if hasattr(value, "en") and hasattr(value, "zh"):
+        return str(getattr(value, language))
+    return str(getattr(value, "value", value))

@@ -1,0 +1,161 @@
+"""Drives that start together: one after another, not too many at once, followers at their ratio to the leader."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from drivebus.drives.state import DriveState
+from drivebus.errors import DrivebusError, Superseded
+from drivebus.plant import operations as ask
+from drivebus.plant.actor import Actor
+from drivebus.plant.commands import Commands
+from drivebus.plant.failure import failure
+from drivebus.plant.leases import ARM_S
+from drivebus.plant.model import GroupSetting
+from drivebus.plant.parts import Handler
+from drivebus.plant.starting import check
+from drivebus.plant.state import Plant
+from drivebus.plant.units import Unit
+from drivebus.plant.view import text_json
+
+Json = dict[str, Any]
+LOOK_S = 0.1
+ACCELERATING = (DriveState.ACCELERATING, DriveState.RESTARTING)
+LONGEST_RAMP_S = 10.0
+"""A drive that does not tell counts as accelerating for its own ramp, or for so long where that is not known."""
+
+
+class Groups:
+    """Starts and setpoints of groups."""
+
+    def __init__(self, plant: Plant, commands: Commands) -> None:
+        self.plant, self.commands = plant, commands
+        self.progress: dict[str, int] = {}
+        """Groups that are being started, and how many of their drives have been."""
+
+    def handlers(self) -> dict[str, Handler]:
+        return {"group.arm": self.arm, "group.start": self.start, "group.set_frequency": self.set_frequency}
+
+    def _own(self, id: str, actor: Actor) -> tuple[GroupSetting, list[Unit]]:
+        group = self.plant.group(id)
+        return group, [self.commands.own(drive, actor) for drive in group.drives]
+
+    async def arm(self, params: ask.OfGroup, actor: Actor) -> Json:
+        """The first step; refused for whatever the second would be refused for."""
+        group, units = self._own(params.group, actor)
+        for unit in units:
+            check(self.plant, unit)
+        return {"arm": self.plant.arms.arm(f"group:{group.id}", actor, self.plant.now()), "expires_s": ARM_S}
+
+    async def start(self, params: ask.GroupStart, actor: Actor) -> Json:
+        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest."""
+        group, units = self._own(params.group, actor)
+        for unit in units:
+            check(self.plant, unit)
+            unit.drive.check_frequency(share_hz(group, unit.id, params.frequency_hz))
+        self.plant.arms.use(params.arm, f"group:{group.id}", actor, self.plant.now())
+        wished = sum(unit.stops for unit in units)
+        self.progress[group.id] = 0
+        outcomes: Json = {}
+        try:
+            for unit in units:
+                outcomes[unit.id] = await self._turn(group, units, unit, wished, params, actor)
+                self.progress[group.id] += 1
+        finally:
+            del self.progress[group.id]
+        return {"outcomes": outcomes}
+
+    async def _turn(
+        self, group: GroupSetting, units: list[Unit], unit: Unit, wished: int, params: ask.GroupStart, actor: Actor
+    ) -> Json:
+        """One drive's start, when it is its turn and nobody has stopped any of them since."""
+        try:
+            await self._my_turn(group, units, unit)
+            if sum(one.stops for one in units) != wished:
+                raise Superseded("plant.stopped_meanwhile", drive=unit.id)
+            check(self.plant, unit)
+            frequency_hz = share_hz(group, unit.id, params.frequency_hz)
+            found = await self.commands.start(unit, frequency_hz, params.direction, actor)
+        except DrivebusError as error:
+            return failure(error)
+        unit.started_at = self.plant.now()
+        said: Json = found["outcome"]
+        return said
+
+    async def _my_turn(self, group: GroupSetting, units: list[Unit], unit: Unit) -> None:
+        stops = sum(one.stops for one in units)
+        while sum(one.stops for one in units) == stops:
+            now = self.plant.now()
+            last = max((one.started_at for one in units if one.started_at is not None and one.started), default=None)
+            busy = sum(1 for one in units if one is not unit and self._accelerates(one, now))
+            if (last is None or now - last >= group.stagger_s) and busy < group.at_once:
+                return
+            await asyncio.sleep(LOOK_S)
+
+    def _accelerates(self, unit: Unit, now: float) -> bool:
+        if unit.started_at is None or not unit.started:
+            return False
+        status = unit.status()
+        if status.state is DriveState.UNKNOWN:
+            ramp_s = unit.drive.acceleration_s
+            return now - unit.started_at < (LONGEST_RAMP_S if ramp_s is None else ramp_s)
+        fresh = status.at is not None and status.at >= unit.started_at
+        return not fresh or status.state in ACCELERATING
+
+    async def set_frequency(self, params: ask.GroupSetFrequency, actor: Actor) -> Json:
+        """The leader's frequency (everybody's where there is no leader), followers at their ratio."""
+        group, units = self._own(params.group, actor)
+        for unit in units:
+            unit.drive.check_frequency(share_hz(group, unit.id, params.frequency_hz))
+        shares = [(unit, share_hz(group, unit.id, params.frequency_hz)) for unit in units]
+        found = await asyncio.gather(*(self._set(unit, hz, actor) for unit, hz in shares))
+        return {"outcomes": {unit.id: one for unit, one in zip(units, found, strict=True)}}
+
+    async def _set(self, unit: Unit, frequency_hz: float, actor: Actor) -> Json:
+        try:
+            outcome = await unit.drive.set_frequency(frequency_hz)
+        except DrivebusError as error:
+            return failure(error)
+        unit.commanded_hz = frequency_hz
+        said: Json = self.commands.told(unit, "set_frequency", outcome, actor, frequency_hz=frequency_hz)["outcome"]
+        return said
+
+    async def follow(self, leader: Unit, frequency_hz: float, actor: Actor) -> Json:
+        """The leader got another frequency: whoever follows it and runs gets its share, unless it is not ours."""
+        found: Json = {}
+        for group in self.plant.groups_of(leader.id):
+            for id in group.drives if group.leader == leader.id else ():
+                unit = self.plant.unit(id)
+                if unit is not leader and unit.started and id in group.ratios:
+                    found[id] = await self._followed(group, unit, frequency_hz, actor)
+        return found
+
+    async def _followed(self, group: GroupSetting, unit: Unit, frequency_hz: float, actor: Actor) -> Json:
+        lease = self.plant.leases.get(unit.id, self.plant.now())
+        if lease is not None and lease.actor.session != actor.session:
+            self.plant.tell("command", unit.id, "plant.does_not_follow", actor=actor.name, owner=lease.actor.name)
+            return {}
+        return await self._set(unit, share_hz(group, unit.id, frequency_hz), actor)
+
+    def view(self, group: GroupSetting) -> Json:
+        """Topic ``groups/<id>``."""
+        started = self.progress.get(group.id)
+        progress = None if started is None else {"started": started, "of": len(group.drives)}
+        state = "starting" if progress else self._state(group)
+        return {
+            "id": group.id, "title": text_json(group.title), "drives": list(group.drives), "leader": group.leader,
+            "ratios": dict(group.ratios), "state": state, "progress": progress,
+        }  # fmt: skip
+
+    def _state(self, group: GroupSetting) -> str:
+        states = [self.plant.units[id].status().state for id in group.drives if id in self.plant.units]
+        if any(state is DriveState.UNKNOWN for state in states):
+            return "unknown"
+        turning = [state.turning for state in states]
+        return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def share_hz(group: GroupSetting, drive: str, frequency_hz: float) -> float:
+    """What the drive gets when its group (or leader) gets ``frequency_hz``."""
+    return frequency_hz * group.ratios.get(drive, 1.0)

@@ -1,0 +1,31 @@
+"""Readings of parameters as JSON, and where a parameter lives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.errors import ProfileError
+from drivebus.profiles.model import DriveProfile, Locator
+from drivebus.profiles.notation import find
+from drivebus.reading import Reading
+
+Json = dict[str, Any]
+
+
+def reading_json(reading: Reading) -> Json:
+    return {
+        "raw": reading.raw, "value": reading.value, "unit": reading.unit, "quality": str(reading.quality),
+        "reason": reading.reason,
+    }  # fmt: skip
+
+
+def address_hex(profile: DriveProfile, name: str) -> str | None:
+    """The wire address of a parameter or signal by any of its names; None where nobody knows it."""
+    try:
+        return hex_of(find(profile, name).locator)
+    except ProfileError:
+        return None
+
+
+def hex_of(locator: Locator) -> str:
+    return f"{locator[1]:04X}H"

@@ -1,0 +1,54 @@
+"""What the plant process expects of the rooms around it; ``assemble`` puts the real ones in."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from drivebus.plant.actor import Actor
+from drivebus.plant.alarms import AlarmBook
+from drivebus.plant.interlocks import Interlocks
+from drivebus.plant.view import DriveView, Sample
+
+Json = dict[str, Any]
+Handler = Callable[[Any, Actor], Awaitable[Json]]
+
+
+class Trail(Protocol):
+    """The audit trail."""
+
+    @property
+    def ok(self) -> bool:
+        """Could the last entry be written?"""
+        ...
+
+    async def write(self, entry: Json) -> None:
+        """``who``, ``what``, ``target``, ``params``, ``frames``, ``outcome``; durable on return.
+
+        Raises AuditUnavailable.
+        """
+        ...
+
+
+class History(Protocol):
+    """Where samples go. Nothing here waits for a disk."""
+
+    @property
+    def ok(self) -> bool: ...
+    def append(self, samples: Sequence[Sample]) -> None: ...
+
+
+@dataclass
+class Parts:
+    """The rooms around the plant process. ``handlers`` are the operations that they answer themselves."""
+
+    trail: Trail
+    history: History
+    alarms: AlarmBook
+    interlocks: Interlocks
+    handlers: Mapping[str, Handler] = field(default_factory=dict)
+    on_event: Callable[[Json], None] = lambda event: None
+    """Every event, for the history's markers."""
+    on_view: Callable[[DriveView, float, int], None] = lambda view, now, now_ms: None
+    """Every look at a drive, for run statistics and cases."""

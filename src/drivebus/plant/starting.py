@@ -1,0 +1,43 @@
+"""What forbids a start now: said in every view before anyone tries, and refused when somebody does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from drivebus.errors import AuditUnavailable, DrivebusError, GateError, Interlocked, WaiverNeeded
+from drivebus.plant.failure import both, plain
+from drivebus.plant.state import Plant
+from drivebus.plant.units import Unit
+
+Json = dict[str, Any]
+
+
+def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
+    """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
+    address = unit.setting.address
+    if unit.bus.latched(address):
+        yield GateError("drives.latched", station=address)
+    health = unit.bus.health(address)
+    if health.foreign_master:
+        yield GateError("drives.foreign_master", station=address)
+    if health.duplicate:
+        yield GateError("drives.duplicate", station=address)
+    for interlock in plant.parts.interlocks.violated(unit.id):
+        yield Interlocked("plant.interlocked", interlock=interlock.id, require=interlock.require)
+    if unit.host_dies.kind != "trips" and unit.waiver is None:
+        yield WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.host_dies.text)
+    if not plant.parts.trail.ok:
+        yield AuditUnavailable("plant.audit_unavailable")
+
+
+def hindrances(plant: Plant, unit: Unit) -> Iterator[Json]:
+    """The same as JSON."""
+    for error in reasons(plant, unit):
+        yield {"key": error.key, "params": plain(error.params), "text": both(error.key, error.params)}
+
+
+def check(plant: Plant, unit: Unit) -> None:
+    """Raises the first of them."""
+    for error in reasons(plant, unit):
+        raise error

@@ -1,0 +1,141 @@
+"""What the rooms of the plant process share: its lines and drives, who owns them, the hub, and the parts around."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+
+from drivebus.drives.memory import DriveLimits
+from drivebus.errors import NotFound
+from drivebus.plant.alarms import Change, Own
+from drivebus.plant.failure import both
+from drivebus.plant.hub import Hub
+from drivebus.plant.leases import Arms, Leases
+from drivebus.plant.lines import Line
+from drivebus.plant.model import GroupSetting, PlantSetting
+from drivebus.plant.parts import Parts
+from drivebus.plant.units import Unit
+from drivebus.plant.view import text_json
+from drivebus.seams import Store
+
+Json = dict[str, Any]
+
+
+@dataclass
+class Plant:
+    """The plant as it is now. ``now`` is monotonic (S20); ``wall_ms`` is for labels only."""
+
+    setting: PlantSetting
+    now: Callable[[], float]
+    wall_ms: Callable[[], int]
+    hub: Hub
+    parts: Parts
+    store: Store
+    """Waivers and limits, which outlive the process."""
+    lines: dict[str, Line] = field(default_factory=dict)
+    units: dict[str, Unit] = field(default_factory=dict)
+    leases: Leases = field(default_factory=Leases)
+    arms: Arms = field(default_factory=Arms)
+    state: str = "running"
+    started_ms: int = 0
+    last_stop: Json | None = None
+    disk: Json = field(default_factory=dict)
+    """Free space of the state directory."""
+    commands: int = 0
+    """Commands so far: what their ids are made of."""
+    events: int = 0
+
+    def unit(self, id: str) -> Unit:
+        """Raises NotFound."""
+        return _found(self.units, "drive", id)
+
+    def line(self, id: str) -> Line:
+        """Raises NotFound."""
+        return _found(self.lines, "bus", id)
+
+    def group(self, id: str) -> GroupSetting:
+        """Raises NotFound."""
+        return _found({group.id: group for group in self.setting.groups}, "group", id)
+
+    def line_of(self, unit: Unit) -> Line:
+        return self.lines[unit.setting.bus]
+
+    def groups_of(self, id: str) -> list[GroupSetting]:
+        return [group for group in self.setting.groups if id in group.drives]
+
+    def command_id(self, word: str) -> str:
+        """A name for a command that nobody else has in this life of the service."""
+        self.commands += 1
+        return f"{word}-{self.commands}"
+
+    def tell(
+        self,
+        kind: str,
+        drive: str | None,
+        key: str,
+        /,
+        *,
+        actor: str | None = None,
+        outcome: str | None = None,
+        **params: Any,
+    ) -> None:
+        """Something happened: everybody who listens is told, and the history keeps a marker."""
+        self.event(kind, drive, both(key, params), actor, outcome)
+
+    def event(self, kind: str, drive: str | None, text: Json, actor: str | None, outcome: str | None) -> None:
+        """The same with its text ready."""
+        self.events += 1
+        event = {
+            "id": f"{self.started_ms}-{self.events}", "time_ms": self.wall_ms(), "kind": kind, "drive": drive,
+            "text": text, "actor": actor, "outcome": outcome,
+        }  # fmt: skip
+        self.hub.append("events", event)
+        self.parts.on_event(event)
+
+    def alarm(self, kind: Own, drive: str = "", *, about: str = "", **params: Any) -> None:
+        """Raise an alarm of the plant's own."""
+        self.alarmed(self.parts.alarms.raise_alarm(kind, drive, self.wall_ms(), about=about, **params))
+
+    def calm(self, kind: Own, drive: str = "", *, about: str = "") -> None:
+        """What raised it is over."""
+        self.alarmed(self.parts.alarms.clear_alarm(kind, drive, self.wall_ms(), about=about))
+
+    def alarmed(self, changes: Sequence[Change]) -> None:
+        """Tell everybody what happened to some alarms."""
+        for word, alarm in ((change.word, change.alarm) for change in changes):
+            self.event("alarm", alarm.drive or None, cast(Json, text_json(alarm.text)), alarm.by, word)
+
+    def stopped(self, *units: Unit) -> None:
+        """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""
+        for unit in units:
+            self.arms.void(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
+            unit.stops += 1
+
+    # --- what outlives the process ------------------------------------------------------------------------------
+
+    def recall(self, unit: Unit) -> None:
+        """Its waiver, and limits that are narrower than the file's, as recorded before."""
+        waiver, limits = self.store.get(f"waiver/{unit.id}"), self.store.get(f"limits/{unit.id}")
+        unit.waiver = json.loads(waiver) if waiver else None
+        found = json.loads(limits) if limits else None
+        unit.limit(None if found is None else narrower(DriveLimits(**found), unit.setting.limits))
+
+
+def narrower(own: DriveLimits, file: DriveLimits) -> DriveLimits:
+    """Both together: limits recorded by an engineer never reach beyond those of the plant's file."""
+    highest = [value for value in (own.maximum_hz, file.maximum_hz) if value is not None]
+    return DriveLimits(
+        max(own.minimum_hz, file.minimum_hz), min(highest, default=None),
+        own.forward and file.forward, own.reverse and file.reverse, file.saves_per_day,
+    )  # fmt: skip
+
+
+T = TypeVar("T")
+
+
+def _found(known: dict[str, T], what: str, id: str) -> T:
+    if id not in known:
+        raise NotFound(f"plant.no_{what}", id=id)
+    return known[id]

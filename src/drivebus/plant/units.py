@@ -1,0 +1,140 @@
+"""One drive of the plant: the drive itself, its monitor, and what the plant knows of it besides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from drivebus import profiles
+from drivebus.bus import Bus
+from drivebus.drives import Drive, DriveState, DriveStatus
+from drivebus.drives.commloss import CommLossReport
+from drivebus.drives.memory import DriveLimits
+from drivebus.drives.monitor import Monitor
+from drivebus.drives.statusread import complete
+from drivebus.plant.failure import both
+from drivebus.plant.model import DriveSetting
+from drivebus.plant.view import HostDies, Sample
+from drivebus.profiles.model import DriveProfile, Text
+from drivebus.reading import Quality, Reading
+from drivebus.seams import Store
+
+NOT_READ = Text(**both("plant.host_dies_not_read"))
+
+
+class Unit:
+    """A drive of the plant. ``samples`` is called with every new reading and once with each gap."""
+
+    def __init__(
+        self, setting: DriveSetting, bus: Bus, samples: Callable[[Unit, list[Sample]], None], store: Store | None = None
+    ) -> None:
+        self.setting, self.bus = setting, bus
+        self.id = setting.id
+        self.profile = profile_of(setting)
+        self.drive = Drive(
+            bus, self.profile, setting.address,
+            encoding=setting.encoding, limits=setting.limits, settings=setting.settings, store=store,
+        )  # fmt: skip
+        self.monitor: Monitor | None = None
+        self.host_dies = HostDies("unknown", None, NOT_READ)
+        self.host_dies_read_at: float | None = None
+        self.badge_stale = False
+        """Something was written since it was read."""
+        self.started_at: float | None = None
+        """When a group last started it."""
+        self.waiver: str | None = None
+        self.commanded_hz: float | None = None
+        self.started = False
+        """This service started it and has not seen it stopped since."""
+        self.stops = 0
+        """How often somebody wished it to stop: a start that was wished before is void."""
+        self.judged = False
+        """Its state has been known at least once since this service began."""
+        self.wall_ms: Callable[[], int] = lambda: 0
+        self._samples = samples
+        self._fed: dict[str, float | None] = {}
+
+    @property
+    def badge(self) -> HostDies:
+        """What the drive does when this host dies, with the waiver that somebody recorded."""
+        return replace(self.host_dies, waiver=self.waiver)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        return tuple(self.profile.signals)
+
+    def watch(self) -> None:
+        """Begin to poll; the bus is open, so that what was proved on this port before is known."""
+        self.monitor = self.monitor or self.drive.monitor(self.signals, self._heard)
+
+    def status(self) -> DriveStatus:
+        """The newest, with old readings marked bad and an old state unknown."""
+        if self.monitor is not None:
+            return self.monitor.status()
+        return complete(self.drive.dialect, DriveStatus(DriveState.UNKNOWN, reason="drives.not_read"), self.signals)
+
+    @property
+    def file_range_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that the profile and the plant's file allow."""
+        model, file = self.profile.limits, self.setting.limits
+        highest = model.maximum_hz if file.maximum_hz is None else min(model.maximum_hz, file.maximum_hz)
+        return max(model.minimum_hz, file.minimum_hz), highest
+
+    def limit(self, own: DriveLimits | None) -> None:
+        """Limits of an engineer on top of those of the plant's file, or only those (None)."""
+        self.drive.limits = own or self.setting.limits
+
+    def found_host_dies(self, report: CommLossReport, now: float) -> None:
+        """What the drive was read to do when nobody speaks to it any more."""
+        kind = {True: "trips", False: "runs_on", None: "unknown"}[report.trips]
+        self.host_dies = HostDies(kind, _seconds(report.time), Text(report.text("en"), report.text("zh")))
+        self.host_dies_read_at = now
+
+    def close(self) -> None:
+        """Off its bus; nothing is sent."""
+        if self.monitor is not None:
+            self.monitor.close()
+            self.monitor = None
+        self.drive.close()
+
+    # --- samples ------------------------------------------------------------------------------------------------
+
+    def _heard(self, status: DriveStatus) -> None:
+        self.feed(status.readings)
+
+    def feed(self, readings: Mapping[str, Reading]) -> None:
+        """Every reading once, and every gap once: bad values are no values (G17)."""
+        time_ms = self.wall_ms()
+        found = [sample for name in readings if (sample := self._sample(name, readings[name], time_ms)) is not None]
+        if found:
+            self._samples(self, found)
+
+    def _sample(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
+        if name not in self.profile.signals or isinstance(reading.value, str):
+            return None
+        bad = reading.quality is Quality.BAD
+        mark = None if bad else reading.source_time
+        if (bad and name not in self._fed) or self._fed.get(name, _NEVER) == mark:
+            return None
+        self._fed[name] = mark
+        value = None if bad or reading.value is None else float(reading.value)
+        return Sample(f"{self.id}.{name}", time_ms, value, reading.quality)
+
+
+_NEVER: Any = object()
+
+
+def profile_of(setting: DriveSetting) -> DriveProfile:
+    """The model's profile with the plant's own periods; only the signals named, where any are. Raises ProfileError."""
+    profile = profiles.load(setting.model)
+    if not setting.signals:
+        return profile
+    chosen = {name: replace(profile.signals[name], period_s=period) for name, period in setting.signals.items()}
+    return replace(profile, signals=chosen)
+
+
+def _seconds(reading: Reading | None) -> float | None:
+    if reading is None or reading.unit != "s" or not isinstance(reading.value, int | float):
+        return None
+    return float(reading.value)

@@ -1,0 +1,119 @@
+"""What every surface sees: views of drives, buses, groups and the plant, made from what is known now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from drivebus.bus.planner import Poll, arithmetic
+from drivebus.drives.state import DriveStatus, Fault
+from drivebus.plant.failure import both
+from drivebus.plant.lines import Line
+from drivebus.plant.starting import hindrances
+from drivebus.plant.state import Plant
+from drivebus.plant.topics import Counting
+from drivebus.plant.units import Unit
+from drivebus.plant.view import DriveView, SignalView, text_json
+
+Json = dict[str, Any]
+
+
+def drive_view(plant: Plant, unit: Unit, status: DriveStatus | None = None) -> DriveView:
+    """One drive now."""
+    status, now, setting = status or unit.status(), plant.now(), unit.setting
+    lease = plant.leases.get(unit.id, now)
+    minimum, maximum = unit.drive.range_hz
+    return DriveView(
+        unit.id, setting.title, setting.bus, setting.address, unit.profile.model, unit.profile.grade,
+        tuple(sorted(unit.profile.capabilities)), tuple(group.id for group in plant.groups_of(unit.id)),
+        str(unit.bus.presence(setting.address)), str(status.state), status.reason,
+        None if status.direction is None else str(status.direction), fault_json(status.fault),
+        unit.commanded_hz, minimum, maximum, unit.badge, None if lease is None else lease.view(now),
+        unit.bus.latched(setting.address), unit.drive.stop_pending, tuple(hindrances(plant, unit)),
+        dict(plant.parts.alarms.counts(unit.id)),
+        {name: SignalView.of(reading, now) for name, reading in status.readings.items()},
+    )  # fmt: skip
+
+
+def drive_topic(plant: Plant, view: DriveView, status: DriveStatus) -> Json:
+    """The same for the hub, with everything that only grows older as something that counts by itself."""
+    content = view.as_json()
+    lease = plant.leases.get(view.id, plant.now())
+    if lease is not None:
+        owner = {"owner": lease.actor.name, "session": lease.actor.session}
+        content["lease"] = Counting(owner, "expires_in_s", lease.until, left=True)
+    content["signals"] = {
+        name: Counting(_without(content["signals"][name], "age_s"), "age_s", reading.source_time)
+        for name, reading in status.readings.items()
+    }
+    return content
+
+
+def _without(fields: Json, name: str) -> Json:
+    return {key: value for key, value in fields.items() if key != name}
+
+
+def fault_json(fault: Fault | None) -> Json | None:
+    if fault is None:
+        return None
+    return {
+        "code": fault.code, "label": fault.label, "text": text_json(fault.text), "cause": text_json(fault.cause),
+        "remedy": text_json(fault.remedy),
+    }  # fmt: skip
+
+
+def bus_view(plant: Plant, line: Line) -> Json:
+    """One bus now. Error classes and counters of the whole bus are the sums of its stations' and its own."""
+    bus, setting = line.bus, line.setting
+    found = bus.statistics()
+    own = [_station(line, unit, found.stations[unit.setting.address]) for unit in line.units.values()]
+    stations = tuple(found.stations.values())
+    bound = stop_bound_s(line)
+    return {
+        "id": setting.id, "title": text_json(setting.title), "link": setting.link, "line": str(bus.line),
+        "is_open": bus.is_open and not bus.is_closed,
+        "problem": None if line.problem is None else both(line.problem.key, line.problem.params),
+        "load_percent": round(found.load_percent, 1), "occupied_percent": round(found.occupied_percent, 1),
+        "transactions_per_s": round(found.transactions_per_s, 1), "error_rate": round(found.error_rate, 4),
+        "errors": _sums([found.errors, *(one.errors for one in stations)]),
+        "counters": _sums([found.counters, *(one.counters for one in stations)]),
+        "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s, "reply_p99_s": found.reply_p99_s,
+        "foreign_master": bus.core.listener.foreign_master(plant.now()), "stop_bound_s": bound, "stations": own,
+    }  # fmt: skip
+
+
+def _station(line: Line, unit: Unit, found: Any) -> Json:
+    return {
+        "address": unit.setting.address, "drive": unit.id, "presence": str(unit.bus.presence(unit.setting.address)),
+        "refresh_s": max((signal.period_s for signal in unit.profile.signals.values()), default=None),
+        "error_rate": round(found.error_rate, 4), "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s,
+        "errors": dict(found.errors), "counters": dict(found.counters), "load_percent": round(found.load_percent, 2),
+    }  # fmt: skip
+
+
+def _sums(many: list[Mapping[str, int]]) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for one in many:
+        for name, count in one.items():
+            found[name] = found.get(name, 0) + count
+    return found
+
+
+def stop_bound_s(line: Line) -> float | None:
+    """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
+    polls = [
+        (unit.drive.dialect.link, [Poll(request, period) for request, period in unit.drive.dialect.polls(unit.signals)])
+        for unit in line.units.values()
+    ]
+    drives = arithmetic(polls, line.bus.line).drives
+    return max((drive.stop_bound_s for drive in drives.values()), default=None)
+
+
+def plant_topic(plant: Plant) -> Json:
+    """Topic ``plant``."""
+    return {
+        "id": plant.setting.id, "title": text_json(plant.setting.title), "state": plant.state,
+        "stop_all": plant.last_stop, "version": version("drivebus"), "started_ms": plant.started_ms,
+        "audit_ok": plant.parts.trail.ok, "history_ok": plant.parts.history.ok, "disk": plant.disk,
+    }  # fmt: skip

@@ -1,0 +1,120 @@
+"""Four times a second: look at every drive, tell the hub, judge interlocks and alarms, end leases (G17, 6.6)."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from drivebus.bus.stations import Presence
+from drivebus.drives.state import DriveStatus
+from drivebus.errors import DrivebusError
+from drivebus.plant.groups import Groups
+from drivebus.plant.jogs import Jogs
+from drivebus.plant.policies import Policies
+from drivebus.plant.state import Plant
+from drivebus.plant.units import Unit
+from drivebus.plant.view import DriveView
+from drivebus.plant.views import bus_view, drive_topic, drive_view, plant_topic
+
+LOOK_S = 0.25
+SLOW_LOOKS = 4
+"""Buses, and the plant itself, are looked at every so many looks."""
+BADGE_S = 3600.0
+"""What a drive does when its host dies is read from it again after so long: it costs bus time."""
+BADGE_AGAIN_S = 60.0
+LOG = logging.getLogger("drivebus.plant")
+
+
+class Watching:
+    """The plant's look-out."""
+
+    def __init__(self, plant: Plant, groups: Groups, jogs: Jogs, policies: Policies) -> None:
+        self.plant, self.groups, self.jogs, self.policies = plant, groups, jogs, policies
+        self.views: dict[str, DriveView] = {}
+        self._looks = 0
+        self._presence: dict[str, Presence] = {}
+        self._reading: set[asyncio.Task[None]] = set()
+        self._asked: dict[str, float] = {}
+
+    async def run(self) -> None:
+        """Until cancelled. One look that fails is told and does not end the next (a motor may be turning)."""
+        while True:
+            try:
+                self.look()
+            except Exception:
+                LOG.exception("a look at the plant failed")
+            await asyncio.sleep(LOOK_S)
+
+    def look(self) -> None:
+        """Once."""
+        plant, now, now_ms = self.plant, self.plant.now(), self.plant.wall_ms()
+        for unit in plant.units.values():
+            self._drive(unit, now, now_ms)
+        self.policies.interlocks(self.views, now)
+        self.policies.leases(now)
+        self.jogs.sweep()
+        for group in plant.setting.groups:
+            plant.hub.publish(f"groups/{group.id}", self.groups.view(group))
+        if self._looks % SLOW_LOOKS == 0:
+            for line in plant.lines.values():
+                plant.hub.publish(f"buses/{line.setting.id}", bus_view(plant, line))
+        plant.alarmed(plant.parts.alarms.tick(now, now_ms))
+        plant.hub.publish("alarms", plant.parts.alarms.topic())
+        plant.hub.publish("plant", plant_topic(plant))
+        self._looks += 1
+
+    def forget(self, drive: str) -> None:
+        """It is no longer part of the plant."""
+        self.views.pop(drive, None)
+        self._presence.pop(drive, None)
+        self._asked.pop(drive, None)
+        self.plant.hub.remove(f"drives/{drive}")
+
+    def _drive(self, unit: Unit, now: float, now_ms: int) -> None:
+        status = unit.status()
+        unit.feed(status.readings)
+        view = self.views[unit.id] = drive_view(self.plant, unit, status)
+        self._presence_of(unit)
+        self.policies.found(unit, status)
+        self.plant.alarmed(self.plant.parts.alarms.observe(view, now, now_ms))
+        self.plant.parts.on_view(view, now, now_ms)
+        self.plant.hub.publish(f"drives/{unit.id}", drive_topic(self.plant, view, status))
+        self._badge(unit, status, now)
+
+    def _presence_of(self, unit: Unit) -> None:
+        """One line when it falls silent and one when it returns."""
+        found = unit.bus.presence(unit.setting.address)
+        before, self._presence[unit.id] = self._presence.get(unit.id), found
+        if found is before or (before in (None, Presence.NEVER_SEEN) and found is not Presence.SILENT):
+            return
+        key = "plant.drive_silent" if found is Presence.SILENT else "plant.drive_back"
+        self.plant.tell("presence", unit.id, key, drive=unit.id)
+
+    # --- the badge ------------------------------------------------------------------------------------------------
+
+    def _badge(self, unit: Unit, status: DriveStatus, now: float) -> None:
+        """Read what the drive does when this host dies: once it is there, and once in a while."""
+        if unit.bus.presence(unit.setting.address) is not Presence.ONLINE or unit.monitor is None:
+            return
+        asked = self._asked.get(unit.id)
+        wait_s = BADGE_S if unit.host_dies_read_at is not None else BADGE_AGAIN_S
+        if asked is not None and now - asked < wait_s and not unit.badge_stale:
+            return
+        self._asked[unit.id] = now
+        unit.badge_stale = False
+        task = asyncio.create_task(self._read_badge(unit), name=f"badge {unit.id}")
+        self._reading.add(task)
+        task.add_done_callback(self._reading.discard)
+
+    async def _read_badge(self, unit: Unit) -> None:
+        try:
+            report = await unit.drive.if_host_dies()
+        except (DrivebusError, KeyError):
+            return
+        unit.found_host_dies(report, self.plant.now())
+
+    async def close(self) -> None:
+        """No more reads of its own."""
+        for task in self._reading:
+            task.cancel()
+        await asyncio.gather(*self._reading, return_exceptions=True)

@@ -1,0 +1,137 @@
+"""The plant process: what is seen, who may command, what is recorded."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus.drives.state import DriveState
+from drivebus.errors import ArmNeeded, Forbidden, NotFound, NotOwner, ParamsError, WaiverNeeded
+from drivebus.plant.access.rights import Role
+from drivebus.testing.virtual import run
+from plantkit import LOCAL, Kit, plant, remote
+
+
+def test_every_drive_is_seen_within_seconds() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            found = (await kit.call("drives.list"))["drives"]
+            assert [view["presence"] for view in found] == ["online"] * 4
+            assert [view["state"] for view in found] == ["stopped"] * 4
+            assert found[0]["signals"]["output_frequency"]["quality"] == "good"
+
+    run(story())
+
+
+def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            await kit.waive("fan-1")
+            found = await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert found["outcome"]["word"] == "confirmed"
+            told = [(entry["what"], entry["outcome"]) for entry in kit.trail.entries if entry["what"] == "drive.run"]
+            assert told == [("drive.run", "asked"), ("drive.run", "confirmed")]
+            stopped = await kit.call("drive.stop", drive="fan-1")
+            assert stopped["outcome"]["word"] == "confirmed"
+            assert [entry["outcome"] for entry in kit.trail.entries if entry["what"] == "drive.stop"] == ["confirmed"]
+
+    run(story())
+
+
+def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
+    """S16: what was recorded and is sent again starts nothing."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            await kit.waive()
+            ann = remote()
+            with pytest.raises(NotOwner):
+                await kit.call("drive.arm", ann, drive="fan-1")
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            await kit.call("lease.renew", ann, drive="fan-1")
+            await kit.call("drive.stop", ann, drive="fan-1")
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            assert kit.service.plant.units["fan-1"].status().state is not DriveState.RUNNING
+
+    run(story())
+
+
+def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            with pytest.raises(WaiverNeeded):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            view = await kit.call("drives.get", drive="pump-1")
+            assert "plant.waiver_needed" in [one["key"] for one in view["blocked"]]
+            await kit.waive("pump-1")
+            assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("operation", "role", "params"),
+    [
+        ("drive.run", Role.VIEWER, {"drive": "fan-1", "frequency_hz": 20.0}),
+        ("drive.stop", Role.VIEWER, {"drive": "fan-1"}),
+        ("drive.limits", Role.OPERATOR, {"drive": "fan-1"}),
+        ("parameters.write", Role.OPERATOR, {"drive": "fan-1", "values": {"F0.1": 2.0}}),
+    ],
+)
+def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role: Role, params: dict[str, Any]) -> None:
+    """S01, S08, S09: whatever door the request came through."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            sent = _sent(kit)
+            with pytest.raises(Forbidden):
+                await kit.call(operation, remote(role=role), **params)
+            assert _sent(kit) == sent
+            assert kit.trail.entries[-1]["outcome"] == "plant.forbidden"
+
+    run(story())
+
+
+def _sent(kit: Kit) -> int:
+    return sum(line.count for line in kit.service.plant.lines.values())
+
+
+def test_wrong_parameters_are_all_named_and_unknown_things_are_not_found() -> None:
+    """T19: no number in a string, nothing unknown."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            with pytest.raises(ParamsError) as refused:
+                await kit.call("drive.run", drive="fan-1", frequency_hz="25.0", colour="red")
+            assert {fault["path"] for fault in refused.value.params["faults"]} == {"frequency_hz", "colour"}
+            for operation, params in (("drives.get", {"drive": "nobody"}), ("nothing.at_all", {})):
+                with pytest.raises(NotFound):
+                    await kit.service.call(operation, params, LOCAL)
+
+    run(story())
+
+
+def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            live = kit.service.live(["drives/fan-1", "plant"], LOCAL)
+            first = await anext(live)
+            assert first["type"] == "snapshot" and set(first["topics"]) == {"drives/fan-1", "plant"}
+            second = await anext(live)
+            assert second["type"] == "delta" and second["seq"] == first["seq"] + 1
+            assert "title" not in second["topics"].get("drives/fan-1", {})
+
+    run(story())
