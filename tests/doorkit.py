@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,6 +42,7 @@ class Plant:
     async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
         self.calls.append(("live", {"patterns": list(patterns)}, actor))
         yield {"type": "snapshot", "seq": 1, "time_ms": 0, "topics": {}}
+        await asyncio.Event().wait()
 
     async def record(self, entry: Json, actor: Actor) -> None:
         if self.deaf:

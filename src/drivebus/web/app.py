@@ -10,6 +10,7 @@ from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
 from drivebus.gateways import problems
+from drivebus.gateways.live.endpoint import live_router
 from drivebus.gateways.rest import openapi
 from drivebus.gateways.rest.router import rest_router
 from drivebus.plant.access.access import Access
@@ -53,7 +54,14 @@ def make_app(client: PlantClient, access: Access, web: WebSetting, routers: Sequ
     )
     problems.install(app)
     desk = Desk(access, client, refusals)
-    for router in (account_router(desk), people_router(desk), files_router(), rest_router(client), *routers):
+    for router in (
+        account_router(desk),
+        people_router(desk),
+        files_router(),
+        rest_router(client),
+        live_router(client),
+        *routers,
+    ):
         app.include_router(router)
     openapi.install(app)
     return app

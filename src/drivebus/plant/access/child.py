@@ -1,0 +1,44 @@
+"""How the plant tells the web process what to be: ``python -m drivebus.web SOCKET SETTING``, the setting as JSON."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from drivebus.plant.model import PlantSetting, WebSetting
+
+
+@dataclass(frozen=True, slots=True)
+class Child:
+    """What the web process needs to know besides the plant's socket."""
+
+    directory: Path
+    """The state directory: where the set-up secret is put."""
+    users: Path
+    web: WebSetting
+
+
+_FORM = TypeAdapter(Child)
+
+
+def command(setting: PlantSetting, socket: Path) -> list[str]:
+    """The command line that starts it."""
+    child = Child(setting.directory, setting.users or setting.directory / "access.json", setting.web)
+    return [sys.executable, "-m", "drivebus.web", str(socket), _FORM.dump_json(child).decode()]
+
+
+def understood(arguments: list[str]) -> tuple[Path, Child]:
+    """What ``command`` said after ``drivebus.web``; defaults beside the socket where it says no setting.
+
+    Raises ValueError where that is no such command line.
+    """
+    match arguments:
+        case [socket]:
+            directory = Path(socket).parent
+            return Path(socket), Child(directory, directory / "access.json", WebSetting())
+        case [socket, setting]:
+            return Path(socket), _FORM.validate_json(setting)
+    raise ValueError("SOCKET [SETTING]")

@@ -1,0 +1,84 @@
+"""One HTTP connection with limits that the library does not have: no slow head, no endless head, no slow reader, no
+address that takes all connections (S14).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+HEAD_S = 10.0
+"""From the connection, or the first octet of a later request, to the empty line."""
+HEAD_LARGEST = 32 * 1024
+READ_S = 30.0
+"""So long the other side may leave its answer unread."""
+PER_ADDRESS = 128
+"""Connections of one address; this machine's own (a reverse proxy) may have all."""
+
+
+class Patience(HttpToolsProtocol):
+    """Closes whoever takes too long or too much."""
+
+    _timer: asyncio.TimerHandle | None = None
+    _unread: asyncio.TimerHandle | None = None
+    _head = 0
+    """Octets of a head that is not complete."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if self._too_many():
+            transport.abort()
+            return
+        self._await_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._cancel()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        if self._timer is not None:
+            self._head += len(data)
+            if self._head > HEAD_LARGEST:
+                self.transport.abort()
+                return
+        super().data_received(data)
+
+    def on_message_begin(self) -> None:
+        super().on_message_begin()
+        self._await_head()
+
+    def on_headers_complete(self) -> None:
+        self._cancel()
+        super().on_headers_complete()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        if self.cycle is not None and self.cycle.more_body:
+            self.transport.close()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._unread = self.loop.call_later(READ_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self._unread is not None:
+            self._unread.cancel()
+
+    def _await_head(self) -> None:
+        if self._timer is None:
+            self._timer = self.loop.call_later(HEAD_S, self.transport.abort)
+
+    def _cancel(self) -> None:
+        for timer in (self._timer, self._unread):
+            if timer is not None:
+                timer.cancel()
+        self._timer, self._unread, self._head = None, None, 0
+
+    def _too_many(self) -> bool:
+        if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:
+            return False
+        others = (getattr(one, "client", None) for one in self.connections)
+        return sum(other is not None and other[0] == self.client[0] for other in others) > PER_ADDRESS
