@@ -31,6 +31,8 @@ class Plant:
         self.results: dict[str, Any] = results
         self.asked: list[tuple[str, Json, Actor]] = []
         self.messages: asyncio.Queue[Json] = asyncio.Queue()
+        self.frames: asyncio.Queue[Json] = asyncio.Queue()
+        """What is told to whoever listens, and what to whoever listens to frames."""
         self.listening: list[tuple[tuple[str, ...], float]] = []
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
@@ -56,7 +58,8 @@ class Plant:
 
     async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
         self.listening.append((tuple(patterns), interval_s))
-        while (message := await self.messages.get())["type"] != "closed":
+        queue = self.frames if patterns[0].startswith("frames/") else self.messages
+        while (message := await queue.get())["type"] != "closed":
             yield message
         yield message
 
