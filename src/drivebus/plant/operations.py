@@ -170,7 +170,7 @@ _ALL = (
     Operation("parameters.read", Right.OPERATE, ReadParameters),
     Operation("parameters.write", Right.TUNE, WriteParameters, changes=True),
     Operation("lease.take", Right.OPERATE, OfDrive, changes=True),
-    Operation("lease.renew", Right.OPERATE, OfDrive),
+    Operation("lease.renew", Right.STOP, OfDrive),  # who sits idle before a running drive keeps it, to stop it
     Operation("lease.release", Right.OPERATE, OfDrive, changes=True),
     Operation("drive.arm", Right.OPERATE, OfDrive, changes=True),
     Operation("drive.run", Right.OPERATE, Run, changes=True),
