@@ -23,11 +23,14 @@ _WHOLE = re.compile(r"-?[0-9]{1,18}")
 
 async def params_of(route: Route, request: Request) -> Json:
     """The operation's parameters as they were asked. Raises ParamsError."""
-    given = _of_body(await request.body()) if route.has_body else _of_query(route, request)
-    if not_here := set(request.query_params) if route.has_body else set():
-        raise _fault(f"?{min(not_here)}", request.query_params[min(not_here)], "nothing")
-    if twice := set(given) & set(route.places):
-        raise _fault(min(twice), given[min(twice)], f"only in {route.path}")
+    try:
+        given = _of_body(await request.body()) if route.has_body else _of_query(route, request)
+        if not_here := set(request.query_params) if route.has_body else set():
+            raise ValueError(f"?{min(not_here)}: belongs into the body")
+        if twice := set(given) & set(route.places):
+            raise ValueError(f"{min(twice)}: stands in the address")
+    except (ValueError, RecursionError) as error:
+        raise _fault(route.name, str(error)) from error
     return given | {name: request.path_params[name] for name in route.places}
 
 
@@ -50,17 +53,12 @@ def _is(schema: Json, kind: str) -> bool:
 
 
 def _of_body(body: bytes) -> Json:
-    """One JSON object; no body is an empty one."""
+    """One JSON object; no body is an empty one. Raises ValueError, RecursionError."""
     if not body:
         return {}
-    try:
-        found = json.loads(
-            body.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number, parse_float=_number
-        )
-    except (ValueError, RecursionError) as error:
-        raise _fault("", "…", f"JSON: {error}") from error
+    found = json.loads(body.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number, parse_float=_number)
     if not isinstance(found, dict):
-        raise _fault("", type(found).__name__, "object")
+        raise ValueError("no object")
     return found
 
 
@@ -82,5 +80,6 @@ def _number(text: str) -> float:
     return value if math.isfinite(value) else _no_number(text)
 
 
-def _fault(path: str, found: Any, expected: str) -> ParamsError:
-    return ParamsError("plant.params", faults=[{"path": path, "found": str(found)[:100], "expected": expected}])
+def _fault(operation: str, problem: str) -> ParamsError:
+    faults = [{"path": "", "found": "", "expected": problem[:200]}]
+    return ParamsError("plant.params", operation=operation, problems=problem[:200], faults=faults)
