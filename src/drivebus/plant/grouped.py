@@ -16,7 +16,6 @@ V = TypeVar("V")
 
 MOST_POSTED = 10_000
 """So much is kept for a disk that has failed; then the oldest are dropped and counted (I12)."""
-MOST_AT_ONCE = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,21 +60,28 @@ class Grouped(Generic[T, R]):
         if self._queue and (self._task is None or self._task.done()):
             self._task = asyncio.get_running_loop().create_task(self._work(), name="keep what waits")
 
-    async def close(self) -> None:
-        """Keep what waits, once more, and end the thread. Nothing may be put in afterwards."""
+    async def drain(self) -> None:
+        """Keep what waits, once more; what then still waits is on no disk."""
         self.wake()
         while self._task is not None and not self._task.done():
             await asyncio.wait([self._task])
+
+    async def close(self) -> None:
+        """``drain``, and end the thread. Nothing may be put in afterwards."""
+        await self.drain()
         self._thread.shutdown(wait=False)
 
     async def _work(self) -> None:
         while self._queue:
-            batch = [self._queue.popleft() for _ in range(min(len(self._queue), MOST_AT_ONCE))]
+            batch = [*self._queue]
+            self._queue.clear()
             try:
                 kept = await self.run(partial(self._keep, [one.item for one in batch]))
             except Exception as error:  # whatever it is, whoever waits is told, and what was posted is not lost
                 self._failed(batch, error)
-                return
+                if all(one.told is None for one in self._queue):
+                    return
+                continue
             self.error = None
             for one, result in zip(batch, kept, strict=True):
                 if one.told is not None and not one.told.done():
@@ -86,11 +92,10 @@ class Grouped(Generic[T, R]):
         return await asyncio.get_running_loop().run_in_executor(self._thread, function)
 
     def _failed(self, batch: list[_Waiting[T, R]], error: Exception) -> None:
-        """Who waits is refused, all that wait now: what is behind a disk that fails would only wait for the next."""
+        """Who waited for it is refused; what was posted stays first in the row."""
         self.error = error
-        waiting = [*batch, *self._queue]
-        self._queue = deque(one for one in waiting if one.told is None)
-        for one in waiting:
+        self._queue.extendleft(one for one in reversed(batch) if one.told is None)
+        for one in batch:
             if one.told is not None and not one.told.done():
                 one.told.set_exception(error)
 

@@ -30,7 +30,7 @@ def after(cursor: str | None) -> int | None:
         return None
     try:
         text = urlsafe_b64decode(cursor.encode()).decode()
-        if _cursor(int(text)) == cursor:
+        if text.isdecimal() and _cursor(int(text)) == cursor:
             return int(text)
     except ValueError:
         pass

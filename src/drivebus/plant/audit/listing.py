@@ -1,0 +1,46 @@
+"""The trail from its end, a page at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from drivebus.plant.audit import seal
+from drivebus.plant.audit.files import Places, backwards, first_of
+from drivebus.plant.paging import after, page
+from drivebus.plant.view import Json
+
+
+def listed(places: Places, from_ms: int, to_ms: int, drive: str | None, cursor: str | None, limit: int) -> Json:
+    """Records from ``from_ms`` up to and without ``to_ms``, about ``drive`` where it is given, the newest first.
+
+    A line whose hash is wrong is left out: ``verify`` tells of it. Raises ParamsError, OSError.
+    """
+
+    def wanted(body: Json) -> bool:
+        return from_ms <= body["time_ms"] < to_ms and drive in (None, body.get("target"))
+
+    return page(_items(places, after(cursor), wanted), cursor, limit)
+
+
+def _items(
+    places: Places, below: int | None, wanted: Callable[[Json], bool]
+) -> Iterator[tuple[int, Callable[[], Json]]]:
+    for line in _lines(places, below):
+        found = seal.record(line)
+        if found is not None and wanted(found.body):
+            item = {"n": found.n, **found.body, "hash": found.hash}
+            yield found.n, lambda item=item: item  # type: ignore[misc]
+
+
+def _lines(places: Places, below: int | None) -> Iterator[bytes]:
+    """From the end; whole files and lines that are on earlier pages are not looked into."""
+    for path in reversed(places.files()):
+        first = first_of(path)
+        if below is None or first is None or first < below:
+            yield from (line for line in backwards(path) if below is None or _number(line) < below)
+
+
+def _number(line: bytes) -> int:
+    """``{"n":123,…``; 0 for what can't be a record: ``seal.record`` says so."""
+    text = line[5 : line.find(b",")]
+    return int(text) if line.startswith(b'{"n":') and text.isdigit() else 0

@@ -1,0 +1,330 @@
+"""The audit trail: durable, in a chain, without secrets, and telling when it can't be written."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.errors import AuditUnavailable, ParamsError
+from drivebus.plant.audit import Entry
+from drivebus.plant.audit.entry import LONGEST_TEXT
+from drivebus.plant.audit.seal import LONGEST_LINE
+from plant.auditkit import LI, entry, kinds, report, trail, wall, written
+
+EVER = (0, 10**14)
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_bytes().splitlines()]
+
+
+def test_a_trail_that_nobody_touched_is_whole(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    found = report(made)
+    assert (found.ok, found.entries, found.covered, found.keyed) == (True, 10, 10, True)
+    assert [one["n"] for one in lines(made.places.current)] == list(range(1, 11))
+
+
+def test_a_record_says_who_did_what_when_with_which_frames_and_outcome(tmp_path: Path) -> None:
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        frame = {"sent": "01 06", "received": "01 06", "sent_at_s": 1.5, "received_at_s": 1.6, "error": None}
+        asked = await made.record(entry(1))
+        assert asked == 2
+        await made.record(Entry.by(LI, "drive.run", target="fan-1", frames=[frame], outcome="confirmed", of=asked))
+        (item, before), rest = (await made.entries(*EVER, limit=2))["items"], None
+        assert (item["n"], item["who"], item["what"]) == (
+            3, {"name": "li", "session": "s-1", "address": "127.0.0.1"}, "drive.run",
+        )  # fmt: skip
+        assert (item["target"], item["frames"], item["outcome"], item["of"]) == ("fan-1", [frame], "confirmed", 2)
+        assert (before["params"], before["outcome"], len(before["hash"])) == ({"frequency_hz": 1.0}, "asked", 64)
+        assert rest is None and (await made.verify())["ok"]
+        await made.close()
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31mred", "x\x9b2J", "\u202egnp", 'q"},{"n":9', "\ud800", "汉字\r\n"])
+def test_s13_names_with_control_characters_stay_in_their_line_and_their_string(tmp_path: Path, name: str) -> None:
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        await made.record(Entry.by(LI, "login", target=name, params={name: name}, outcome="refused"))
+        await made.close()
+        data = made.places.current.read_bytes()
+        assert data.count(b"\n") == 2 and all(octet == 10 or 32 <= octet < 127 for octet in data)
+        assert lines(made.places.current)[1]["outcome"] == "refused"
+        assert report(made).ok
+
+    asyncio.run(go())
+
+
+def test_no_secret_is_written(tmp_path: Path) -> None:
+    said = {
+        "password": "hunter2", "new_password": ["hunter2"], "deep": {"Api-Token": "hunter2", "l": [{"arm": "hunter2"}]},
+        "url": "postgresql://plant:hunter2@db/plant", "header": "Bearer hunter2", "token": None, "name": "li",
+    }  # fmt: skip
+
+    async def go() -> bytes:
+        made = trail(tmp_path)
+        await made.open()
+        await made.record(Entry.by(LI, "login", params=said))
+        await made.close()
+        return made.places.current.read_bytes()
+
+    data = asyncio.run(go())
+    assert b"hunter2" not in data
+    params = json.loads(data.splitlines()[1])["params"]
+    assert (params["url"], params["name"], params["token"]) == ("postgresql://***@db/plant", "li", None)
+
+
+def test_what_is_endless_is_cut_and_told_by_its_hash(tmp_path: Path) -> None:
+    async def go() -> list[dict[str, Any]]:
+        made = trail(tmp_path)
+        await made.open()
+        await made.record(Entry.by(LI, "x", params={"text": "x" * (LONGEST_TEXT + 1), "nan": float("nan")}))
+        await made.record(Entry.by(LI, "x", params={str(n): "y" * LONGEST_TEXT for n in range(100)}, outcome="done"))
+        await made.record(Entry.by(LI, "x", params={"deep": _nested(50), "many": range(9), "octets": b"\x01\xff"}))
+        await made.close()
+        assert report(made).ok
+        return lines(made.places.current)
+
+    _, first, second, third = asyncio.run(go())
+    assert first["params"]["text"]["characters"] == LONGEST_TEXT + 1 and first["params"]["nan"] == "nan"
+    assert set(second["params"]) == {"left_out"} and second["outcome"] == "done"
+    assert second["params"]["left_out"]["octets"] > LONGEST_LINE
+    assert third["params"]["octets"] == "01 FF"
+
+
+def _nested(depth: int) -> Any:
+    return {"more": _nested(depth - 1)} if depth else "end"
+
+
+def test_many_at_once_are_written_together_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
+    real = os.fsync
+
+    def counted(fd: int) -> None:
+        synced.append(fd)
+        real(fd)
+
+    monkeypatch.setattr(os, "fsync", counted)
+
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        synced.clear()
+        numbers = await asyncio.gather(*(made.record(entry(n)) for n in range(300)))
+        assert numbers == list(range(2, 302))
+        assert len(synced) <= 3
+        await made.close()
+
+    asyncio.run(go())
+
+
+def test_full_files_are_put_away_and_the_chain_goes_on(tmp_path: Path) -> None:
+    made = written(tmp_path, 40, full_at=2_000)
+    files = made.places.files()
+    assert len(files) > 3 and [path.name for path in files][:1] == ["audit-000000000001.jsonl"]
+    assert report(made).ok and report(made).entries == 40
+    again = written(tmp_path, 5, full_at=2_000)
+    assert report(again).ok and report(again).entries == 45
+
+
+def test_pages_go_back_to_the_first_record_and_take_none_twice(tmp_path: Path) -> None:
+    made = written(tmp_path, 40, full_at=2_000)
+
+    async def go(drive: str | None) -> list[int]:
+        found, cursor = [], None
+        while True:
+            page = await made.entries(*EVER, drive, cursor, 7)
+            found += [item["n"] for item in page["items"]]
+            if (cursor := page["next"]) is None:
+                return found
+
+    assert asyncio.run(go(None)) == list(range(40, 0, -1))
+    assert asyncio.run(go("fan-1")) == [n for n in range(40, 1, -1) if n % 3 == 1]
+    for wrong in ("x", "LTE=", "MDE=", "é"):
+        with pytest.raises(ParamsError):
+            asyncio.run(made.entries(*EVER, cursor=wrong))
+
+
+def test_pages_heed_the_span_and_leave_out_a_line_that_was_changed(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    times = [one["time_ms"] for one in lines(made.places.current)]
+    made.places.current.write_bytes(
+        made.places.current.read_bytes().replace(b'"frequency_hz":5.0', b'"frequency_hz":6.0')
+    )
+    items = asyncio.run(made.entries(times[3], times[7]))["items"]
+    assert [item["n"] for item in items] == [7, 6, 4]
+
+
+def test_g14_a_disk_that_fails_refuses_what_waits_and_keeps_what_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.write
+
+    def full(fd: int, data: bytes) -> int:
+        real(fd, data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        with monkeypatch.context() as context:
+            context.setattr(os, "write", full)
+            with pytest.raises(AuditUnavailable) as refused:
+                await made.record(entry(1))
+            made.note(Entry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
+            await made.checkpoint()
+            assert not made.ok and "No space" in str(refused.value)
+        assert await made.record(entry(2)) == 4
+        assert made.ok
+        await made.close()
+        what = [one["what"] for one in lines(made.places.current)]
+        assert what == ["audit.opened", "audit.refused", "drive.stop", "drive.run"]
+        assert report(made).ok
+
+    asyncio.run(go())
+
+
+def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path) -> None:
+    from drivebus.testing.virtual import run
+
+    async def go() -> None:
+        blocked = tmp_path / "plant"
+        blocked.write_text("a file where the folder should be")
+        made = trail(tmp_path)
+        await made.open()
+        assert not made.ok
+        with pytest.raises(AuditUnavailable):
+            await made.record(entry(1))
+        blocked.unlink()
+        await asyncio.sleep(6.0)
+        assert made.ok
+        await made.close()
+        assert [one["what"] for one in lines(made.places.current)] == ["audit.refused", "audit.refused"]
+
+    run(go())
+
+
+def test_s12_a_checkpoint_is_written_each_minute_and_at_the_end(tmp_path: Path) -> None:
+    from drivebus.testing.virtual import run
+
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        await asyncio.sleep(61.0)
+        assert [one["n"] for one in lines(made.places.checkpoints)] == [1]
+        await asyncio.sleep(120.0)
+        await made.record(entry(1))
+        assert len(lines(made.places.checkpoints)) == 1, "none where nothing happened"
+        await made.close()
+        assert [one["n"] for one in lines(made.places.checkpoints)] == [1, 2]
+
+    run(go())
+
+
+def test_a_record_that_a_killed_writer_left_half_is_put_aside_and_said(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    whole = made.places.current.read_bytes()
+    made.places.current.write_bytes(whole + whole[:100])
+    assert kinds(made) == ["unfinished"]
+    made.places.checkpoints.write_bytes(made.places.checkpoints.read_bytes() + b'{"checkp')
+    again = written(tmp_path, 3)
+    assert report(again).ok
+    found = lines(again.places.current)[10]
+    assert (found["what"], found["params"]["octets"]) == ("audit.recovered", 100)
+    assert (again.places.folder / found["params"]["file"]).read_bytes() == whole[:100]
+
+
+def test_holes_that_a_power_cut_left_behind_the_last_checkpoint_are_put_aside(tmp_path: Path) -> None:
+    """G11: blocks of the last batch may reach the disk in any order."""
+    marks = written(tmp_path).places.checkpoints.read_bytes()
+    made = written(tmp_path, 3)
+    made.places.checkpoints.write_bytes(marks)
+    kept = made.places.current.read_bytes().splitlines(True)
+    made.places.current.write_bytes(b"".join([*kept[:11], b"\0" * 50 + b"\n", kept[12]]))
+    again = written(tmp_path, 3)
+    assert report(again).ok
+    assert [one["what"] for one in lines(again.places.current)[10:13]] == [
+        "audit.opened",
+        "audit.recovered",
+        "audit.opened",
+    ]
+
+
+def test_a_line_that_somebody_changed_before_the_last_checkpoint_is_never_put_aside(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    data = made.places.current.read_bytes()
+    made.places.current.write_bytes(data.replace(b'"frequency_hz":5.0', b'"frequency_hz":9.0'))
+    again = written(tmp_path, 3)
+    assert kinds(again) == ["changed"] and report(again).entries == 13
+
+
+def test_an_end_that_was_cut_off_is_still_seen_after_the_service_went_on(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    kept = made.places.current.read_bytes().splitlines(True)[:6]
+    made.places.current.write_bytes(b"".join(kept))
+    again = written(tmp_path, 3)
+    assert lines(again.places.current)[6]["what"] == "audit.cut"
+    assert set(kinds(again)) == {"rewritten", "mark_broken"}
+
+
+def test_a_trail_that_was_taken_away_is_begun_again_and_the_gap_is_seen(tmp_path: Path) -> None:
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        await made.record(entry(1))
+        made.places.current.unlink()
+        assert await made.record(entry(2)) == 3
+        await made.close()
+        assert kinds(made) == ["broken"]
+
+    asyncio.run(go())
+
+
+def test_files_and_key_are_readable_by_their_owner_only_and_the_key_is_not_in_the_folder(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    for path in (made.places.current, made.places.checkpoints, made.places.key):
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert made.places.folder not in made.places.key.parents
+    assert made.places.key.read_bytes().strip() not in b"".join(p.read_bytes() for p in made.places.folder.iterdir())
+
+
+def test_a_key_that_is_too_short_writes_no_checkpoint_and_refuses_starts(tmp_path: Path) -> None:
+    async def go() -> None:
+        made = trail(tmp_path)
+        made.places.key.write_text("short")
+        await made.open()
+        assert not made.ok
+        await made.close()
+
+    asyncio.run(go())
+
+
+def test_what_another_process_sends_is_recorded_whatever_it_is(tmp_path: Path) -> None:
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        await made.write({"what": "login", "who": "li", "outcome": "refused", "why": "password", "target": None})
+        await made.write({"params": [1], "frames": None, "of": {"no": "number"}, "who": 7})
+        await made.close()
+        _, login, odd = lines(made.places.current)
+        assert (login["who"]["name"], login["params"], login["target"]) == ("li", {"why": "password"}, "")
+        assert (odd["what"], odd["params"], odd["frames"], odd["who"]["name"]) == ("", {"params": [1]}, [], 7)
+        assert report(made).ok
+
+    asyncio.run(go())
+
+
+def test_the_clock_may_jump_back_without_harm(tmp_path: Path) -> None:
+    """F21."""
+    written(tmp_path)
+    assert report(written(tmp_path, wall=wall())).ok
