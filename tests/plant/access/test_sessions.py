@@ -1,0 +1,256 @@
+"""S07: sessions on the server, found by a secret that is kept as a hash; idle, old, replaced, ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from doorkit import PASSWORD, QUICK, Clock
+from drivebus.plant.access.access import Access
+from drivebus.plant.access.passwords import Passwords, check_new
+from drivebus.plant.access.refusals import Conflict, NotLoggedIn, TooManyAttempts, Unfit
+from drivebus.plant.access.register import User
+from drivebus.plant.access.rights import RIGHTS, Right, Role
+from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S, PER_USER, digest
+from drivebus.plant.access.visitor import BySession
+from drivebus.testing.virtual import run
+
+
+def made(directory: Path, *roles: Role) -> tuple[Access, Clock]:
+    clock = Clock()
+    access = Access(directory, passwords=Passwords(QUICK), clock=clock, wall=clock.wall_ms)
+    hashed = QUICK.hash(PASSWORD)
+    for role in roles or (Role.ADMINISTRATOR, Role.OPERATOR):
+        access.file.change(lambda register, role=role: register.added(User(str(role), role, hashed, 0)))
+    return access, clock
+
+
+def login(access: Access, name: str = "operator", password: str = PASSWORD) -> tuple[str, BySession]:
+    opened = run(access.login(name, password, "127.0.0.1"))
+    visitor = access.by_cookie(opened.secret)
+    assert visitor is not None
+    return opened.secret, visitor
+
+
+def test_s07_a_secret_has_256_bits_of_chance_and_is_kept_as_a_hash(tmp_path: Path) -> None:
+    access, _ = made(tmp_path)
+    secrets = {login(access)[0] for _ in range(8)}
+    assert len(secrets) == 8 and all(len(secret) == 43 for secret in secrets)
+    kept = repr(access.sessions.__dict__)
+    assert not any(secret in kept for secret in secrets)
+    assert all(digest(secret) in kept for secret in secrets)
+
+
+def test_s07_after_fifteen_idle_minutes_a_session_may_see_and_stop_and_nothing_else(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    secret, visitor = login(access)
+    clock.now += IDLE_S - 1
+    assert visitor.actor.rights == RIGHTS[Role.OPERATOR]
+    clock.now += 1
+    assert visitor.actor.rights == {Right.VIEW, Right.STOP}
+    visitor.session.touch(clock.now)
+    assert visitor.is_idle, "a touch does not wake it, a password does"
+    assert access.by_cookie(secret) is not None
+    assert login(access)[1].actor.may(Right.OPERATE)
+
+
+def test_s07_a_touch_in_time_keeps_a_session_awake(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    _, visitor = login(access)
+    for _ in range(10):
+        clock.now += IDLE_S - 1
+        visitor.session.touch(clock.now)
+    assert visitor.actor.may(Right.OPERATE)
+
+
+def test_s07_an_idle_viewer_gains_no_stop(tmp_path: Path) -> None:
+    access, clock = made(tmp_path, Role.VIEWER)
+    _, visitor = login(access, "viewer")
+    clock.now += IDLE_S
+    assert visitor.actor.rights == {Right.VIEW}
+
+
+def test_s07_a_session_ends_after_twelve_hours_whatever_is_done(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    secret, visitor = login(access)
+    begun = clock.now
+    while clock.now - begun < ABSOLUTE_S:
+        assert access.by_cookie(secret) is not None
+        clock.now += 600.0
+        visitor.session.touch(clock.now)
+    assert access.by_cookie(secret) is None
+    assert visitor.session.why == "expired"
+    assert visitor.actor.rights == frozenset()
+
+
+def test_s07_ended_for_all_is_ended_at_once(tmp_path: Path) -> None:
+    access, _ = made(tmp_path)
+    mine = [login(access) for _ in range(3)]
+    _, other = login(access, "administrator")
+    assert access.sessions.end_all("operator", "logout") == 3
+    assert [access.by_cookie(secret) for secret, _ in mine] == [None] * 3
+    assert [visitor.actor.rights for _, visitor in mine] == [frozenset()] * 3
+    assert other.why_over is None
+
+
+def test_s14_a_users_oldest_session_makes_room(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    secrets = []
+    for _ in range(PER_USER + 2):
+        clock.now += 1
+        secrets.append(login(access)[0])
+    open_now = [access.by_cookie(secret) is not None for secret in secrets]
+    assert open_now == [False, False] + [True] * PER_USER
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda user: replace(user, role=Role.VIEWER),
+        lambda user: replace(user, disabled=True),
+        lambda user: replace(user, password="another"),
+    ],
+    ids=["role", "disabled", "password"],
+)
+def test_s04_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
+    access, _ = made(tmp_path)
+    secret, visitor = login(access)
+    access.file.change(lambda register: register.changed(change(register.user("operator"))))
+    assert visitor.actor.rights == frozenset()
+    assert access.by_cookie(secret) is None
+    assert visitor.session.why == "rights"
+
+
+def test_s04_whoever_waits_for_the_end_is_told_within_a_second(tmp_path: Path) -> None:
+    import asyncio
+
+    access, _ = made(tmp_path)
+    _, visitor = login(access)
+
+    async def story() -> float:
+        loop = asyncio.get_running_loop()
+        waiting = asyncio.create_task(visitor.ended())
+        await asyncio.sleep(10)
+        assert not waiting.done()
+        access.file.change(lambda register: register.removed("operator"))
+        begun = loop.time()
+        assert await waiting == "rights"
+        return loop.time() - begun
+
+    assert run(story()) <= 1.0
+
+
+def test_s07_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_path: Path) -> None:
+    access, _ = made(tmp_path)
+    first, _ = login(access)
+    second, visitor = login(access)
+    opened = run(access.new_password(visitor.session, PASSWORD, "a quite new pass phrase"))
+    assert access.by_cookie(first) is None and access.by_cookie(second) is None
+    assert access.by_cookie(opened.secret) is not None
+    with pytest.raises(NotLoggedIn):
+        login(access)
+    login(access, password="a quite new pass phrase")
+
+
+def test_s05_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None:
+    access, _ = made(tmp_path)
+    _, visitor = login(access)
+    for _ in range(10):
+        with pytest.raises(NotLoggedIn):
+            run(access.new_password(visitor.session, "wrong password", "a quite new pass phrase"))
+    with pytest.raises(TooManyAttempts):
+        run(access.new_password(visitor.session, PASSWORD, "a quite new pass phrase"))
+    assert visitor.why_over is None
+
+
+def test_a_user_who_is_unknown_or_disabled_takes_as_long_as_a_wrong_password(tmp_path: Path) -> None:
+    """Nobody learns from the answer, or from how long it took, which names exist: each is one hash."""
+    access, _ = made(tmp_path)
+    access.file.change(lambda register: register.changed(replace(register.user("operator"), disabled=True)))
+    checked: list[str] = []
+    verify = access.passwords._verify
+    access.passwords._verify = lambda known, said: checked.append(known) or verify(known, said)  # type: ignore[method-assign,func-returns-value]
+    told = set()
+    for name in ("operator", "nobody", "administrator"):
+        with pytest.raises(NotLoggedIn) as raised:
+            run(access.login(name, "wrong password", "127.0.0.1"))
+        told.add((raised.value.key, str(raised.value.params)))
+    assert len(checked) == 3 and len(told) == 1
+    with pytest.raises(NotLoggedIn):
+        run(access.login("operator", PASSWORD, "127.0.0.1"))
+
+
+def test_s06_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> None:
+    clock = Clock()
+    access = Access(tmp_path, passwords=Passwords(QUICK), clock=clock, wall=clock.wall_ms)
+    assert access.needs_setup
+    with pytest.raises(NotLoggedIn):
+        run(access.set_up("", "ann", PASSWORD, "127.0.0.1"))
+    secret = access.setup.offer()
+    assert access.setup.path.read_text().strip() == secret and access.setup.path.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(NotLoggedIn):
+        run(access.set_up(secret + "x", "ann", PASSWORD, "127.0.0.1"))
+    with pytest.raises(Unfit):
+        run(access.set_up(secret, "ann", "short", "127.0.0.1"))
+    opened = run(access.set_up(secret, "ann", PASSWORD, "127.0.0.1"))
+    assert access.by_cookie(opened.secret) is not None
+    assert access.register.user("ann").role is Role.ADMINISTRATOR
+    assert not access.setup.path.exists()
+    with pytest.raises(Conflict):
+        run(access.set_up(secret, "eve", PASSWORD, "127.0.0.1"))
+
+
+def test_s06_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> None:
+    import asyncio
+
+    clock = Clock()
+    access = Access(tmp_path, passwords=Passwords(QUICK), clock=clock, wall=clock.wall_ms)
+    secret = access.setup.offer()
+
+    async def both() -> list[object]:
+        tries = (access.set_up(secret, name, PASSWORD, "127.0.0.1") for name in ("ann", "eve"))
+        return await asyncio.gather(*tries, return_exceptions=True)
+
+    found = asyncio.run(both())
+    assert sorted(type(one).__name__ for one in found) == ["Conflict", "Opened"]
+    assert len(access.register.users) == 1
+
+
+def test_s06_guessing_the_secret_is_throttled(tmp_path: Path) -> None:
+    clock = Clock()
+    access = Access(tmp_path, passwords=Passwords(QUICK), clock=clock, wall=clock.wall_ms)
+    secret = access.setup.offer()
+    for _ in range(10):
+        with pytest.raises(NotLoggedIn):
+            run(access.set_up("guess", "eve", PASSWORD, "10.0.0.9"))
+    with pytest.raises(TooManyAttempts):
+        run(access.set_up(secret, "eve", PASSWORD, "10.0.0.9"))
+
+
+def test_a_code_logs_in_once_and_not_too_late(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    code = run(access.issue_code("operator", 60))
+    assert code not in access.file.path.read_text()
+    opened = run(access.login_once(code, "127.0.0.1"))
+    assert opened.session.user == "operator"
+    late = run(access.issue_code("operator", 60))
+    clock.now += 60
+    for spent in (code, late, "guess"):
+        with pytest.raises(NotLoggedIn):
+            run(access.login_once(spent, "127.0.0.1"))
+
+
+@pytest.mark.parametrize(
+    "password",
+    ["", "short pass"[:9], "x" * 201, "aaaaaaaaaaaa", "abababababab", "Password123", "operator-01x", "1234567890"],
+)
+def test_a_password_that_is_easily_guessed_is_refused(password: str) -> None:
+    with pytest.raises(Unfit):
+        check_new(password, "operator")
+
+
+def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:
+    hashed = run(Passwords().hash(PASSWORD))
+    assert hashed.startswith("$argon2id$v=19$m=65536,t=3,p=1$")
