@@ -4,25 +4,45 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+import postgreskit
 from drivebus.plant.model import HistorySetting
 from historykit import Database
+
+NUMBERS = count(1)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[postgreskit.Server]:
+    with postgreskit.server() as server:
+        yield server
 
 
 def _sqlite(tmp_path: Path) -> Database:
     def check() -> None:
-        database = sqlite3.connect(tmp_path / "history.db")
-        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        database.close()
+        if (tmp_path / "history.db").exists():
+            database = sqlite3.connect(tmp_path / "history.db")
+            assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+            database.close()
 
     return Database("sqlite", HistorySetting(), tmp_path, check)
 
 
-@pytest.fixture(params=["sqlite"])
+def _postgres(server: postgreskit.Server, tmp_path: Path) -> Database:
+    name = f"history_{next(NUMBERS)}"
+    server.create(name)
+    return Database("postgres", HistorySetting(url=server.url(name)), tmp_path, lambda: None)
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
 def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Database]:
-    found = _sqlite(tmp_path)
+    if request.param == "sqlite":
+        found = _sqlite(tmp_path)
+    else:
+        found = _postgres(request.getfixturevalue("postgres"), tmp_path)
     yield found
     found.check()

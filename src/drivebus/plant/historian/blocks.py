@@ -77,10 +77,17 @@ def encode_points(start_ms: int, width_ms: int, points: Points) -> bytes:
 def decode_points(start_ms: int, width_ms: int, data: bytes) -> Points:
     """Raises Damaged."""
     kind, n, body = _opened(data, {_ROLLED: 33, _FLAT: 17})
-    time = [start_ms + place * width_ms for place in unpack("I", body[: 4 * n])]
+    time = _times(start_ms, width_ms, unpack("I", body[: 4 * n]))
     mean = unpack_floats(body[9 * n : 17 * n])
     low, high = (mean, mean) if kind == _FLAT else (unpack_floats(body[17 * n : 25 * n]), unpack_floats(body[25 * n :]))
     return Points(time, unpack("I", body[4 * n : 8 * n]), low, mean, high, body[8 * n : 9 * n])
+
+
+def _times(start_ms: int, width_ms: int, places: list[int]) -> list[int]:
+    first, last = places[0], places[-1]
+    if last - first == len(places) - 1:
+        return list(range(start_ms + first * width_ms, start_ms + last * width_ms + 1, width_ms))
+    return [start_ms + place * width_ms for place in places]
 
 
 def _opened(data: bytes, sizes: dict[int, int]) -> tuple[int, int, bytes]:
@@ -90,7 +97,7 @@ def _opened(data: bytes, sizes: dict[int, int]) -> tuple[int, int, bytes]:
         body = zlib.decompress(data[_HEAD.size :])
     except (struct.error, zlib.error) as error:
         raise Damaged(str(error)) from error
-    if sizes.get(kind, -1) * n != len(body):
+    if n == 0 or sizes.get(kind, -1) * n != len(body):
         raise Damaged(f"kind {kind}: {len(body)} bytes for {n} points")
     return kind, n, body
 

@@ -14,13 +14,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
-from drivebus.errors import NotFound, ParamsError, ServiceUnavailable
+from drivebus.errors import ConfigurationError, NotFound, ParamsError, ServiceUnavailable
 from drivebus.plant.historian import trend
 from drivebus.plant.historian.cursors import cursor, place
 from drivebus.plant.historian.intake import Intake
 from drivebus.plant.historian.levels import GRAINS
 from drivebus.plant.historian.reader import Reader
-from drivebus.plant.historian.sqlite import SqliteStore
+from drivebus.plant.historian.sql import SqlStore
+from drivebus.plant.historian.sqlite import SqliteDoor
 from drivebus.plant.historian.store import Document, Store, StoreError, Tag, Window
 from drivebus.plant.historian.writer import Writer
 from drivebus.plant.model import HistorySetting
@@ -31,13 +32,20 @@ from drivebus.profiles.model import Text
 Json = dict[str, Any]
 T = TypeVar("T")
 
+FILE = "history.db"
 FLUSH_S = 1.0
 
 
 def stores(setting: HistorySetting, directory: Path) -> tuple[Store, Store]:
-    """The writer's and the reader's way to the setting's database."""
-    path = directory / "history.db"
-    return SqliteStore(path), SqliteStore(path, reader=True)
+    """The writer's and the reader's way to the setting's database. Raises ConfigurationError."""
+    if setting.url is None:
+        path = directory / FILE
+        return SqlStore(SqliteDoor(path)), SqlStore(SqliteDoor(path, reader=True), reader=True)
+    try:
+        from drivebus.plant.historian.postgres import PostgresDoor
+    except ImportError as error:
+        raise ConfigurationError("history.no_asyncpg") from error
+    return SqlStore(PostgresDoor(setting.url)), SqlStore(PostgresDoor(setting.url, reader=True), reader=True)
 
 
 class Historian:

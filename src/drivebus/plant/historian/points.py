@@ -7,9 +7,10 @@ because each point carries how many values it stands for.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import compress, repeat
+from itertools import compress
 from operator import mul, ne
 
 from drivebus.reading import Quality
@@ -79,23 +80,38 @@ def together(pieces: Iterable[Points]) -> Points:
 
 
 def between(points: Points, first_ms: int, last_ms: int) -> Points:
-    """Those with ``first_ms <= time <= last_ms``."""
-    wanted = [first_ms <= time <= last_ms for time in points.time]
-    if all(wanted):
-        return points
-    time, count, low, mean, high, quality = (list(compress(column, wanted)) for column in points.columns())
-    return Points(time, count, low, mean, high, bytes(quality))  # type: ignore[arg-type]
+    """Those with ``first_ms <= time <= last_ms``; they are in order."""
+    return _cut(points, bisect_left(points.time, first_ms), bisect_right(points.time, last_ms))
+
+
+def _cut(points: Points, a: int, b: int) -> Points:
+    time, count, low, mean, high, quality = points.columns()
+    return Points(time[a:b], count[a:b], low[a:b], mean[a:b], high[a:b], quality[a:b])
+
+
+def _runs(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
+    """Where each stretch of ``width_ms`` begins and ends in the column ``time``, which is in order."""
+    if not time:
+        return []
+    if (time[-1] - time[0]) // width_ms * 8 > len(time):
+        keys = [moment // width_ms for moment in time]
+        changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
+        return list(zip([0, *changes], [*changes, len(keys)], strict=True))
+    found, begin = [], 0
+    while begin < len(time):
+        end = bisect_left(time, (time[begin] // width_ms + 1) * width_ms, begin)
+        found.append((begin, end))
+        begin = end
+    return found
 
 
 def roll(points: Points, width_ms: int) -> Points:
     """One point for each ``width_ms``, counted from 1970, that has any; ``points`` are in order."""
     time, count, low, mean, high, quality = points.columns()
-    keys = [moment // width_ms for moment in time]
-    changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
-    starts = [key * width_ms for key in map(keys.__getitem__, [0, *changes])] if keys else []
-    if len(starts) == len(keys):
+    runs = _runs(time, width_ms)
+    starts = [time[begin] // width_ms * width_ms for begin, _ in runs]
+    if len(runs) == len(time):
         return Points(starts, count, low, mean, high, quality)
-    runs = list(zip([0, *changes], [*changes, len(keys)], strict=True))
     rolled = _roll_whole if 0 not in count else _roll_with_gaps
     counts, lows, means, highs = rolled(runs, count, low, mean, high)
     return Points(starts, counts, lows, means, highs, bytes([_quality(quality[a:b]) for a, b in runs]))
@@ -110,7 +126,7 @@ def _roll_whole(runs: Runs, count: Sequence[int], low: Column, mean: Column, hig
     """Every point has a value."""
     lows, highs = [min(low[a:b]) for a, b in runs], [max(high[a:b]) for a, b in runs]
     counts = [sum(count[a:b]) for a, b in runs]
-    weighed = list(map(mul, mean, count))
+    weighed = mean if count.count(1) == len(count) else list(map(mul, mean, count))
     # Rounding may not push a mean out of what it is the mean of.
     means = [
         min(max(sum(weighed[a:b]) / n, least), most)
@@ -146,10 +162,5 @@ def _quality(codes: bytes) -> int:
 
 def split(points: Points, width_ms: int) -> Iterable[tuple[int, Points]]:
     """Cut where one stretch of ``width_ms`` ends: the stretch's beginning (ms) and its points; they are in order."""
-    columns = points.columns()
-    keys = list(map(int.__floordiv__, points.time, repeat(width_ms)))
-    changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
-    for a, b in zip([0, *changes], [*changes, len(keys)], strict=True):
-        if a < b:
-            time, count, low, mean, high, quality = (column[a:b] for column in columns)
-            yield keys[a] * width_ms, Points(time, count, low, mean, high, quality)  # type: ignore[arg-type]
+    for a, b in _runs(points.time, width_ms):
+        yield points.time[a] // width_ms * width_ms, _cut(points, a, b)

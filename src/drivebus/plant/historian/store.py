@@ -6,7 +6,7 @@ uncertain end (a connection lost during its commit) it changes nothing more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -170,6 +170,6 @@ class Store(Protocol):
 
     def events(self, window: Window) -> list[EventRow]: ...
 
-    def documents(self, kind: str, ids: Iterable[str] | None = None) -> list[Document]:
+    def documents(self, kind: str) -> list[Document]:
         """By id."""
         ...

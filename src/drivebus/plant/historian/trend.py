@@ -29,7 +29,7 @@ def level(from_ms: int, to_ms: int, points: int, floors: Mapping[Level, int]) ->
 def thinned(points: Points, one: Level, from_ms: int, to_ms: int, most: int) -> Points:
     """At most ``most`` points, in order, with a gap wherever nothing was recorded; ``points`` are in order."""
     width = GRAINS[one].width_ms
-    if one is not Level.RAW:
+    if one is not Level.RAW and len(points) <= 2 * most:
         points = roll(points, width)
     if len(points) <= most and len(shown := with_gaps(points, width)) <= most:
         return shown
