@@ -190,8 +190,8 @@ class _Parser:
     def _fail(self, expected: str) -> NoReturn:
         """``expected`` is an i18n key."""
         token = self._next
-        what = _Said(expected)
-        raise ConfigurationError("expression.syntax", column=token.column, found=token.text or "-", expected=what)
+        found = token.text or _Said("expression.end")
+        raise ConfigurationError("expression.syntax", column=token.column, found=found, expected=_Said(expected))
 
     def _or(self) -> Expression:
         parts = [self._and()]

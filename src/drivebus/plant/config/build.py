@@ -121,7 +121,7 @@ def _alarm(draft: Draft, id: str, one: AlarmTable) -> AlarmSetting:
         hysteresis=one.hysteresis,
         delay_s=one.delay_s,
         priority=Priority(one.priority),
-        title=_text(one.title, id),
+        title=_text(one.title, ""),
     )
 
 

@@ -131,7 +131,8 @@ def _placed(found: Sequence[Problem | Complaint], text: str, source: str) -> lis
     """Each with the line of its key, or of the nearest table above it."""
     lines: dict[tuple[str, ...], int] = {}
     for path, line in locate.keys(text):
-        lines.setdefault(path, line)
+        for depth in range(1, len(path) + 1):
+            lines.setdefault(path[:depth], line)
     told = [one if isinstance(one, Complaint) else _at(one, lines, source) for one in found]
     return sorted(told, key=lambda one: (one.file != source, one.line or 0))[:MOST]
 
