@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +15,21 @@ from fastapi import FastAPI
 
 from drivebus.plant.access.access import Access
 from drivebus.plant.access.passwords import Passwords
-from drivebus.plant.access.register import User
+from drivebus.plant.access.register import Register, User
 from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import Actor
 from drivebus.plant.model import WebSetting
 from drivebus.web.app import make_app
+from drivebus.web.refused import Refusals
 
 Json = dict[str, Any]
 BASE = "http://127.0.0.1:8080"
 PASSWORD = "correct horse battery"
 QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
 """As argon2, but a thousand times quicker: these tests are about who is asked, not about guessing offline."""
+
+
+USERS = Register(tuple(User(str(role), role, QUICK.hash(PASSWORD), 0) for role in Role))
 
 
 @dataclass
@@ -63,20 +68,32 @@ class Clock:
         return 1_800_000_000_000 + round(self.now * 1000)
 
 
+@cache
+def _app(web: WebSetting) -> tuple[FastAPI, Plant, Access]:
+    """An app costs a quarter of a second to make: one for all, with everything that it remembers taken away."""
+    plant, access = Plant(), Access(Path("/nonexistent"), passwords=Passwords(QUICK))
+    return make_app(plant, access, web), plant, access
+
+
 class House:
-    """An app, its plant, its users: one of each role, all with the same password."""
+    """An app, its plant, its users: one of each role, all with the same password. Only the newest one works."""
 
     def __init__(self, directory: Path, *, users: bool = True, web: WebSetting | None = None) -> None:
         self.clock = Clock()
-        self.plant = Plant()
-        self.directory = directory
-        self.access = Access(directory, passwords=Passwords(QUICK), clock=self.clock, wall=self.clock.wall_ms)
+        self.app, self.plant, self.access = _app(web or WebSetting())
+        self.plant.__init__()  # type: ignore[misc]
+        self.access.__init__(  # type: ignore[misc]
+            directory, passwords=self.access.passwords, clock=self.clock, wall=self.clock.wall_ms
+        )
+        self.refusals.__init__(self.plant, self.clock)  # type: ignore[misc]
         if users:
-            hashed = QUICK.hash(PASSWORD)
-            for role in Role:
-                user = User(str(role), role, hashed, 0)
-                self.access.file.change(lambda register, user=user: register.added(user))
-        self.app: FastAPI = make_app(self.plant, self.access, web or WebSetting())
+            self.access.file.change(lambda _: USERS)
+
+    @property
+    def refusals(self) -> Refusals:
+        """Those of the app's door."""
+        found: Refusals = self.app.user_middleware[0].kwargs["refusals"]
+        return found
 
     def client(self, base: str = BASE, **headers: str) -> httpx.AsyncClient:
         transport = httpx.ASGITransport(app=self.app, raise_app_exceptions=False, client=("127.0.0.1", 50000))
