@@ -1,0 +1,75 @@
+// A case: what was known when a drive tripped, frozen: signals of the last minute, parameters, frames.
+import { html, useMemo } from "../lib.js";
+import { both, language, t, titled } from "../i18n.js";
+import { api } from "../api.js";
+import { moment, signalName } from "../format.js";
+import { href } from "../router.js";
+import { drive } from "../store.js";
+import { styled } from "../style.js";
+import { Button, ErrorNote, Loading, Notice, Table, useLoaded } from "../ui.js";
+import { CaseList } from "../parts/caselist.js";
+import { saveText } from "../parts/save.js";
+import { stamp } from "../trend/labels.js";
+import { localeOf } from "../trend/locale.js";
+import { HUES } from "../trend/chart.js";
+import { Fixed } from "../trend/fixed.js";
+import { Trend } from "../trend/trend.js";
+
+await styled("pages");
+
+export function Page({ id }) {
+  if (id === null) return html`<h1>${t("plantpage.cases")}</h1><${CaseList} />`;
+  return html`<${OneCase} id=${id} />`;
+}
+
+function OneCase({ id }) {
+  const [found, error] = useLoaded(() => api.get(`/cases/${encodeURIComponent(id)}`), [id]);
+  if (!found) return html`<h1>${t("plantpage.case_n", { id })}</h1>${error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`}`;
+  const view = drive(found.drive).value;
+  return html`<h1>${view ? titled(view) : found.drive} · ${moment(found.time_ms)}</h1>
+    <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("plantpage.to_drive")}</a>
+      <a class="button" href=${href("alarms", null, { tab: "cases" })}>${t("plantpage.cases")}</a>
+      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found, null, 1))}>${t("plantpage.save_case")}<//></div>
+    <${Fault} fault=${found.fault} />
+    <section class="panel stack"><h2>${t("plantpage.case_signals")}</h2><${Signals} found=${found} /></section>
+    <section class="panel stack"><h2>${t("plantpage.case_parameters")}</h2><${Parameters} parameters=${found.parameters} /></section>
+    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${CaseFrames} frames=${found.frames ?? []} /></section>`;
+}
+
+function Fault({ fault }) {
+  if (!fault) return null;
+  const said = [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => both(text));
+  return html`<${Notice} kind="bad" title=${`${fault.label ?? fault.code}${t("page.colon")}${both(fault.text)}`}>
+    ${said.map(([name, text]) => html`<p key=${name}><b>${t(`plantpage.fault_${name}`)}</b>${t("page.colon")}${both(text)}</p>`)}<//>`;
+}
+
+/** The frozen samples as a trend of their own. */
+function Signals({ found }) {
+  const source = useMemo(() => new Fixed(found), [found]);
+  const lines = source.lines.map(({ tag, signal, unit }, at) => ({
+    tag, drive: found.drive, label: signalName(signal), unit, hue: at % HUES,
+  }));
+  if (lines.length === 0) return html`<p class="help">${t("page.nothing")}</p>`;
+  return html`<${Trend} lines=${lines} source=${source} window=${source.window} height=${320} />`;
+}
+
+function Parameters({ parameters }) {
+  const rows = Object.entries(parameters ?? {});
+  const columns = [
+    [t("plantpage.parameter"), ([name]) => html`<code>${name}</code>`],
+    [t("plantpage.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
+    [t("plantpage.value"), ([, one]) => `${one.value ?? "–"} ${one.unit ?? ""}`, "right"],
+    [t("plantpage.raw"), ([, one]) => one.raw ?? "–", "right"],
+  ];
+  return html`<${Table} caption=${t("plantpage.case_parameters")} columns=${columns} rows=${rows} keyOf=${([name]) => name} />`;
+}
+
+function CaseFrames({ frames }) {
+  const columns = [
+    [t("plantpage.time"), (frame) => stamp(frame.time_ms, localeOf(language.value))],
+    [t("plantpage.station"), (frame) => frame.station ?? "", "right"],
+    [t("plantpage.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
+    [t("plantpage.meaning"), (frame) => `${both(frame.text)} ${both(frame.error?.text)}`],
+  ];
+  return html`<${Table} caption=${t("plantpage.frames")} columns=${columns} rows=${frames} keyOf=${(frame) => frame.n} />`;
+}

@@ -1,0 +1,66 @@
+// History: any signals of any drives against each other, from a minute to a year, and the same as a file.
+import { html, useEffect, useMemo, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { api } from "../api.js";
+import { recall, remember } from "../memory.js";
+import { replaceQuery } from "../router.js";
+import { styled } from "../style.js";
+import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
+import { Export } from "../parts/export.js";
+import { SignalPicker, labelOf } from "../parts/signals.js";
+import { Trend } from "../trend/trend.js";
+import { HUES } from "../trend/chart.js";
+
+await styled("pages");
+
+/** More lines than this tell nobody anything, and the historian takes 50. */
+export const MOST = 16;
+
+export function Page({ query }) {
+  const [found, error] = useLoaded(() => api.get("/history/tags"), []);
+  if (error && !found) return html`<h1>${t("page.way_history")}</h1><${ErrorNote} error=${error} />`;
+  return html`<h1>${t("page.way_history")}</h1>${found ? html`<${Chosen} tags=${found.tags} query=${query} />` : html`<${Loading} />`}`;
+}
+
+function Chosen({ tags, query }) {
+  const [picked, setPicked] = useState(() => first(tags, query));
+  const [shown, setShown] = useState(null);
+  const known = useMemo(() => new Map(tags.map((tag) => [tag.tag, tag])), [tags]);
+  const lines = useLines(picked, known);
+  const change = (next) => { setPicked(next); remember("history", next); };
+  const from = Number(query.from) || null;
+  const to = Number(query.to) || null;
+  useEffect(() => {
+    const address = shown && !shown.live ? { from: Math.round(shown.window.from), to: Math.round(shown.window.to) } : {};
+    replaceQuery({ tags: picked.join(","), ...address });
+  }, [picked, shown?.live, shown?.live ? null : shown?.window]);
+  return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MOST} onChange=${change} />
+    ${picked.length === 0 ? html`<${Notice}>${t("plantpage.pick_signals")}<//>` : html`
+      <${Trend} lines=${lines} height=${380} span_s=${3600} window=${from && to > from ? { from, to } : null}
+        onWindow=${(window, live) => setShown({ window, live })} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
+      ${shown && html`<${Export} tags=${picked} window=${shown.window} />`}`}`;
+}
+
+/** What the address asks for, else what was looked at last, else the output frequencies. */
+function first(tags, query) {
+  const there = new Set(tags.map((tag) => tag.tag));
+  const asked = (query.tags ?? "").split(",").filter((tag) => there.has(tag));
+  const last = recall("history", []).filter((tag) => there.has(tag));
+  const usual = tags.filter((tag) => tag.signal === "output_frequency").slice(0, 4).map((tag) => tag.tag);
+  return [asked, last, usual].find((some) => some.length > 0)?.slice(0, MOST) ?? [];
+}
+
+/** A line keeps its colour while others come and go. */
+function useLines(picked, known) {
+  const [hues] = useState(() => new Map());
+  for (const tag of [...hues.keys()]) if (!picked.includes(tag)) hues.delete(tag);
+  for (const tag of picked) {
+    if (hues.has(tag)) continue;
+    const uses = Array.from({ length: HUES }, (_, hue) => [...hues.values()].filter((one) => one === hue).length);
+    hues.set(tag, uses.indexOf(Math.min(...uses)));
+  }
+  return picked.map((tag) => {
+    const found = known.get(tag);
+    return { tag, drive: found.drive, label: labelOf(found), unit: found.unit, hue: hues.get(tag) };
+  });
+}

@@ -1,0 +1,14 @@
+// Where an alarm is in its life, by shape and word: here and unseen, here and seen, over but unseen.
+import { html } from "../lib.js";
+import { t } from "../i18n.js";
+import { Icon } from "../icons.js";
+
+export function AlarmState({ alarm }) {
+  const [icon, word] = look(alarm);
+  return html`<span class="alarmstate"><${Icon} name=${icon} size=${18} /><b>${t(`plantpage.alarm_${word}`)}</b></span>`;
+}
+
+function look({ cleared_ms: cleared, acknowledged_ms: seen }) {
+  if (cleared === null) return seen === null ? ["fault", "unseen"] : ["warning", "seen"];
+  return seen === null ? ["unknown", "over_unseen"] : ["check", "over"];
+}

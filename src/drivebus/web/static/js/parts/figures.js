@@ -1,0 +1,29 @@
+// Shares, times and counts of the lines, as a reader wants them.
+import { known, t } from "../i18n.js";
+import { NOTHING } from "../format.js";
+
+/** A share of 1: "0.3 %"; small ones keep a digit that tells them from none. */
+export function percent(share) {
+  if (typeof share !== "number") return NOTHING;
+  const value = share * 100;
+  return `${value === 0 ? "0" : value < 0.1 ? "< 0.1" : value.toFixed(1)} %`;
+}
+
+/** Seconds as milliseconds, or as seconds from 10 s on. */
+export function milliseconds(seconds) {
+  if (typeof seconds !== "number") return NOTHING;
+  if (seconds >= 10) return `${seconds.toFixed(0)} s`;
+  const value = seconds * 1000;
+  return `${value < 10 ? value.toFixed(1) : value.toFixed(0)} ms`;
+}
+
+/** `{NoReply: 3, ChecksumError: 1}` in words: "no reply 3, checksum 1"; the class's own name where we have no word. */
+export function classes(counts, what) {
+  const found = Object.entries(counts ?? {}).filter(([, count]) => count > 0).sort(([, one], [, other]) => other - one);
+  return found.map(([name, count]) => `${wordOf(name, what)} ${count}`).join(t("page.comma"));
+}
+
+function wordOf(name, what) {
+  const key = `plantpage.${what}_${name.replace(/(?<=[a-z])(?=[A-Z])/g, "_").toLowerCase()}`;
+  return known(key) ? t(key) : name;
+}

@@ -1,0 +1,39 @@
+// A list that comes in parts: the newest first, older ones when asked for.
+import { html, useEffect, useRef, useState } from "../lib.js";
+import { api } from "../api.js";
+import { t } from "../i18n.js";
+import { Button, ErrorNote, Loading } from "../ui.js";
+
+const START = { items: [], next: null, busy: true, error: null };
+
+/** `query` is of strings and numbers; another one begins anew. Gives `{items, next, busy, error, more, reload}`. */
+export function usePaged(path, query) {
+  const [state, setState] = useState(START);
+  const asked = useRef(null);
+  const key = JSON.stringify([path, query]);
+
+  const load = async (cursor, kept) => {
+    asked.current?.abort();
+    const mine = asked.current = new AbortController();
+    setState((old) => ({ ...old, items: kept, busy: true, error: null }));
+    try {
+      const found = await api.get(path, { ...query, cursor }, { signal: mine.signal });
+      if (!mine.signal.aborted) setState({ items: [...kept, ...found.items], next: found.next, busy: false, error: null });
+    } catch (error) {
+      if (!mine.signal.aborted) setState((old) => ({ ...old, busy: false, error }));
+    }
+  };
+  useEffect(() => {
+    load(null, []);
+    return () => asked.current?.abort();
+  }, [key]);
+  return { ...state, more: () => load(state.next, state.items), reload: () => load(null, []) };
+}
+
+/** What stands below such a list: an error, that more is being asked for, or the way to more. */
+export function PagedEnd({ list }) {
+  if (list.error) return html`<${ErrorNote} error=${list.error} /><${Button} onClick=${list.reload}>${t("plantpage.try_again")}<//>`;
+  if (list.busy) return html`<${Loading} />`;
+  if (list.next === null) return html`<p class="help">${t("plantpage.list_end", { n: list.items.length })}</p>`;
+  return html`<${Button} onClick=${list.more}>${t("plantpage.show_more")}<//>`;
+}

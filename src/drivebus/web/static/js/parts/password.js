@@ -1,0 +1,31 @@
+// One's own password. Every other session of the user ends with the old one.
+import { html, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { api } from "../api.js";
+import { session } from "../session.js";
+import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
+
+const EMPTY = { old: "", new: "", again: "" };
+
+export function Password() {
+  const [given, setGiven] = useState(EMPTY);
+  const [run, busy, error, result] = useAsk();
+  const set = (name) => (event) => setGiven({ ...given, [name]: event.target.value });
+  const differ = given.again !== "" && given.again !== given.new;
+  const ready = given.old && given.new && given.again === given.new;
+  const send = async (event) => {
+    event.preventDefault();
+    const found = await run(() => api.post("/password", { old: given.old, new: given.new }));
+    if (!found) return;
+    session.value = found;
+    setGiven(EMPTY);
+  };
+  const input = (name, auto, label, wrong) => html`<${Field} label=${t(label)} wrong=${wrong}><input type="password" autocomplete=${auto}
+    value=${given[name]} onInput=${set(name)} /><//>`;
+  return html`<section class="panel"><h2>${t("plantpage.password")}</h2><form class="stack narrow" onSubmit=${send}>
+    ${input("old", "current-password", "plantpage.password_old")}
+    ${input("new", "new-password", "plantpage.password_new")}
+    ${input("again", "new-password", "plantpage.password_again", differ && t("plantpage.passwords_differ"))}
+    <${ErrorNote} error=${error} />${result && html`<${Notice} kind="good" live>${t("plantpage.password_changed")}<//>`}
+    <div class="row"><button class="button main" type="submit" disabled=${busy || !ready}>${t("plantpage.change_password")}</button></div></form></section>`;
+}

@@ -1,0 +1,13 @@
+// Files that the page itself writes: they go to the browser's downloads.
+
+/** A Blob under a name. */
+export function saveBlob(name, blob) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  // The browser reads the address after this turn of the loop.
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+export const saveText = (name, text) => saveBlob(name, new Blob([text], { type: "text/plain;charset=utf-8" }));

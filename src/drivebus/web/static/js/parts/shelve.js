@@ -1,0 +1,29 @@
+// To put an alarm aside for a while, with the reason: the next shift must be able to read why.
+import { html, useState } from "../lib.js";
+import { both, t } from "../i18n.js";
+import { api } from "../api.js";
+import { Button, Choice, Dialog, ErrorNote, Field, useAsk } from "../ui.js";
+
+const MINUTES = [15, 60, 240, 480, 1440];
+const SHORTEST_REASON = 3;
+
+export function ShelveDialog({ alarm, onClose }) {
+  const [minutes, setMinutes] = useState(60);
+  const [reason, setReason] = useState("");
+  const [run, busy, error] = useAsk();
+  const send = async (event) => {
+    event.preventDefault();
+    if (await run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes, reason: reason.trim() }))) onClose();
+  };
+  return html`<${Dialog} title=${t("plantpage.shelve_title")} onClose=${onClose}>
+    <p><strong>${both(alarm.title)}</strong></p><p>${t("plantpage.shelve_how")}</p>
+    <form class="stack" onSubmit=${send}>
+      <${Choice} label=${t("plantpage.shelve_for")} value=${minutes} onChange=${setMinutes}
+        options=${MINUTES.map((one) => [one, t(`plantpage.minutes_${one}`)])} />
+      <${Field} label=${t("plantpage.reason")} help=${t("plantpage.reason_help")}><input value=${reason} maxlength="500" data-first
+        onInput=${(event) => setReason(event.target.value)} /><//>
+      <${ErrorNote} error=${error} />
+      <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
+        <button class="button main" type="submit" disabled=${busy || reason.trim().length < SHORTEST_REASON}>${t("plantpage.shelve")}</button></div>
+    </form><//>`;
+}

@@ -1,0 +1,40 @@
+// To choose signals: by drive, by name, and whole kinds at once.
+import { html, useState } from "../lib.js";
+import { t, titled } from "../i18n.js";
+import { signalName } from "../format.js";
+import { drive } from "../store.js";
+import { Button, Field } from "../ui.js";
+
+const driveName = (id) => titled(drive(id).value ?? { id });
+
+/** "Fan 1 · output frequency". */
+export const labelOf = (tag) => `${driveName(tag.drive)} · ${signalName(tag.signal)}`;
+
+export function SignalPicker({ tags, picked, most, onChange }) {
+  const [sought, setSought] = useState("");
+  const words = sought.trim().toLowerCase().split(/\s+/).filter(Boolean);
+  const fits = (tag) => {
+    const text = `${tag.tag} ${labelOf(tag)} ${tag.unit}`.toLowerCase();
+    return words.every((word) => text.includes(word));
+  };
+  const byDrive = grouped(tags.filter(fits));
+  const full = picked.length >= most;
+  const toggle = (tag) => onChange(picked.includes(tag) ? picked.filter((one) => one !== tag) : [...picked, tag]);
+  return html`<details class="panel picker" open=${picked.length === 0}><summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
+    <div class="filters"><${Field} label=${t("plantpage.sought")}><input type="search" value=${sought}
+        onInput=${(event) => setSought(event.target.value)} /><//>
+      <${Button} disabled=${picked.length === 0} onClick=${() => onChange([])}>${t("plantpage.pick_none")}<//></div>
+    ${full && html`<p class="help" role="status">${t("plantpage.pick_full", { n: most })}</p>`}
+    <div class="pickdrives">${[...byDrive].map(([id, some]) => html`<fieldset key=${id}><legend>${driveName(id)}</legend>
+      ${some.map((tag) => html`<label class="check" key=${tag.tag}><input type="checkbox" checked=${picked.includes(tag.tag)}
+        disabled=${full && !picked.includes(tag.tag)} onChange=${() => toggle(tag.tag)} />
+        <span>${signalName(tag.signal)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span></label>`)}</fieldset>`)}</div>
+    ${byDrive.size === 0 && html`<p class="help">${t("page.nothing")}</p>`}</details>`;
+}
+
+/** Drive → its tags, in their order. */
+function grouped(tags) {
+  const found = new Map();
+  for (const tag of tags) found.set(tag.drive, [...(found.get(tag.drive) ?? []), tag]);
+  return found;
+}

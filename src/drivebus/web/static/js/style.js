@@ -1,0 +1,17 @@
+// Style sheets that only some pages need: loaded with the page's module, before it is drawn.
+const wanted = new Map();
+
+/** Resolves when `/static/css/<name>.css` is in force; a page without it is still usable. */
+export function styled(name) {
+  if (!wanted.has(name)) wanted.set(name, loaded(name.startsWith("/") ? name : `/static/css/${name}.css`));
+  return wanted.get(name);
+}
+
+function loaded(address) {
+  const link = document.createElement("link");
+  link.rel = "stylesheet";
+  link.href = address;
+  const done = new Promise((resolve) => { link.onload = link.onerror = resolve; });
+  document.head.append(link);
+  return done;
+}

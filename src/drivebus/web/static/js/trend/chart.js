@@ -1,0 +1,203 @@
+// One uPlot on the page: lines with their band from lowest to highest, a dashed line where a value is uncertain,
+// nothing where it is not known, and strips, markers and rulers that `paint` draws.
+
+import uPlot from "../../../vendor/uplot.js";
+import { COLUMNS } from "./columns.js";
+import { dayLine, timeLabel } from "./labels.js";
+import { paint } from "./paint.js";
+
+/** So many colours of lines; more lines than these share them. */
+export const HUES = 8;
+const AXIS_PX = 46;
+/** Below this width only two units keep their axis: the others are read in the table. */
+const NARROW_PX = 560;
+
+/** What a chart takes from the style sheet, so that a theme changes it too. */
+export function colours(host) {
+  const style = getComputedStyle(host);
+  const named = (name) => style.getPropertyValue(name).trim();
+  return {
+    ink: named("--soft"), grid: named("--grid"), font: style.fontFamily, fault: named("--urgent"), mark: named("--ink"),
+    lines: Array.from({ length: HUES }, (_, at) => named(`--trace-${at + 1}`)),
+  };
+}
+
+export class Chart {
+  /**
+   * @param host the element it lives in, whose width it takes
+   * @param hooks `{selected({from, to}), pointed(ms | null), drawn()}`
+   */
+  constructor(host, hooks) {
+    this.host = host;
+    this.hooks = hooks;
+    this.extras = { markers: [], strips: [] };
+    this.window = { from: 0, to: 1 };
+    this.plot = null;
+  }
+
+  /** New lines, language, theme or size: a new plot. `lines` are `{tag, label, unit, hue}`. */
+  build(lines, { height, locale }) {
+    this.plot?.destroy();
+    this.colours = colours(this.host);
+    this.lines = lines;
+    const width = Math.max(200, this.host.clientWidth);
+    this.plot = new uPlot(this._options(lines, width, height, locale), this._empty(), this.host);
+    return this.plot;
+  }
+
+  /** Show a table of `columns.table` in a window. `extras` are `{markers, strips}`. */
+  draw(data, window, extras) {
+    this.window = window;
+    this.extras = extras;
+    this.plot.batch(() => {
+      this.plot.setData(data, false);
+      this.plot.setScale("x", { min: window.from, max: window.to });
+    });
+  }
+
+  /** Shows all lines but the tags in `hidden`. */
+  show(hidden) {
+    this.lines.forEach((line, at) => {
+      const isShown = !hidden.has(line.tag);
+      if (this.plot.series[1 + at * COLUMNS].show === isShown) return;
+      for (let column = 0; column < COLUMNS; column += 1) this.plot.setSeries(1 + at * COLUMNS + column, { show: isShown });
+    });
+  }
+
+  resize(height) {
+    const width = Math.max(200, this.host.clientWidth);
+    if (this.plot && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
+  }
+
+  destroy() {
+    this.plot?.destroy();
+    this.plot = null;
+  }
+
+  _empty() {
+    return [[], ...this.lines.flatMap(() => [[], [], [], []])];
+  }
+
+  _options(lines, width, height, locale) {
+    const units = [...new Set(lines.map((line) => line.unit))];
+    const shown = width < NARROW_PX ? units.slice(0, 2) : units;
+    return {
+      width, height, ms: 1, legend: { show: false }, padding: [10, shown.length > 1 ? 0 : 12, 0, 0],
+      cursor: {
+        y: false, points: { size: 7 }, drag: { x: true, y: false, setScale: false },
+        dataIdx: nearest,
+      },
+      scales: Object.fromEntries([["x", { time: true, auto: false }], ...units.map((unit) => [scale(unit), Y])]),
+      axes: [this._timeAxis(locale), ...shown.map((unit, at) => this._valueAxis(unit, at))],
+      series: [{}, ...lines.flatMap((line) => this._series(line))],
+      bands: lines.map((line, at) => ({
+        series: [1 + at * COLUMNS, 2 + at * COLUMNS], fill: faint(this._hue(line)),
+      })),
+      hooks: {
+        draw: [(plot) => { paint(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
+        setSelect: [(plot) => this._selected(plot)],
+        setCursor: [(plot) => this.hooks.pointed?.(pointed(plot))],
+      },
+    };
+  }
+
+  _hue(line) {
+    return this.colours.lines[line.hue % this.colours.lines.length];
+  }
+
+  _series(line) {
+    const plain = { scale: scale(line.unit), label: line.label };
+    const edge = { ...plain, stroke: "transparent", width: 0, points: { show: false } };
+    const stroke = this._hue(line);
+    return [
+      edge, edge,
+      { ...plain, stroke, width: 1.75, points: { size: 5, filter: lonely } },
+      { ...plain, stroke, width: 1.75, dash: [5, 4], points: { show: false } },
+    ];
+  }
+
+  _timeAxis(locale) {
+    return {
+      stroke: this.colours.ink, font: this._font(), grid: this._lines(), ticks: this._lines(), space: 72, size: 46,
+      values: (plot, splits) => {
+        const span = plot.scales.x.max - plot.scales.x.min;
+        let day = "";
+        return splits.map((at) => {
+          const below = dayLine(at, span, locale);
+          const isNew = below !== day;
+          day = below;
+          return timeLabel(at, span, locale) + (isNew && below ? `\n${below}` : "");
+        });
+      },
+    };
+  }
+
+  _valueAxis(unit, at) {
+    return {
+      scale: scale(unit), side: at % 2 ? 1 : 3, size: AXIS_PX, stroke: this.colours.ink, font: this._font(),
+      grid: at ? { show: false } : this._lines(), ticks: this._lines(), space: 34,
+      label: unit || " ", labelSize: 18, labelGap: 0, labelFont: this._font(),
+      values: (_, splits) => splits.map((value) => tick(value, splits)),
+    };
+  }
+
+  _lines() {
+    return { stroke: this.colours.grid, width: 1 };
+  }
+
+  _font() {
+    return `12px ${this.colours.font}`;
+  }
+
+  _selected(plot) {
+    const { left, width } = plot.select;
+    if (width < 6) return;
+    const [from, to] = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.hooks.selected({ from, to });
+  }
+}
+
+const Y = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
+/** As many decimals as tell one tick from the next. */
+function tick(value, splits) {
+  const apart = Math.abs((splits[1] ?? 1) - (splits[0] ?? 0)) || 1;
+  return value.toFixed(Math.max(0, Math.min(4, -Math.floor(Math.log10(apart) + 1e-9))));
+}
+
+const scale = (unit) => `y ${unit}`;
+const faint = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
+const pointed = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
+
+/** The point under the cursor of a column: the nearest known one, since tags were not read at the same moments. */
+function nearest(plot, column, at) {
+  const values = plot.data[column];
+  for (let away = 0; away < 60; away += 1) {
+    if (values[at - away] !== undefined && values[at - away] !== null) return at - away;
+    if (values[at + away] !== undefined && values[at + away] !== null) return at + away;
+  }
+  return at;
+}
+
+/** A sample between two gaps has no line: it is drawn as a point, so that it is not lost. */
+function lonely(plot, column, show) {
+  if (show) return null;
+  const values = plot.data[column];
+  const uncertain = plot.data[column + 1];
+  const [first, last] = plot.series[0].idxs ?? [0, values.length - 1];
+  const isGap = (at) => values[at] === null && (uncertain[at] ?? null) === null;
+  const alone = [];
+  for (let at = first; at <= last; at += 1) {
+    if (values[at] !== null && values[at] !== undefined && beside(values, at, -1, isGap) && beside(values, at, 1, isGap)) {
+      alone.push(at);
+    }
+  }
+  return alone;
+}
+
+/** Is the neighbour that belongs to this tag a gap? Times of other tags are undefined here. */
+function beside(values, at, way, isGap) {
+  let other = at + way;
+  while (other >= 0 && other < values.length && values[other] === undefined) other += way;
+  return other < 0 || other >= values.length || isGap(other);
+}

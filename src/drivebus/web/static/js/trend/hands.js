@@ -1,0 +1,95 @@
+// What hands do with a chart: wheel, drag, pinch and keys become windows of time. A drag without Shift selects a
+// stretch, which uPlot itself draws; a wheel without Ctrl scrolls the page, as everywhere.
+
+import { panned, zoomed } from "./window.js";
+
+const WHEEL_STEP = 0.0015;
+const PAN_STEP = 0.1;
+
+/**
+ * @param over the element above the plot
+ * @param host the element that has the keyboard's focus
+ * @param to `{window(), show(window), out(), live()}`
+ * @returns a function that takes all of it away again
+ */
+export function lend(over, host, to) {
+  const gone = new AbortController();
+  const on = (element, name, heard, options = {}) =>
+    element.addEventListener(name, heard, { signal: gone.signal, ...options });
+  const share = (x) => (x - over.getBoundingClientRect().left) / over.clientWidth;
+  const momentAt = (x) => {
+    const { from, to: end } = to.window();
+    return from + share(x) * (end - from);
+  };
+
+  on(over, "wheel", (event) => {
+    const sideways = event.shiftKey ? event.deltaY || event.deltaX : event.deltaX;
+    if (event.ctrlKey || event.metaKey) {
+      to.show(zoomed(to.window(), Math.exp(event.deltaY * WHEEL_STEP * 3), momentAt(event.clientX)));
+    } else if (Math.abs(sideways) > Math.abs(event.deltaY) || event.shiftKey) {
+      to.show(panned(to.window(), sideways / over.clientWidth));
+    } else return;
+    event.preventDefault();
+  }, { passive: false });
+
+  drags(over, on, to, momentAt);
+  on(over, "dblclick", () => to.out());
+  on(host, "keydown", (event) => {
+    if (event.target !== host || event.ctrlKey || event.metaKey || event.altKey) return;
+    const act = KEYS[event.key];
+    if (!act) return;
+    act(to);
+    event.preventDefault();
+  });
+  return () => gone.abort();
+}
+
+const KEYS = {
+  ArrowLeft: (to) => to.show(panned(to.window(), -PAN_STEP)),
+  ArrowRight: (to) => to.show(panned(to.window(), PAN_STEP)),
+  PageUp: (to) => to.show(panned(to.window(), -1)),
+  PageDown: (to) => to.show(panned(to.window(), 1)),
+  "+": (to) => to.show(zoomed(to.window(), 0.5)),
+  "=": (to) => to.show(zoomed(to.window(), 0.5)),
+  "-": (to) => to.show(zoomed(to.window(), 2)),
+  Backspace: (to) => to.out(),
+  End: (to) => to.live(),
+};
+
+/** Shift or the middle button moves a mouse's window; one finger moves it, two stretch it. */
+function drags(over, on, to, momentAt) {
+  const fingers = new Map();
+  let last = null;
+
+  on(over, "mousedown", (event) => {
+    if (!event.shiftKey && event.button !== 1) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    last = event.clientX;
+  }, { capture: true });
+  on(window, "mousemove", (event) => {
+    if (last === null) return;
+    to.show(panned(to.window(), (last - event.clientX) / over.clientWidth));
+    last = event.clientX;
+  });
+  on(window, "mouseup", () => { last = null; });
+
+  on(over, "pointerdown", (event) => {
+    if (event.pointerType !== "touch") return;
+    fingers.set(event.pointerId, event.clientX);
+    over.setPointerCapture(event.pointerId);
+  });
+  on(over, "pointermove", (event) => {
+    if (!fingers.has(event.pointerId)) return;
+    const before = [...fingers.values()];
+    fingers.set(event.pointerId, event.clientX);
+    const after = [...fingers.values()];
+    if (after.length === 1) {
+      to.show(panned(to.window(), (before[0] - after[0]) / over.clientWidth));
+    } else if (after.length === 2) {
+      const wide = ([one, other]) => Math.max(20, Math.abs(one - other));
+      to.show(zoomed(to.window(), wide(before) / wide(after), momentAt((after[0] + after[1]) / 2)));
+    }
+  });
+  for (const name of ["pointerup", "pointercancel"]) on(over, name, (event) => fingers.delete(event.pointerId));
+}

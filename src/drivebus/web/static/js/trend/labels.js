@@ -1,0 +1,58 @@
+// Times as a chart and its table write them. Pure; one formatter a shape and language, since making one is slow.
+
+const made = new Map();
+
+function formatter(locale, shape) {
+  const key = `${locale} ${JSON.stringify(shape)}`;
+  if (!made.has(key)) made.set(key, new Intl.DateTimeFormat(locale, shape));
+  return made.get(key);
+}
+
+const CLOCK = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
+const SECONDS = { ...CLOCK, second: "2-digit" };
+const DAY = { month: "short", day: "numeric" };
+const MONTH = { year: "numeric", month: "short" };
+const HOUR_MS = 3_600_000;
+const DAY_MS = 24 * HOUR_MS;
+
+/** The first line below a tick: as fine as the span needs. */
+export function timeLabel(at, span, locale) {
+  if (span > 200 * DAY_MS) return formatter(locale, MONTH).format(at);
+  if (span > 4 * DAY_MS) return formatter(locale, DAY).format(at);
+  return formatter(locale, span > HOUR_MS / 2 ? CLOCK : SECONDS).format(at);
+}
+
+/** The second line: the day or the year that the first one leaves out. */
+export function dayLine(at, span, locale) {
+  if (span > 200 * DAY_MS) return "";
+  if (span > 4 * DAY_MS) return formatter(locale, { year: "numeric" }).format(at);
+  return formatter(locale, DAY).format(at);
+}
+
+/** A moment in full, with milliseconds where `isFine`. */
+export function moment(at, locale, isFine = false) {
+  const shape = { year: "numeric", month: "2-digit", day: "2-digit", ...SECONDS };
+  return formatter(locale, isFine ? { ...shape, fractionalSecondDigits: 3 } : shape).format(at);
+}
+
+/** A time of day with milliseconds, for lines that follow each other closely. */
+export const stamp = (at, locale) => formatter(locale, { ...SECONDS, fractionalSecondDigits: 3 }).format(at);
+
+/** A moment as an input of type datetime-local takes it, in local time. */
+export function forInput(at) {
+  const local = new Date(at - new Date(at).getTimezoneOffset() * 60_000);
+  return local.toISOString().slice(0, 19);
+}
+
+/** The two biggest parts of a duration: "3 min 20 s". `unit(name)` is the word of a unit. */
+export function duration(span, unit) {
+  const parts = [["d", DAY_MS], ["h", HOUR_MS], ["min", 60_000], ["s", 1000]];
+  let rest = Math.abs(span);
+  const found = [];
+  for (const [name, size] of parts) {
+    const count = name === "s" ? Math.round(rest / 100) / 10 : Math.floor(rest / size);
+    if (name !== "s") rest -= count * size;
+    if (count && found.length < 2) found.push(`${count} ${unit(name)}`);
+  }
+  return (span < 0 ? "−" : "") + (found.join(" ") || `0 ${unit("s")}`);
+}

@@ -1,0 +1,101 @@
+// What a chart draws besides its lines: markers of commands, faults and alarms, strips where a value was not good.
+
+import { BAD } from "./columns.js";
+
+/** A kind has a shape of its own, never only a colour. */
+const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
+const STRIP_PX = 4;
+
+export function paint(plot, { markers, strips }, colours) {
+  const { ctx } = plot;
+  const ratio = devicePixelRatio;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
+  ctx.clip();
+  strips.forEach((strip, row) => paintStrip(plot, strip, row, colours, ratio));
+  for (const group of clustered(plot, markers, 12 * ratio)) paintMarker(plot, group, colours, ratio);
+  ctx.restore();
+}
+
+/** Markers nearer to each other than a finger is wide are one, with their number. */
+export function clustered(plot, markers, width) {
+  const groups = [];
+  for (const marker of markers) {
+    const x = plot.valToPos(marker.t, "x", true);
+    if (x < plot.bbox.left - width || x > plot.bbox.left + plot.bbox.width + width) continue;
+    const last = groups.at(-1);
+    if (last && x - last.x < width) last.markers.push(marker);
+    else groups.push({ x, markers: [marker] });
+  }
+  return groups;
+}
+
+/** The gravest of a group gives it its shape. */
+const GRAVITY = ["fault", "alarm", "stop", "command"];
+
+function paintMarker(plot, { x, markers }, colours, ratio) {
+  const kind = GRAVITY.find((name) => markers.some((marker) => marker.shape === name)) ?? "command";
+  const { ctx } = plot;
+  const top = plot.bbox.top;
+  ctx.strokeStyle = ctx.fillStyle = kind === "fault" || kind === "alarm" ? colours.fault : colours.mark;
+  ctx.lineWidth = ratio;
+  ctx.setLineDash([2 * ratio, 3 * ratio]);
+  ctx.beginPath();
+  ctx.moveTo(Math.round(x), top + 12 * ratio);
+  ctx.lineTo(Math.round(x), top + plot.bbox.height);
+  ctx.stroke();
+  ctx.setLineDash([]);
+  ctx.lineWidth = 2 * ratio;
+  SHAPES[kind](ctx, x, top + 7 * ratio, 4.5 * ratio);
+  if (markers.length > 1) {
+    ctx.font = `${11 * ratio}px ${colours.font}`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = "middle";
+    ctx.fillText(String(markers.length), x + 7 * ratio, top + 7 * ratio);
+  }
+}
+
+function paintStrip(plot, { stretches, hue }, row, colours, ratio) {
+  const { ctx } = plot;
+  const [left, right] = [plot.bbox.left, plot.bbox.left + plot.bbox.width];
+  const y = plot.bbox.top + plot.bbox.height - (row + 1) * (STRIP_PX + 1) * ratio;
+  ctx.fillStyle = colours.lines[hue % colours.lines.length];
+  for (const { from, to, q } of stretches) {
+    const x = Math.max(left, plot.valToPos(from, "x", true));
+    const end = Math.min(right, Math.max(x + ratio, plot.valToPos(to, "x", true)));
+    if (end < left || x > right) continue;
+    if (q === BAD) ctx.fillRect(x, y, end - x, STRIP_PX * ratio);
+    else for (let at = x; at < end; at += 6 * ratio) ctx.fillRect(at, y, Math.min(3 * ratio, end - at), STRIP_PX * ratio);
+  }
+}
+
+function triangle(ctx, x, y, r) {
+  ctx.beginPath();
+  ctx.moveTo(x, y + r);
+  ctx.lineTo(x - r, y - r);
+  ctx.lineTo(x + r, y - r);
+  ctx.fill();
+}
+
+function square(ctx, x, y, r) {
+  ctx.fillRect(x - r * 0.8, y - r * 0.8, r * 1.6, r * 1.6);
+}
+
+function diamond(ctx, x, y, r) {
+  ctx.beginPath();
+  ctx.moveTo(x, y - r);
+  ctx.lineTo(x + r, y);
+  ctx.lineTo(x, y + r);
+  ctx.lineTo(x - r, y);
+  ctx.fill();
+}
+
+function cross(ctx, x, y, r) {
+  ctx.beginPath();
+  ctx.moveTo(x - r, y - r);
+  ctx.lineTo(x + r, y + r);
+  ctx.moveTo(x + r, y - r);
+  ctx.lineTo(x - r, y + r);
+  ctx.stroke();
+}

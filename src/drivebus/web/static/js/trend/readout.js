@@ -1,0 +1,79 @@
+// The table below a chart: what each line is worth where the pointer or a ruler stands, and within the window.
+import { html, useComputed } from "../lib.js";
+import { language, t } from "../i18n.js";
+import { NOTHING, number, reading } from "../format.js";
+import { drive } from "../store.js";
+import { Value } from "../ui.js";
+import { Icon } from "../icons.js";
+import { BAD, UNCERTAIN, step, summary, valueAt } from "./columns.js";
+import { duration, moment } from "./labels.js";
+import { localeOf } from "./locale.js";
+
+/** How far a sample may be from a moment and still be its value, in typical distances of two samples. */
+const REACH_STEPS = 3;
+
+export function Readout({ view, source, lines, onRemove }) {
+  const { a, b } = view.rulers.value ?? {};
+  const rulers = view.rulers.value !== null;
+  const heads = rulers ? ["at_a", "at_b", "difference"] : ["lowest", "mean", "highest"];
+  return html`<div class="trend-readout"><table class="data">
+    <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} />`}</caption>
+    <thead><tr><th scope="col">${t("plantpage.signal")}</th><th scope="col" class="right">${t("plantpage.value")}</th>
+      ${heads.map((head) => html`<th key=${head} scope="col" class="right more">${t(`plantpage.${head}`)}</th>`)}
+      ${onRemove && html`<th><span class="sr">${t("plantpage.remove")}</span></th>`}</tr></thead>
+    <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
+      onRemove=${onRemove} />`)}</tbody></table></div>`;
+}
+
+function Where({ view }) {
+  const at = view.pointed.value;
+  return at === null ? t("plantpage.values_now") : t("plantpage.values_at", { time: moment(at, localeOf(language.value), true) });
+}
+
+function rulersText(a, b) {
+  const locale = localeOf(language.value);
+  const apart = duration(b - a, (unit) => t(`plantpage.unit_${unit}`));
+  return t("plantpage.rulers_at", { a: moment(a, locale), b: moment(b, locale), apart });
+}
+
+function Row({ line, view, source, onRemove }) {
+  const figures = useComputed(() => {
+    source.series.value;
+    const series = source.whole()[line.tag];
+    const { a, b } = view.rulers.value ?? {};
+    if (a === undefined) {
+      const found = summary(series, view.window.value);
+      return [found?.low, found?.mean, found?.high].map((value) => ({ value: value ?? null }));
+    }
+    const [one, other] = [near(series, a), near(series, b)];
+    const known = one?.value != null && other?.value != null;
+    return [one, other, { value: known ? other.value - one.value : null }];
+  });
+  const hidden = view.hidden.value.has(line.tag);
+  return html`<tr class=${hidden ? "off" : ""}>
+    <th scope="row"><button type="button" class="trend-line" aria-pressed=${hidden ? "false" : "true"}
+      onClick=${() => view.toggleLine(line.tag)} title=${t("plantpage.show_line")}>
+      <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
+    <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
+    ${figures.value.map((found, n) => html`<td key=${n} class="right more">${shown(found, line.unit)}</td>`)}
+    ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
+      aria-label=${t("plantpage.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button></td>`}</tr>`;
+}
+
+/** The value where the pointer is, else the newest one of the live line. */
+function Now({ line, view, source }) {
+  const at = view.pointed.value;
+  if (at !== null) return shown(near(source.whole()[line.tag], at), line.unit, true);
+  const dot = line.tag.indexOf(".");
+  const found = source.isFixed ? null : reading(drive(line.drive).value, line.tag.slice(dot + 1));
+  return found ? html`<${Value} found=${found} />` : NOTHING;
+}
+
+const near = (series, moment) => valueAt(series, moment, Math.max(1500, REACH_STEPS * step(series)));
+
+function shown(found, unit, withUnit = false) {
+  if (!found || found.value === null) return html`<span title=${found?.q === BAD ? t("plantpage.not_known") : undefined}>${NOTHING}</span>`;
+  const doubt = found.q === UNCERTAIN;
+  return html`<span class=${doubt ? "uncertain" : ""}>${number(found.value, unit)}${withUnit && unit ? ` ${unit}` : ""}
+    ${doubt && html` <abbr title=${t("plantpage.uncertain")}>?</abbr>`}</span>`;
+}

@@ -1,0 +1,44 @@
+// The buttons of a trend: its span, its way through time, its rulers; and what its points are.
+import { html } from "../lib.js";
+import { language, t } from "../i18n.js";
+import { Button, Choice } from "../ui.js";
+import { duration, moment } from "./labels.js";
+import { localeOf } from "./locale.js";
+import { SPANS_S, panned } from "./window.js";
+
+const nameOf = (seconds) => t(`plantpage.span_${seconds}`);
+
+export function Toolbar({ view, source }) {
+  const { from, to } = view.window.value;
+  const span = to - from;
+  const chosen = SPANS_S.find((seconds) => Math.abs(seconds * 1000 - span) < 50) ?? null;
+  return html`<div class="trend-tools">
+    <${Choice} label=${t("plantpage.span")} value=${chosen} options=${SPANS_S.map((one) => [one, nameOf(one)])}
+      onChange=${(seconds) => view.span_s(seconds)} />
+    <div class="trend-ways" role="group" aria-label=${t("plantpage.trend_ways")}>
+      ${tool("plantpage.earlier", "◀", () => view.show(panned(view.window.peek(), -0.5)))}
+      ${tool("plantpage.zoom_in", "+", () => view.zoom(0.5))}
+      ${tool("plantpage.zoom_out", "−", () => view.zoom(2))}
+      ${tool("plantpage.later", "▶", () => view.show(panned(view.window.peek(), 0.5)), view.isLive.value)}
+      <${Button} aria-pressed=${view.isLive.value ? "true" : "false"} class="toggle" data-trend="live"
+        onClick=${() => (view.isLive.peek() ? view.pause() : view.follow())}>${t("plantpage.live")}<//>
+      <${Button} aria-pressed=${view.rulers.value ? "true" : "false"} class="toggle" data-trend="rulers"
+        onClick=${() => view.toggleRulers()}>${t("plantpage.rulers")}<//>
+    </div>
+    <p class="trend-said"><${Shown} view=${view} source=${source} /></p></div>`;
+}
+
+const tool = (key, sign, act, disabled = false) => html`<${Button} key=${key} class="sign" onClick=${act}
+  disabled=${disabled} aria-label=${t(key)} title=${t(key)}>${sign}<//>`;
+
+/** What is on the screen, in words: from when to when, and what one point stands for. */
+function Shown({ view, source }) {
+  const locale = localeOf(language.value);
+  const { from, to } = view.window.value;
+  const resolution = source.resolution.value;
+  const length = duration(to - from, (unit) => t(`plantpage.unit_${unit}`));
+  return html`<span class="trend-window">${moment(from, locale)} – ${moment(to, locale)} · ${length}</span>
+    ${resolution && html` <span>${t(`plantpage.points_${resolution}`)}</span>`}
+    <span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
+      ? t("page.loading") : ""}${source.error.value ? t("plantpage.trend_failed", { why: source.error.value.sentence }) : ""}</span>`;
+}

@@ -1,0 +1,151 @@
+// A trend: signals over time, with zoom, pan, rulers and markers, from a minute to a year.
+//
+// html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
+import { html, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
+import { language, t } from "../i18n.js";
+import { theme } from "../theme.js";
+import { plantNow } from "../store.js";
+import { Chart } from "./chart.js";
+import { stretches, table } from "./columns.js";
+import { Events } from "./events.js";
+import { lend } from "./hands.js";
+import { Readout } from "./readout.js";
+import { localeOf } from "./locale.js";
+import { rulers } from "./rulers.js";
+import { SHAPES, Source } from "./source.js";
+import { styled } from "../style.js";
+import { Toolbar } from "./toolbar.js";
+import { View } from "./view.js";
+import { drawEvery, fetchEvery } from "./window.js";
+
+await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);
+
+const LISTEN_MS = 250;
+
+/**
+ * @param lines `{tag, drive, label, unit, hue}` each; `hue` 0 to 7 is its colour
+ * @param span_s seconds that it follows at first
+ * @param window `{from, to}` to begin with instead
+ * @param source where samples come from; the historian and the live values where left out
+ * @param onWindow told of every window, e.g. to export what is shown
+ * @param onRemove a line's × was pressed (tag); no × where left out
+ */
+export function Trend({ lines, span_s = 600, window = null, source: given, onWindow, onRemove, height = 300 }) {
+  const view = useMemo(() => new View(span_s, window), []);
+  const source = useMemo(() => given ?? new Source(), []);
+  const host = useRef(null);
+  const scene = useMemo(() => new Scene(view, source), []);
+  const tags = lines.map((line) => line.tag).join(" ");
+
+  useEffect(() => {
+    source.choose(lines.map((line) => line.tag), [...new Set(lines.map((line) => line.drive))]);
+    source.want(view.window.peek());
+  }, [tags]);
+  useEffect(() => scene.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
+  useEffect(() => scene.run(), []);
+  useSignalEffect(() => {
+    onWindow?.(view.window.value, view.isLive.value);
+    source.want(view.window.value);
+    scene.soon();
+  });
+  useSignalEffect(() => { source.series.value; source.markers.value; scene.renewed(); });
+  useSignalEffect(() => { view.rulers.value; view.hidden.value; scene.soon(); });
+
+  return html`<section class="trend" aria-label=${t("plantpage.trend")}>
+    <${Toolbar} view=${view} source=${source} />
+    <div class="trend-plot" ref=${host} tabindex="0" role="group" aria-label=${t("plantpage.trend_keys")}></div>
+    <${Readout} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
+    <${Events} view=${view} source=${source} />
+  </section>`;
+}
+
+/** The chart and what keeps it drawn: imperative, beside the component's life. */
+class Scene {
+  constructor(view, source) {
+    this.view = view;
+    this.source = source;
+    this.data = null;
+    this.asked = 0;
+  }
+
+  /** A new plot in its place; the function it gives takes it away. */
+  mount(host, lines, height) {
+    const { view } = this;
+    this.lines = lines;
+    this.data = null;
+    const locale = localeOf(language.peek());
+    this.chart = new Chart(host, {
+      selected: (window) => view.show(window, { isStep: true }),
+      pointed: (moment) => { view.pointed.value = moment; },
+      drawn: () => this.rulers?.place(),
+    });
+    const plot = this.chart.build(lines, { height, locale });
+    this.rulers = rulers(plot.over, {
+      window: () => view.window.peek(), rulers: () => view.rulers.peek(), locale,
+      moved: (next) => { view.rulers.value = next; },
+    });
+    const hands = lend(plot.over, host, {
+      window: () => view.window.peek(), show: (next) => view.show(next),
+      out: () => view.out(), live: () => view.follow(),
+    });
+    const watch = new ResizeObserver(() => { this.chart.resize(height); });
+    watch.observe(host);
+    this.soon();
+    return () => {
+      watch.disconnect();
+      hands();
+      this.chart.destroy();
+      this.chart = null;
+    };
+  }
+
+  /** Follows the present: listens often, draws as often as a pixel moves, asks the historian now and then. */
+  run() {
+    let [drawn, asked] = [plantNow(), plantNow()];
+    const timer = setInterval(() => {
+      this.source.listen();
+      if (!this.view.isLive.peek() || document.hidden) return;
+      const [now, span] = [plantNow(), this.view.span];
+      if (now - drawn < drawEvery(span)) return;
+      drawn = now;
+      this.data = null;
+      this.view.follow();
+      if (now - asked < fetchEvery(span)) return;
+      asked = now;
+      this.source.want(this.view.window.peek(), { again: true });
+    }, LISTEN_MS);
+    return () => {
+      clearInterval(timer);
+      cancelAnimationFrame(this.asked);
+      this.source.close();
+    };
+  }
+
+  renewed() {
+    this.data = null;
+    this.soon();
+  }
+
+  /** Draws in the next frame of the screen, once however often it was asked for. */
+  soon() {
+    cancelAnimationFrame(this.asked);
+    this.asked = requestAnimationFrame(() => this.draw());
+  }
+
+  draw() {
+    if (!this.chart) return;
+    if (!this.data) this._gather();
+    const { items } = this.source.markers.peek();
+    const markers = items.map((event) => ({ t: event.time_ms, shape: SHAPES[event.kind] }));
+    this.chart.show(this.view.hidden.peek());
+    this.chart.draw(this.data, this.view.window.peek(), { markers, strips: this.strips });
+  }
+
+  _gather() {
+    const series = this.source.whole();
+    this.data = table(this.lines.map((line) => line.tag), series);
+    this.strips = this.lines
+      .map((line) => ({ hue: line.hue, stretches: stretches(series[line.tag]) }))
+      .filter((strip) => strip.stretches.length);
+  }
+}

@@ -1,0 +1,82 @@
+// The state of one trend: its window, whether it follows the present, what is pointed at, and its two rulers.
+import { signal } from "../lib.js";
+import { plantNow } from "../store.js";
+import { clamped, lawful, zoomed } from "./window.js";
+
+const REMEMBERED = 50;
+
+export class View {
+  /** Follows the last `span_s` seconds, or shows a given window. */
+  constructor(span_s, window = null) {
+    const now = plantNow();
+    this.window = signal(window ?? { from: now - span_s * 1000, to: now });
+    this.isLive = signal(window === null);
+    /** The moment under the pointer, null outside. */
+    this.pointed = signal(null);
+    /** `{a, b}` in ms, or null while they are put away. */
+    this.rulers = signal(null);
+    this.hidden = signal(new Set());
+    this.before = [];
+  }
+
+  get span() {
+    const { from, to } = this.window.peek();
+    return to - from;
+  }
+
+  /** Another window. Nothing of the future can be shown: at its edge a window follows the present. */
+  show(window, { isStep = false } = {}) {
+    if (isStep) this._remember();
+    const { from, to } = lawful(window);
+    const now = plantNow();
+    this.isLive.value = to >= now;
+    this.window.value = to >= now ? { from: now - (to - from), to: now } : { from, to };
+  }
+
+  /** So many seconds: up to now while following, around the middle else. */
+  span_s(seconds) {
+    this._remember();
+    if (this.isLive.peek()) this.follow(seconds * 1000);
+    else this.show(zoomed(this.window.peek(), (seconds * 1000) / this.span));
+  }
+
+  zoom(factor) {
+    this._remember();
+    if (this.isLive.peek()) this.follow(clamped(this.span * factor));
+    else this.show(zoomed(this.window.peek(), factor));
+  }
+
+  follow(span = this.span) {
+    const now = plantNow();
+    this.isLive.value = true;
+    this.window.value = { from: now - span, to: now };
+  }
+
+  pause() {
+    this.isLive.value = false;
+  }
+
+  /** Back to the window before, else twice as much time. */
+  out() {
+    const last = this.before.pop();
+    if (!last) this.show(zoomed(this.window.peek(), 2));
+    else if (last.isLive) this.follow(last.span);
+    else this.show(last.window);
+  }
+
+  toggleRulers() {
+    const { from, to } = this.window.peek();
+    this.rulers.value = this.rulers.peek() ? null : { a: from + (to - from) / 3, b: from + ((to - from) * 2) / 3 };
+  }
+
+  toggleLine(tag) {
+    const next = new Set(this.hidden.peek());
+    if (!next.delete(tag)) next.add(tag);
+    this.hidden.value = next;
+  }
+
+  _remember() {
+    this.before.push({ window: this.window.peek(), isLive: this.isLive.peek(), span: this.span });
+    if (this.before.length > REMEMBERED) this.before.shift();
+  }
+}

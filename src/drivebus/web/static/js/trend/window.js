@@ -1,0 +1,54 @@
+// What part of time a trend shows. Pure: milliseconds in, milliseconds out.
+
+/** The spans that a button offers, in seconds: a minute to a year. */
+export const SPANS_S = [60, 600, 3600, 28_800, 86_400, 604_800, 2_592_000, 31_536_000];
+export const SMALLEST_MS = 5_000;
+export const LARGEST_MS = 4_000 * 86_400_000;
+
+/** A share of the window that is fetched beyond either edge, so that a small pan shows no empty border. */
+const MARGIN = 0.25;
+
+/** A length that a window may have. */
+export const clamped = (span) => Math.min(LARGEST_MS, Math.max(SMALLEST_MS, span));
+
+/** A window that is neither absurd nor turned round. */
+export function lawful({ from, to }) {
+  const span = clamped(to - from);
+  const middle = (from + to) / 2;
+  return span === to - from ? { from, to } : { from: middle - span / 2, to: middle + span / 2 };
+}
+
+/** The window `factor` times as long, with the moment `at` staying where it is on the screen. */
+export function zoomed({ from, to }, factor, at = (from + to) / 2) {
+  const span = clamped((to - from) * factor);
+  const share = (at - from) / (to - from);
+  return { from: at - share * span, to: at + (1 - share) * span };
+}
+
+/** The window moved by a share of itself; negative is into the past. */
+export function panned({ from, to }, share) {
+  const by = (to - from) * share;
+  return { from: from + by, to: to + by };
+}
+
+/** What to fetch for a window: more at both edges, nothing of the future. */
+export function padded({ from, to }, now) {
+  const more = (to - from) * MARGIN;
+  return { from: Math.max(0, Math.floor(from - more)), to: Math.ceil(Math.max(from + 1, Math.min(to + more, now))) };
+}
+
+/** Does what was fetched show the window well: all of it, and not much more than it? */
+export function covers(fetched, { from, to }, now) {
+  const needed = Math.min(to, now);
+  return fetched.from <= from && fetched.to >= needed && fetched.to - fetched.from <= 2 * (to - from);
+}
+
+/** How long a following window waits before it is drawn again: a step of about a pixel, 4 times a second at most. */
+export function drawEvery(span) {
+  return Math.min(10_000, Math.max(250, span / 1000));
+}
+
+/** How long a following window waits before it asks the historian again. */
+export function fetchEvery(span) {
+  return Math.min(60_000, Math.max(2_000, span / 200));
+}
