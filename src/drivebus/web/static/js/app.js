@@ -1,9 +1,10 @@
 // Begins: language, session, live line; then draws the page of the address.
 import { effect, html, render, signal, useEffect, useState } from "./lib.js";
-import { language, loadLanguage, t, titled } from "./i18n.js";
+import { known, language, loadLanguage, t, titled } from "./i18n.js";
 import "./theme.js";
-import { loadSession, loggedIn, loginOnce, session } from "./session.js";
+import { loadSession, loggedIn, loginOnce, session, watch } from "./session.js";
 import { start } from "./live.js";
+import { keepLeases } from "./leases.js";
 import { go, route } from "./router.js";
 import { topic } from "./store.js";
 import { Shell } from "./shell.js";
@@ -18,15 +19,15 @@ const problem = signal(null);
 function Current() {
   const { page, id, query } = route.value;
   const [, redraw] = useState(0);
-  const known = PAGES.has(page);
+  const exists = PAGES.has(page);
   useEffect(() => {
-    if (!known || loaded.has(page)) return;
+    if (!exists || loaded.has(page)) return;
     import(`./pages/${page}.js`).then(
       (found) => { loaded.set(page, found.Page); redraw((n) => n + 1); },
       () => { problem.value = "page.not_loaded"; },
     );
   }, [page]);
-  if (!known) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
+  if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
   const Page = loaded.get(page);
   if (!Page) return problem.value ? html`<${Notice} kind="bad" live>${t(problem.value)}<//>` : html`<${Loading} />`;
   return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;
@@ -65,7 +66,8 @@ async function meet() {
 effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titled(plant) : "drivebus";
-  document.title = language.value && session.value?.user ? `${t(`page.way_${route.value.page}`)} · ${name}` : name;
+  const way = `page.way_${route.value.page}`;
+  document.title = language.value && loggedIn.value && known(way) ? `${t(way)} · ${name}` : name;
 });
 
 await loadLanguage(language.peek());
@@ -73,3 +75,5 @@ render(html`<${App} />`, document.getElementById("page"));
 await meet();
 await useCode().catch((error) => { startError.value = error; go("fleet"); });
 start();
+watch();
+keepLeases();

@@ -1,5 +1,6 @@
 // Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
 // times of day are labels only.
+import { untracked } from "./lib.js";
 import { language, t } from "./i18n.js";
 import { now, trusted } from "./live.js";
 
@@ -15,7 +16,9 @@ export function number(value, unit = "", digits = DIGITS[unit]) {
 }
 
 /** "25.00 Hz". */
-export const quantity = (value, unit, digits) => `${number(value, unit, digits)}${unit && value !== null ? ` ${unit}` : ""}`;
+export function quantity(value, unit, digits) {
+  return `${number(value, unit, digits)}${unit && value !== null && value !== undefined ? ` ${unit}` : ""}`;
+}
 
 /** "3 s", "4 min", "2 h", "5 d" in the reader's language. */
 export function duration(seconds) {
@@ -45,11 +48,16 @@ export const moment = (ms) => (ms === null || ms === undefined ? NOTHING : shown
 
 /** A value of a drive's view as it may be shown now: its age has grown since it came, and without a live line it is
  * bad whatever it was. `{value, unit, quality, reason, age_s}`; null where the drive has no such signal. */
-export function reading(view, name) {
+export const reading = (view, name) => readAs(view, name, ageOf);
+
+/** The same for hundreds of tiles: its age stands still until the next value or the next look. */
+export const readingStill = (view, name) => readAs(view, name, (found) => untracked(() => ageOf(found)));
+
+function readAs(view, name, age) {
   const found = view?.signals?.[name];
   if (!found) return null;
-  if (!trusted.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: ageOf(found) };
-  return { ...found, age_s: ageOf(found) };
+  if (!trusted.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: age(found) };
+  return { ...found, age_s: age(found) };
 }
 
 /** Seconds since a value was true on the drive. Follows the page's tick. */
@@ -66,7 +74,9 @@ export function stateOf(view) {
 }
 
 /** Drive signals in the order in which people ask for them. */
-export const FIRST_SIGNALS = ["output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency"];
+export const FIRST_SIGNALS = [
+  "output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency",
+];
 
 /** A signal's name in the reader's language; the profile's own name where the catalogue has none. */
 export function signalName(name) {

@@ -28,7 +28,6 @@ let socket = null;
 let heardAt = 0;
 let wait_ms = FIRST_WAIT_MS;
 let timer = null;
-let first = true;
 
 const patterns = () => [...new Set([...ALWAYS, ...wanted.keys()])];
 
@@ -65,9 +64,7 @@ function heard(event) {
   if (message.type === "closed") closedText.value = message.text ?? null;
   if (message.type === "delta") delta(message);
   if (message.type !== "snapshot") return;
-  if (first) snapshot(message);
-  else delta(message);
-  first = false;
+  snapshot(message);
   live();
 }
 
@@ -108,7 +105,6 @@ async function open() {
   // The session may be over, or the server may be another one: a socket alone does not tell why it is refused.
   if (link.peek() === "lost") await loadSession().catch(() => null);
   if (!loggedIn.peek() || socket) return;
-  first = true;
   heardAt = nowMs();
   socket = new WebSocket(address());
   socket.onmessage = heard;

@@ -33,6 +33,27 @@ export async function setUp(secret, name, password) {
 }
 
 export async function logout() {
-  await api.post("/logout");
+  await api.post("/logout").catch(() => null);
   await loadSession();
+}
+
+/** After a while without a hand the server takes the rights to control back, never the right to stop. */
+export const idle = computed(() => Boolean(session.value?.idle));
+
+/** Somebody is there: told to the server at most once a minute, at once where it thinks that nobody is. */
+async function touched() {
+  if (!loggedIn.peek() || (!idle.peek() && nowMs() - toldAt < TELL_EVERY_MS)) return;
+  toldAt = nowMs();
+  const found = await api.post("/session/active").catch(() => null);
+  if (found) session.value = found;
+}
+
+const nowMs = () => performance.now();
+const TELL_EVERY_MS = 60_000;
+let toldAt = 0;
+
+/** Follows the user's hands, and looks now and then whether the rights are still the same. */
+export function watch() {
+  for (const event of ["pointerdown", "keydown"]) addEventListener(event, touched, { passive: true, capture: true });
+  setInterval(() => { if (loggedIn.peek()) loadSession().catch(() => null); }, TELL_EVERY_MS);
 }

@@ -56,7 +56,7 @@ function Head() {
     <div class=${`ways ${menu.value ? "open" : ""}`}><nav aria-label=${t("page.ways")}>
       ${WAYS.filter(([, right]) => may(right)).map(([page]) => html`<${Way} key=${page} page=${page} />`)}</nav>
       <div class="who"><${Preferences} />
-      <span class="user">${session.value.user.name}</span>
+      <span class="user">${session.value.user}</span>
       <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${LineMark} /></header>`;
 }
 

@@ -4,8 +4,7 @@ import { batch, signal } from "./lib.js";
 import { api } from "./api.js";
 import { loadSession } from "./session.js";
 import { both, t, titled } from "./i18n.js";
-import { drive, group } from "./store.js";
-import { nowMs } from "./store.js";
+import { drive, group, nowMs } from "./store.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const PATIENCE_MS = 120_000;
@@ -34,20 +33,21 @@ function change(id, fields) {
   stops.value = stops.peek().map((one) => (one.id === id ? { ...one, ...fields } : one));
 }
 
-/** Stops a drive ("drive", id), a group ("group", id) or everything ("all"). Never raises. */
-export async function stop(kind, id = null) {
+/** Stops a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
+ * "quick_stop". Never raises. */
+export async function stop(kind, id = null, how = "stop") {
   const mine = ++count;
   const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, tell: null, time_ms: Date.now() };
   stops.value = [entry, ...stops.peek()].slice(0, KEPT);
-  const end = await ended(mine, PATHS[kind](id));
+  const end = await ended(mine, PATHS[kind](id), kind === "drive" ? { how } : {});
   batch(() => change(mine, end));
 }
 
-async function ended(mine, path) {
+async function ended(mine, path, body) {
   const until = nowMs() + TRY_AGAIN_MS;
   for (;;) {
     try {
-      return judged(await api.post(path, {}, { patience_ms: PATIENCE_MS }));
+      return judged(await api.post(path, body, { patience_ms: PATIENCE_MS }));
     } catch (error) {
       if (!error.unreachable || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
@@ -58,7 +58,10 @@ async function ended(mine, path) {
   }
 }
 
-const failed = (error) => ({ phase: "failed", good: false, tell: () => error.sentence ?? String(error) });
+/** An outcome came with it: the stop was sent and is not confirmed. Else nobody knows whether it was sent at all. */
+function failed(error) {
+  return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
+}
 
 const okay = (found) => found.word === "confirmed" || found.word === "acknowledged";
 

@@ -44,10 +44,10 @@ const stamped = (signals, at) => Object.fromEntries(
   Object.entries(signals).map(([name, found]) => [name, { ...found, at }]),
 );
 
-function grown(old, change) {
-  const news = Array.isArray(change) ? change : change.items ?? [];
+/** A feed's signal holds {items, dropped}: the newest items, and how many were left out on the way. */
+function grown(old, news) {
   const items = [...(old?.items ?? []), ...news].slice(-LONGEST_FEED);
-  return { items, dropped: (old?.dropped ?? 0) + (change.dropped ?? 0) };
+  return { items, dropped: old?.dropped ?? 0 };
 }
 
 const isFeed = (name) => name === "events" || name.startsWith("frames/");
@@ -96,7 +96,7 @@ function put(name, value) {
 
 const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
 
-/** The first message of a connection: what it lacks is gone. */
+/** Everything that we asked for, as it is: what it lacks is gone. */
 export function snapshot(message) {
   for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) put(name, null);
   addTopics(message, () => null);
@@ -105,6 +105,9 @@ export function snapshot(message) {
 /** A later message. */
 export function delta(message) {
   addTopics(message, newest);
+  for (const [name, n] of Object.entries(message.dropped ?? {})) {
+    put(name, { items: [], ...newest(name), dropped: (newest(name)?.dropped ?? 0) + n });
+  }
   for (const name of message.gone ?? []) put(name, null);
 }
 

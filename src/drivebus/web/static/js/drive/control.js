@@ -1,0 +1,110 @@
+// Control of one drive: whose hand it is in, run in two steps, setpoint, stops, jog, reset, release.
+import { html, useEffect, useState } from "../lib.js";
+import { both, t, titled } from "../i18n.js";
+import { api, drivePath } from "../api.js";
+import { Button, Choice, Dialog, ErrorNote, Notice, OutcomeNote, useAsk } from "../ui.js";
+import { trusted } from "../live.js";
+import { idle, isMine, may } from "../session.js";
+import { giveBack, inHand, take } from "../leases.js";
+import { stop } from "../stops.js";
+import { number } from "../format.js";
+import { Frequency, wrongWith } from "../parts/frequency.js";
+import { TwoStep } from "../parts/twostep.js";
+import { JogPanel } from "./jog.js";
+
+const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
+
+/** Why nothing but a stop may be asked for now; null where it may. */
+function whyNot(view) {
+  if (!trusted.value) return t("page.not_live");
+  if (idle.value) return t("page.idle");
+  if (!may("operate")) return t("page.view_only");
+  if (view.presence !== "online") return t("page.not_online");
+  return inHand(view) ? null : t("page.not_in_hand");
+}
+
+function TakeOver({ view, onClose }) {
+  const [run, busy, error] = useAsk();
+  const go = async () => { if (await run(() => take(view.id))) onClose(); };
+  return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
+    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titled(view) })}</p><${ErrorNote} error=${error} />
+    <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
+      <${Button} kind="main" busy=${busy} onClick=${go} data-first>${t("page.take_over")}<//></div><//>`;
+}
+
+/** Who commands the drive, and how to change that. */
+export function LeaseLine({ view }) {
+  const [run, busy, error] = useAsk();
+  const [asking, setAsking] = useState(false);
+  const mine = isMine(view.lease);
+  const can = trusted.value && may("operate");
+  const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : t("page.lease_other", { owner: view.lease.owner });
+  return html`<div class=${`lease ${mine ? "mine" : ""}`}><span class="who" role="status">${words}</span>
+    ${!view.lease && html`<${Button} kind="main" disabled=${!can} busy=${busy} onClick=${() => run(() => take(view.id))}
+      data-do="take">${t("page.lease_take")}<//>`}
+    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => giveBack(view.id))}>${t("page.lease_give")}<//>`}
+    ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>${t("page.take_over")}…<//>`}
+    <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}</div>`;
+}
+
+function Motion({ view, disabled }) {
+  const [hertz, setHertz] = useState(view.commanded_hz === null ? "" : String(view.commanded_hz));
+  const [way, setWay] = useState("forward");
+  const [run, busy, error, result] = useAsk();
+  const [started, setStarted] = useState(null);
+  const isWrong = wrongWith(hertz, view) !== null;
+  const turning = TURNING.has(view.state);
+  const reversible = view.capabilities.includes("reverse");
+  useEffect(() => { setStarted(null); }, [turning]);
+
+  const frequency_hz = Number(hertz);
+  const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
+  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction: reversible ? way : null, arm }, { patience_ms: 60_000 });
+  const known = { name: titled(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
+  return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz} limits=${view} disabled=${disabled} />
+    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setWay} disabled=${disabled}
+        options=${["forward", "reverse"].map((one) => [one, t(`drives.way_${one}`)])} />`}
+      <${Button} disabled=${disabled || isWrong} busy=${busy} onClick=${set} data-do="set">${t("page.set_frequency")}<//></div>
+    <${TwoStep} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
+      disabled=${disabled || isWrong || view.blocked.length > 0} first=${t("page.run")} second=${t("page.run_now")}>
+      <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
+    <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
+    ${started?.outcome && html`<${OutcomeNote} outcome=${started.outcome} />`}</div>`;
+}
+
+/** Every way to stop this drive; never disabled. */
+function Stops({ view }) {
+  const ways = ["stop", ...["coast", "quick_stop"].filter((how) => view.capabilities.includes(how))];
+  return html`<div class="row" role="group" aria-label=${t("page.bus_stop")}>${ways.map((how) => html`
+    <${Button} key=${how} icon="stop" onClick=${() => stop("drive", view.id, how)} data-do=${how}>${t(`page.how_${how}`)}<//>`)}</div>`;
+}
+
+function Once({ path, text, note, disabled, name }) {
+  const [run, busy, error, result] = useAsk();
+  return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy} onClick=${() => run(() => api.post(path))}
+    data-do=${name}>${text}<//></div>
+    <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
+}
+
+function Blocked({ view }) {
+  if (view.blocked.length === 0) return null;
+  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.blocked.map((one) => html`
+    <li key=${one.key}>${both(one.text)}</li>`)}</ul><//>`;
+}
+
+export function ControlPanel({ view }) {
+  const why = whyNot(view);
+  const disabled = why !== null;
+  const canJog = view.capabilities.includes("jog");
+  return html`<section class="panel stack control" aria-labelledby="control-title"><h2 id="control-title">${t("page.control")}</h2>
+    <${LeaseLine} view=${view} />${why && inHand(view) && html`<${Notice}>${why}<//>`}
+    ${why && !inHand(view) && html`<p class="hint">${why}</p>`}<${Blocked} view=${view} />
+    ${may("stop") && html`<${Stops} view=${view} />`}
+    ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
+    ${may("operate") && (view.fault || view.state === "fault") && html`<${Once} path=${drivePath(view.id, "/reset")} name="reset"
+      note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
+    ${may("operate") && view.latched && html`<${Once} path=${drivePath(view.id, "/release")} name="release" note=${t("page.release_note")}
+      text=${t("page.release")} disabled=${disabled} />`}
+    ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view} disabled=${disabled || view.blocked.length > 0} /></details>`}
+  </section>`;
+}

@@ -1,0 +1,58 @@
+// A jog that goes on only while a hand holds it: pointer or key. Whatever lets go, or is late, ends it.
+import { api, drivePath } from "../api.js";
+import { nowMs } from "../store.js";
+
+const RENEW_EVERY_MS = 150;
+/** The drive's lease is 500 ms; an answer that takes longer than this comes too late to rely on. */
+const RENEW_PATIENCE_MS = 400;
+
+const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0, ms)); });
+
+/** One jog from press to release. `tell(phase, detail)`: "asking", "turning", "ending", "ended", "lost". */
+export class Jog {
+  constructor(drive, body, tell) {
+    this.path = (rest) => drivePath(drive, rest);
+    this.body = body;
+    this.tell = tell;
+    this.isHeld = true;
+    this.word = null;
+    this.gone = new Promise((resolve) => { this.letGo = resolve; });
+  }
+
+  /** Begins, and renews while it is held. Never raises. */
+  async run() {
+    this.tell("asking");
+    try {
+      const { jog, outcome } = await api.post(this.path("/jog"), this.body);
+      this.word = jog;
+      if (this.isHeld) this.tell("turning", outcome);
+      await this.renewWhileHeld();
+      await this.end();
+    } catch (error) {
+      this.isHeld = false;
+      this.tell("lost", error);
+      // Nobody knows whether it turns: the drive's own lease ends it in half a second, and a stop goes after it.
+      if (this.word !== null || error.unreachable) api.post(this.path("/stop"), { how: "stop" }).catch(() => null);
+    }
+  }
+
+  async renewWhileHeld() {
+    while (this.isHeld) {
+      const begun = nowMs();
+      await api.post(this.path("/jog/renew"), { jog: this.word }, { patience_ms: RENEW_PATIENCE_MS });
+      await Promise.race([pause(RENEW_EVERY_MS - (nowMs() - begun)), this.gone]);
+    }
+  }
+
+  async end() {
+    this.tell("ending");
+    const { outcome } = await api.post(this.path("/jog/end"), { jog: this.word });
+    this.tell("ended", outcome);
+  }
+
+  /** The hand is gone. Safe to call again and again. */
+  release() {
+    this.isHeld = false;
+    this.letGo();
+  }
+}

@@ -1,0 +1,87 @@
+// Jog: enabled by one press, then turning while a second press is held. Letting go, leaving, or a late renewal ends it.
+import { html, useEffect, useRef, useState } from "../lib.js";
+import { both, t } from "../i18n.js";
+import { api, drivePath } from "../api.js";
+import { Icon } from "../icons.js";
+import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { now } from "../live.js";
+import { nowMs } from "../store.js";
+import { Frequency, wrongWith } from "../parts/frequency.js";
+import { Jog } from "./hold.js";
+
+const HOLD_KEYS = new Set([" ", "Enter"]);
+
+/** A button that is held: `onHold` at the press, `onRelease` at whatever ends it. */
+function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
+  const button = useRef(null);
+  useEffect(() => {
+    const hidden = () => { if (document.hidden) onRelease(); };
+    const outer = [["blur", onRelease], ["hashchange", onRelease], ["pagehide", onRelease]];
+    for (const [name, act] of outer) addEventListener(name, act);
+    document.addEventListener("visibilitychange", hidden);
+    return () => {
+      for (const [name, act] of outer) removeEventListener(name, act);
+      document.removeEventListener("visibilitychange", hidden);
+    };
+  }, [onRelease]);
+  const press = (event) => {
+    if (event.button !== 0) return;
+    button.current.setPointerCapture(event.pointerId);
+    onHold();
+  };
+  const key = (event) => {
+    if (!HOLD_KEYS.has(event.key)) return;
+    event.preventDefault();
+    if (!event.repeat) onHold();
+  };
+  const keyUp = (event) => { if (HOLD_KEYS.has(event.key)) onRelease(); };
+  return html`<button type="button" class="button hold" ref=${button} disabled=${disabled} onPointerDown=${press}
+    onPointerUp=${onRelease} onPointerCancel=${onRelease} onLostPointerCapture=${onRelease} onKeyDown=${key} onKeyUp=${keyUp}
+    onBlur=${onRelease} onContextMenu=${(event) => event.preventDefault()} ...${rest}>${children}</button>`;
+}
+
+function Told({ phase, detail }) {
+  if (phase === "lost") return html`<${ErrorNote} error=${detail} />`;
+  if (phase === "ended") return html`<${Notice} live>${t("page.jog_ended")} ${both(detail?.text)}<//>`;
+  if (phase === null) return null;
+  return html`<${Notice} kind=${phase === "turning" ? "warning" : "info"} live>${t(`page.jog_${phase}`)}<//>`;
+}
+
+/** `view` is the drive's; `disabled` where it may not be commanded now. */
+export function JogPanel({ view, disabled }) {
+  const [run, busy, error] = useAsk();
+  const [armed, setArmed] = useState(null);
+  const [hertz, setHertz] = useState("");
+  const [told, setTold] = useState({ phase: null, detail: null });
+  const jog = useRef(null);
+  const release = useRef(() => jog.current?.release()).current;
+  useEffect(() => release, []);
+  useEffect(() => { if (disabled) { release(); setArmed(null); } }, [disabled]);
+
+  const left_s = armed ? Math.ceil((armed.until - now.value) / 1000) : 0;
+  const wrong = hertz.trim() !== "" && wrongWith(hertz, view) !== null;
+  const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
+  const isHeld = told.phase === "asking" || told.phase === "turning";
+
+  const arm = async () => {
+    const found = await run(() => api.post(drivePath(view.id, "/arm")));
+    if (found) setArmed({ word: found.arm, until: nowMs() + found.expires_s * 1000 });
+  };
+  const hold = (direction) => () => {
+    if (!isReady || isHeld) return;
+    const frequency_hz = hertz.trim() === "" ? null : Number(hertz);
+    setArmed(null);
+    jog.current = new Jog(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
+      setTold({ phase, detail });
+    });
+    jog.current.run();
+  };
+  const button = (direction) => html`<${HoldButton} key=${direction} disabled=${!isReady && !isHeld} onHold=${hold(direction)}
+    onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", { way: t(`drives.way_${direction}`) })}<//>`;
+  return html`<section class="stack jog" aria-labelledby="jog-title"><h3 id="jog-title">${t("page.jog")}</h3><p>${t("page.jog_how")}</p>
+    <${Frequency} label=${t("page.jog_frequency")} value=${hertz} onChange=${setHertz} limits=${view} disabled=${disabled} />
+    <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
+      ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
+      ${["reverse", "forward"].filter((way) => way === "forward" || view.capabilities.includes("reverse")).map(button)}</div>
+    <${ErrorNote} error=${error} /><${Told} ...${told} /></section>`;
+}

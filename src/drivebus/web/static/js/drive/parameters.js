@@ -1,0 +1,148 @@
+// Parameters as a table: notation, wire address, raw, value, unit, range, help, caveat. Reading costs the bus time, so
+// it is asked for; edits wait for a look at all of them together.
+import { html, useMemo, useRef, useState } from "../lib.js";
+import { both, t } from "../i18n.js";
+import { api, drivePath } from "../api.js";
+import { number } from "../format.js";
+import { Icon } from "../icons.js";
+import { trusted } from "../live.js";
+import { may } from "../session.js";
+import { inHand } from "../leases.js";
+import { Button, ErrorNote, Field, Table } from "../ui.js";
+import { Review } from "./review.js";
+
+/** So many are read by one request: a bus at 9,600 baud answers these in about a second. */
+const AT_ONCE = 16;
+const NONE = "–";
+
+export function rangeOf(parameter) {
+  const choices = Object.keys(parameter.choices);
+  if (choices.length) return t("page.choices", { n: choices.length });
+  if (parameter.minimum === null && parameter.maximum === null) return NONE;
+  return `${number(parameter.minimum)} … ${number(parameter.maximum)}`;
+}
+
+/** A value with the choice's text where it has one. */
+export function shownValue(parameter, value, raw) {
+  const text = parameter.choices[String(raw ?? value)];
+  return text ? `${number(raw ?? value)} ${both(text)}` : number(value);
+}
+
+function Cell({ parameter, found }) {
+  if (!found) return NONE;
+  if (found.value === null) return html`<span class="soft">${found.reason ? t(found.reason) : NONE}</span>`;
+  return html`<b>${shownValue(parameter, found.value, found.raw)}</b>`;
+}
+
+/** Reads parameters a part at a time: {values, reading, error, read, stop}. */
+function useReadings(id) {
+  const [state, setState] = useState({ values: {}, left: 0, error: null });
+  const going = useRef(0);
+  const read = async (names) => {
+    const mine = ++going.current;
+    for (let at = 0; at < names.length && going.current === mine; at += AT_ONCE) {
+      setState((old) => ({ ...old, left: names.length - at, error: null }));
+      try {
+        const part = names.slice(at, at + AT_ONCE);
+        const { parameters } = await api.post(drivePath(id, "/parameters/read"), { names: part }, { patience_ms: 60_000 });
+        setState((old) => ({ ...old, values: { ...old.values, ...parameters } }));
+      } catch (error) {
+        setState((old) => ({ ...old, error }));
+        break;
+      }
+    }
+    if (going.current === mine) setState((old) => ({ ...old, left: 0 }));
+  };
+  return { ...state, read, stop: () => { going.current += 1; setState((old) => ({ ...old, left: 0 })); } };
+}
+
+function Edit({ parameter, value, onChange }) {
+  const name = t("page.new_value", { notation: parameter.notation });
+  const choices = Object.entries(parameter.choices);
+  const put = (event) => onChange(event.currentTarget.value);
+  if (choices.length) {
+    return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NONE}</option>
+      ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${both(text)}</option>`)}</select>`;
+  }
+  return html`<input type="number" aria-label=${name} value=${value} step="any" min=${parameter.minimum} max=${parameter.maximum} onInput=${put} />`;
+}
+
+/** The number that a text of the table's inputs stands for, or null where it is none within the range. */
+function lawful(parameter, text) {
+  const value = Number(text);
+  if (text === "" || !Number.isFinite(value)) return null;
+  const { minimum, maximum } = parameter;
+  return (minimum !== null && value < minimum) || (maximum !== null && value > maximum) ? null : value;
+}
+
+function About({ parameter, caveats }) {
+  const caveat = caveats.find((one) => one.id === parameter.caveat);
+  const help = both(parameter.help);
+  return html`<span class="paramtext">${both(parameter.text)}</span>
+    ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon} name="warning" size=${16} />` : null}
+      ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}</b> ${both(caveat.text)}</p>`}
+      <p class="soft">${t("page.evidence", { source: parameter.evidence.source || t(`page.evidence_${parameter.evidence.kind}`) })}</p></details>`}`;
+}
+
+function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
+  const found = (parameter) => values[parameter.notation];
+  const found_columns = [
+    [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
+    [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`],
+    [t("page.parameter"), (one) => html`<${About} parameter=${one} caveats=${profile.caveats} />`, "wide"],
+    [t("page.raw"), (one) => found(one)?.raw ?? NONE, "right"],
+    [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
+    [t("page.unit"), (one) => one.unit],
+    [t("page.range"), rangeOf, "right"],
+    [t("page.factory"), (one) => (one.factory === null ? NONE : shownValue(one, one.factory)), "right"],
+  ];
+  if (canRead) {
+    found_columns.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet" onClick=${() => read([one.notation])}
+      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`]);
+  }
+  if (canEdit) {
+    found_columns.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one} value=${edits[one.notation] ?? ""}
+      onChange=${(text) => edit(one.notation, text)} />`]);
+  }
+  return found_columns;
+}
+
+function matching(profile, text) {
+  const words = text.toLowerCase().split(/\s+/).filter(Boolean);
+  if (words.length === 0) return profile.parameters;
+  return profile.parameters.filter((one) => {
+    const where = `${one.notation} ${one.address_hex} ${one.text?.en} ${one.text?.zh}`.toLowerCase();
+    return words.every((word) => where.includes(word));
+  });
+}
+
+export function ParametersTab({ view, profile }) {
+  const [search, setSearch] = useState("");
+  const [edits, setEdits] = useState({});
+  const [reviewing, setReviewing] = useState(false);
+  const { values, left, error, read, stop } = useReadings(view.id);
+  const rows = useMemo(() => matching(profile, search), [profile, search]);
+  const byName = useMemo(() => new Map(profile.parameters.map((one) => [one.notation, one])), [profile]);
+  const canRead = trusted.value && may("operate") && view.presence === "online";
+  const canEdit = canRead && (may("tune") || may("save")) && inHand(view);
+  const edit = (notation, text) => setEdits((old) => {
+    const { [notation]: _, ...others } = old;
+    return text === "" ? others : { ...others, [notation]: text };
+  });
+  const changes = Object.entries(edits).map(([notation, text]) => {
+    const parameter = byName.get(notation);
+    return { parameter, text, value: lawful(parameter, text), before: values[notation] ?? null };
+  });
+  const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
+  return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search" value=${search}
+      onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
+      ${left > 0 ? html`<${Button} onClick=${stop}>${t("page.read_stop", { n: left })}<//>`
+        : html`<${Button} disabled=${!canRead || names.length === 0} onClick=${() => read(names)} data-do="read">${t("page.read_shown", { n: names.length })}<//>`}
+      ${canEdit && html`<${Button} kind="main" disabled=${changes.length === 0} onClick=${() => setReviewing(true)} data-do="review">
+        ${t("page.review", { n: changes.length })}<//>`}</div>
+    ${!canEdit && may("tune") && html`<p class="soft">${t("page.edit_needs_hand")}</p>`}<${ErrorNote} error=${error} />
+    <${Table} caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
+      rowClass=${(one) => (one.notation in edits ? "changed" : undefined)} columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />
+    ${reviewing && html`<${Review} view=${view} profile=${profile} changes=${changes} onClose=${() => setReviewing(false)}
+      onDone=${(done) => { for (const one of done) edit(one, ""); read(done); }} />`}</div>`;
+}

@@ -1,0 +1,20 @@
+// Run statistics of one drive.
+import { html } from "../lib.js";
+import { t } from "../i18n.js";
+import { api, drivePath } from "../api.js";
+import { moment, quantity } from "../format.js";
+import { ErrorNote, Loading, useLoaded } from "../ui.js";
+
+export function StatisticsTab({ id }) {
+  const [found, error] = useLoaded(() => api.get(drivePath(id, "/statistics")), [id]);
+  if (error && !found) return html`<${ErrorNote} error=${error} />`;
+  if (!found) return html`<${Loading} />`;
+  const faults = Object.entries(found.faults ?? {});
+  return html`<dl class="facts"><dt>${t("page.running_h")}</dt><dd>${quantity(found.running_h, "h")}</dd>
+    <dt>${t("page.starts")}</dt><dd>${found.starts}</dd><dt>${t("page.energy")}</dt>
+    <dd>${found.energy_kwh === null ? t("page.energy_unknown") : quantity(found.energy_kwh, "kWh")}</dd>
+    <dt>${t("page.maximum_current")}</dt><dd>${quantity(found.maximum_current_a, "A")}</dd>
+    <dt>${t("page.maximum_temperature")}</dt><dd>${quantity(found.maximum_temperature_c, "°C")}</dd>
+    <dt>${t("page.fault_counts")}</dt><dd>${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("page.comma")) : t("page.no_faults")}</dd>
+    <dt>${t("page.since")}</dt><dd>${moment(found.since_ms)}</dd></dl>`;
+}

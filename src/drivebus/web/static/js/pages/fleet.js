@@ -1,0 +1,107 @@
+// Fleet: a tile a drive.
+import { html, useEffect, useMemo, useRef } from "../lib.js";
+import { t, titled } from "../i18n.js";
+import { Button, Choice, Field, Loading } from "../ui.js";
+import { link } from "../live.js";
+import { go } from "../router.js";
+import { group, idsOf } from "../store.js";
+import { GroupPanel } from "../parts/grouppanel.js";
+import { Tile } from "../parts/tile.js";
+import {
+  BYS, KINDS, SIZES, SORTS, arrangement, by, counts, keep, kind, search, sectionTitle, size, sort,
+} from "../parts/fleetorder.js";
+
+const named = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
+
+function Kinds() {
+  const options = KINDS.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
+  return html`<${Choice} label=${t("page.show")} value=${kind.value} options=${options}
+    onChange=${(name) => { kind.value = name; }} />`;
+}
+
+function Pick({ label, from, names, start }) {
+  return html`<${Field} label=${label}><select value=${from.value} onChange=${(event) => {
+    from.value = event.currentTarget.value;
+    keep();
+  }}>${named(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select><//>`;
+}
+
+function GroupPick({ chosen }) {
+  const groups = idsOf("groups").value;
+  if (groups.length === 0) return null;
+  return html`<${Field} label=${t("page.group")}><select value=${chosen ?? ""}
+    onChange=${(event) => go("fleet", null, { group: event.currentTarget.value })}>
+    <option value="">${t("page.every_group")}</option>
+    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titled(group(id).value) : id}</option>`)}
+    </select><//>`;
+}
+
+/** "/" goes to the search, as in many programs; never while somebody types. */
+function useSlash(input) {
+  useEffect(() => {
+    const key = (event) => {
+      if (event.key !== "/" || /^(INPUT|TEXTAREA|SELECT)$/.test(document.activeElement?.tagName)) return;
+      event.preventDefault();
+      input.current?.focus();
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+}
+
+function Tools({ chosen }) {
+  const input = useRef(null);
+  useSlash(input);
+  return html`<section class="fleettools" aria-label=${t("page.fleet_tools")}><${Kinds} />
+    <div class="fleetpicks"><${Field} label=${t("page.search")}><input ref=${input} type="search" value=${search.value}
+      onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
+    <${GroupPick} chosen=${chosen} />
+    <${Pick} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />
+    <${Pick} label=${t("page.sections")} from=${by} names=${BYS} start="by" />
+    <${Pick} label=${t("page.size")} from=${size} names=${SIZES} start="size" /></div></section>`;
+}
+
+const COLUMN_STEP = { ArrowRight: 1, ArrowLeft: -1 };
+
+/** Arrows move from tile to tile; up and down by rows as they stand on the screen. */
+function moveFocus(event) {
+  const tiles = [...event.currentTarget.querySelectorAll(".tilelink")];
+  const at = tiles.indexOf(document.activeElement);
+  if (at < 0) return;
+  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : above(tiles, at, event.key);
+  if (!next) return;
+  event.preventDefault();
+  next.focus();
+}
+
+function above(tiles, at, key) {
+  const here = tiles[at].getBoundingClientRect();
+  const side = { ArrowDown: 1, ArrowUp: -1 }[key];
+  if (!side) return null;
+  const order = side > 0 ? tiles.slice(at + 1) : tiles.slice(0, at).reverse();
+  return order.find((tile) => {
+    const box = tile.getBoundingClientRect();
+    return side * (box.top - here.top) > 4 && Math.abs(box.left - here.left) < here.width / 2;
+  });
+}
+
+function Section({ name, ids }) {
+  const title = name === "rest" ? t("page.no_group") : sectionTitle(name);
+  return html`<section class="fleetsection">${name && html`<h2>${title} <small>${ids.length}</small></h2>`}
+    <div class=${`tiles ${size.value}`}>${ids.map((id) => html`<${Tile} key=${id} id=${id} />`)}</div></section>`;
+}
+
+function Empty() {
+  if (link.value === "starting") return html`<${Loading} />`;
+  const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
+  return html`<p class="loading">${t("page.no_drive_shown")} <${Button} onClick=${clear}>${t("page.show_all")}<//></p>`;
+}
+
+export function Page({ query }) {
+  const chosen = query.group ?? null;
+  const shown = useMemo(() => arrangement(chosen), [chosen]);
+  return html`<h1 class="sr">${t("page.way_fleet")}</h1><${Tools} chosen=${chosen} />
+    ${chosen && html`<${GroupPanel} id=${chosen} />`}
+    <div class="fleet" onKeyDown=${moveFocus}>${shown.value.map(([name, ids]) => html`
+      <${Section} key=${name} name=${name} ids=${ids} />`)}${shown.value.length === 0 && html`<${Empty} />`}</div>`;
+}

@@ -1,0 +1,115 @@
+// Which drives the fleet shows, in which order: strings and numbers only, so that nothing is redrawn while they stay.
+import { computed, signal } from "../lib.js";
+import { titled } from "../i18n.js";
+import { recall, remember } from "../memory.js";
+import { now, trusted } from "../live.js";
+import { drive, group, idsOf, bus } from "../store.js";
+
+const kept = recall("fleet", {});
+export const search = signal("");
+export const kind = signal("all");
+export const sort = signal(kept.sort ?? "plant");
+export const by = signal(kept.by ?? "none");
+export const size = signal(kept.size ?? "normal");
+
+export const KINDS = ["all", "abnormal", "running", "stopped", "fault", "silent"];
+export const SORTS = ["plant", "urgency", "name", "bus", "frequency", "current"];
+export const SIZES = ["wall", "normal", "dense"];
+export const BYS = ["none", "group", "bus"];
+
+export function keep() {
+  remember("fleet", { sort: sort.value, by: by.value, size: size.value });
+}
+
+const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
+
+/** The kinds that a drive belongs to. */
+export function kindsOf(view) {
+  const found = new Set(["all"]);
+  if (view.presence !== "online") found.add("silent");
+  else if (view.state === "fault" || view.fault) found.add("fault");
+  else if (TURNING.has(view.state)) found.add("running");
+  else if (view.state === "stopped") found.add("stopped");
+  if (found.has("silent") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
+  return found;
+}
+
+const shownDrives = computed(() => idsOf("drives").value.map((id) => drive(id).value).filter(Boolean));
+
+/** {kind: number}, as text so that equal counts redraw nothing. */
+const countsText = computed(() => {
+  const counts = Object.fromEntries(KINDS.map((name) => [name, 0]));
+  for (const view of shownDrives.value) for (const name of kindsOf(view)) counts[name] += 1;
+  return JSON.stringify(counts);
+});
+export const counts = computed(() => JSON.parse(countsText.value));
+
+// Values change all the time: tiles sorted by one move every few seconds only.
+const slow = computed(() => Math.floor(now.value / 4000));
+
+const urgency = (view) => {
+  const kinds = kindsOf(view);
+  if (kinds.has("fault")) return 0;
+  if (kinds.has("silent")) return 1;
+  if (kinds.has("abnormal")) return 2;
+  return kinds.has("running") ? 3 : 4;
+};
+const valueOf = (view, name) => Number(view.signals?.[name]?.value ?? -1);
+const text = new Intl.Collator(undefined, { numeric: true });
+const ORDERS = {
+  urgency: (a, b) => urgency(a) - urgency(b),
+  name: (a, b) => text.compare(titled(a), titled(b)),
+  bus: (a, b) => text.compare(a.bus, b.bus) || a.address - b.address,
+  frequency: (a, b) => valueOf(b, "output_frequency") - valueOf(a, "output_frequency"),
+  current: (a, b) => valueOf(b, "output_current") - valueOf(a, "output_current"),
+};
+
+function matches(view, words) {
+  const where = `${view.id} ${view.title?.en ?? ""} ${view.title?.zh ?? ""} ${view.bus} ${view.model} ${view.address}`;
+  return words.every((word) => where.toLowerCase().includes(word));
+}
+
+function chosen(inGroup) {
+  const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+  return shownDrives.value.filter((view) => (
+    kindsOf(view).has(kind.value) && (!inGroup || view.groups.includes(inGroup)) && matches(view, words)
+  ));
+}
+
+function ordered(views) {
+  const order = ORDERS[sort.value];
+  return order ? [...views].sort(order) : views;
+}
+
+function sections(views) {
+  if (by.value === "bus") return idsOf("buses").value.map((id) => [`bus ${id}`, views.filter((view) => view.bus === id)]);
+  if (by.value !== "group") return [["", views]];
+  const groups = idsOf("groups").value;
+  const inGroups = groups.map((id) => [`group ${id}`, views.filter((view) => view.groups.includes(id))]);
+  return [...inGroups, ["rest", views.filter((view) => view.groups.length === 0)]];
+}
+
+const live = new Set(["frequency", "current"]);
+let before = { key: "", text: "[]" };
+
+function arranged(inGroup) {
+  const key = JSON.stringify([inGroup, search.value, kind.value, sort.value, by.value, slow.value, trusted.value,
+    idsOf("drives").value.length]);
+  const views = chosen(inGroup);
+  if (live.has(sort.value) && before.key === key) return before.text;
+  const found = sections(ordered(views)).filter(([, list]) => list.length > 0);
+  before = { key, text: JSON.stringify(found.map(([name, list]) => [name, list.map((view) => view.id)])) };
+  return before.text;
+}
+
+/** A computed of [[section, [ids]]…] for the group of the address (or null); changes only with the order. */
+export function arrangement(inGroup) {
+  const asText = computed(() => arranged(inGroup));
+  return computed(() => JSON.parse(asText.value));
+}
+
+export function sectionTitle(name) {
+  const [what, id] = name.split(" ");
+  const found = what === "bus" ? bus(id).value : what === "group" ? group(id).value : null;
+  return found ? titled(found) : id;
+}

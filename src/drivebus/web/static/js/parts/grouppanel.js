@@ -1,0 +1,68 @@
+// A group: how far it is, its start in two steps, its setpoint. Its stop is in the stop bar.
+import { html, useState } from "../lib.js";
+import { t, titled } from "../i18n.js";
+import { api } from "../api.js";
+import { number } from "../format.js";
+import { trusted } from "../live.js";
+import { inHand, take } from "../leases.js";
+import { may } from "../session.js";
+import { both } from "../i18n.js";
+import { drive, group } from "../store.js";
+import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { Frequency, wrongWith } from "./frequency.js";
+import { TwoStep } from "./twostep.js";
+
+const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
+const PATIENCE_MS = 300_000;
+
+function narrowest(views) {
+  return {
+    minimum_hz: Math.max(0, ...views.map((view) => view.minimum_hz)),
+    maximum_hz: views.length ? Math.min(...views.map((view) => view.maximum_hz)) : 0,
+  };
+}
+
+/** What became of each drive of a group. */
+function Outcomes({ outcomes }) {
+  return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
+    <b>${drive(id).value ? titled(drive(id).value) : id}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) : ""} ${both(one.text)}</li>`)}</ul><//>`;
+}
+
+function TakeAll({ views }) {
+  const [run, busy, error] = useAsk();
+  const free = views.filter((view) => !view.lease);
+  if (free.length === 0) return null;
+  const all = () => run(async () => { for (const view of free) await take(view.id); });
+  return html`<${Button} kind="main" busy=${busy} onClick=${all}>${t("page.lease_take_all", { n: free.length })}<//><${ErrorNote} error=${error} />`;
+}
+
+function Controls({ id, views }) {
+  const [hertz, setHertz] = useState("");
+  const [run, busy, error, result] = useAsk();
+  const [started, setStarted] = useState(null);
+  const limits = narrowest(views);
+  const others = views.filter((view) => !inHand(view)).length;
+  const off = !trusted.value || others > 0 || wrongWith(hertz, limits) !== null;
+  const frequency_hz = Number(hertz);
+  const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: PATIENCE_MS });
+  return html`<div class="stack">${others > 0 && html`<div class="row"><span>${t("page.group_not_in_hand", { n: others })}</span><${TakeAll} views=${views} /></div>`}
+    <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz} limits=${limits} disabled=${!trusted.value} />
+      <${Button} disabled=${off} busy=${busy} onClick=${() => run(() => ask("/set-frequency", { frequency_hz }))}>${t("page.set_frequency")}<//></div>
+    <${TwoStep} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
+      arm=${() => ask("/arm", {})} act=${(arm) => ask("/start", { frequency_hz, arm })}>
+      <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p><//>
+    <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}
+    ${started?.outcomes && html`<${Outcomes} outcomes=${started.outcomes} />`}</div>`;
+}
+
+export function GroupPanel({ id }) {
+  const found = group(id).value;
+  if (!found) return html`<${Notice} kind="warning">${t("page.no_such_group", { id })}<//>`;
+  const views = found.drives.map((name) => drive(name).value).filter(Boolean);
+  const leader = found.leader && drive(found.leader).value;
+  return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between"><h2 id="group-title">${titled(found)}</h2>
+    <span><b>${t(`page.group_${found.state}`)}</b>${found.progress && html` ${t("page.group_progress", { n: found.progress.started, of: found.progress.of })}`}</span></div>
+    ${leader && html`<p class="soft">${t("page.group_leader", { name: titled(leader) })}${Object.entries(found.ratios).map(([name, ratio]) => html`
+      · ${drive(name).value ? titled(drive(name).value) : name} × ${ratio}`)}</p>`}
+    ${may("operate") && html`<details><summary>${t("page.group_control")}</summary><${Controls} id=${id} views=${views} /></details>`}</section>`;
+}

@@ -1,0 +1,61 @@
+// One drive of the fleet. Each tile listens to its own drive only.
+import { html, useComputed } from "../lib.js";
+import { both, t, titled } from "../i18n.js";
+import { ageOf, readingStill, stateOf } from "../format.js";
+import { now, trusted } from "../live.js";
+import { Icon } from "../icons.js";
+import { Value } from "../ui.js";
+import { href } from "../router.js";
+import { may } from "../session.js";
+import { drive } from "../store.js";
+import { stop } from "../stops.js";
+import { PriorityMark, StateMark, lookOf } from "./state.js";
+
+/** "< 1 s", "3 s"…: coarse, so that a hundred tiles have a new text only where it tells something. */
+function coarse(seconds) {
+  if (seconds === null) return t("page.never_read");
+  if (seconds < 1.5) return t("page.age_now");
+  if (seconds < 100) return t("page.seconds", { n: Math.floor(seconds) });
+  return t("page.minutes", { n: Math.floor(seconds / 60) });
+}
+
+function oldest(view) {
+  const found = view?.signals?.output_frequency ?? Object.values(view?.signals ?? {})[0];
+  void now.value;
+  return found ? coarse(ageOf(found)) : t("page.never_read");
+}
+
+function Worst({ alarms }) {
+  const [priority] = ["urgent", "high", "low"].filter((name) => alarms[name] > 0);
+  return priority ? html`<${PriorityMark} priority=${priority} />` : null;
+}
+
+function Fault({ fault }) {
+  return html`<p class="tilefault"><b>${fault.label}</b> ${both(fault.text)}</p>`;
+}
+
+const current = (view) => readingStill(view, "output_current");
+
+export function Tile({ id }) {
+  const topic = drive(id);
+  const age = useComputed(() => oldest(topic.value));
+  const view = topic.value;
+  if (!view) return null;
+  const known = stateOf(view);
+  const [, tone] = lookOf(known);
+  const name = titled(view);
+  return html`<article class=${`tile tone-${tone} ${trusted.value ? "" : "old"}`}>
+    <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
+      <span class="tilehead"><span class="tilename">${name}</span><${Worst} alarms=${view.alarms} /></span>
+      <${StateMark} known=${known} direction=${view.direction} size=${26} />
+      <span class="tilehz"><${Value} found=${readingStill(view, "output_frequency")} big /></span>
+      <span class="tilerow"><${Value} found=${current(view)} /><span class="tileset">${t("page.set_short")}
+        ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
+        <span class="tileage">${age}</span></span>
+      ${view.fault && html`<${Fault} fault=${view.fault} />`}
+      ${view.stop_pending && html`<p class="tilefault">${t("page.stop_pending")}</p>`}
+      ${view.latched && html`<p class="tilenote">${t("page.latched_short")}</p>`}</a>
+    ${may("stop") && html`<button type="button" class="tilestop" aria-label=${t("page.stop_named", { name })}
+      title=${t("page.stop_named", { name })} onClick=${() => stop("drive", id)}><${Icon} name="stop" /></button>`}
+  </article>`;
+}

@@ -1,0 +1,45 @@
+// A start in two steps: the first asks the server for leave, the second, within its seconds, starts. Everything that
+// may start a motor goes through here.
+import { html, useEffect, useRef, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { nowMs } from "../store.js";
+import { now } from "../live.js";
+
+/**
+ * @param arm asks for the first step: a promise of {arm, expires_s}
+ * @param act the second step, given the arm
+ * @param first, second texts of the two buttons
+ * @param children what will be done, shown between the steps
+ */
+export function TwoStep({ arm, act, first, second, disabled, children, onDone }) {
+  const [run, busy, error, , forget] = useAsk();
+  const [armed, setArmed] = useState(null);
+  const confirm = useRef(null);
+  const left_s = armed ? Math.ceil((armed.until - now.value) / 1000) : 0;
+  const over = armed && left_s <= 0;
+
+  useEffect(() => { if (armed) confirm.current?.querySelector("button")?.focus(); }, [armed]);
+  useEffect(() => { if (disabled || over) setArmed(null); }, [disabled, over]);
+
+  const begin = async () => {
+    const found = await run(arm);
+    if (found) setArmed({ word: found.arm, until: nowMs() + found.expires_s * 1000 });
+  };
+  const go = async () => {
+    const { word } = armed;
+    setArmed(null);
+    const found = await run(() => act(word));
+    if (found) onDone?.(found);
+  };
+  const cancel = () => { setArmed(null); forget(); };
+  const key = (event) => { if (event.key === "Escape") cancel(); };
+
+  if (!armed) {
+    return html`<div class="stack"><div><${Button} kind="main" disabled=${disabled} busy=${busy} onClick=${begin}
+      data-step="first">${first}<//></div><${ErrorNote} error=${error} /></div>`;
+  }
+  return html`<div ref=${confirm} class="confirm" onKeyDown=${key}><${Notice} kind="warning" live title=${t("page.step_two")}>${children}<//>
+    <div class="row"><${Button} kind="main" onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
+      <${Button} onClick=${cancel}>${t("page.cancel")}<//></div></div>`;
+}
