@@ -11,12 +11,14 @@ import json
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 from drivebus.errors import ConfigurationError, NotFound, ParamsError, ServiceUnavailable
 from drivebus.plant.historian import trend
 from drivebus.plant.historian.cursors import cursor, place
+from drivebus.plant.historian.export import Exports
 from drivebus.plant.historian.intake import Intake
 from drivebus.plant.historian.levels import GRAINS
 from drivebus.plant.historian.reader import Reader
@@ -25,7 +27,7 @@ from drivebus.plant.historian.sqlite import SqliteDoor
 from drivebus.plant.historian.store import Document, Store, StoreError, Tag, Window
 from drivebus.plant.historian.writer import Writer
 from drivebus.plant.model import HistorySetting
-from drivebus.plant.operations import Span, Trend
+from drivebus.plant.operations import Export, Span, Trend
 from drivebus.plant.view import Sample
 from drivebus.profiles.model import Text
 
@@ -34,6 +36,7 @@ T = TypeVar("T")
 
 FILE = "history.db"
 FLUSH_S = 1.0
+PIECE = 20_000
 
 
 def stores(setting: HistorySetting, directory: Path) -> tuple[Store, Store]:
@@ -65,6 +68,7 @@ class Historian:
         self.intake = Intake()
         self.writer = Writer(writing, setting, self.intake, wall_ms=wall_ms)
         self._reader = Reader(reading, lambda: self.writer.unsealed)
+        self._exports = Exports(self._reader)
         self._writing = ThreadPoolExecutor(1, "history-writer")
         self._reading = ThreadPoolExecutor(1, "history-reader")
         self._task: asyncio.Task[None] | None = None
@@ -103,10 +107,12 @@ class Historian:
         return asyncio.get_running_loop().run_in_executor(self._writing, work)
 
     async def _read(self, work: Callable[[], T]) -> T:
-        """Raises ServiceUnavailable."""
+        """Raises ServiceUnavailable; the connection that failed is made anew for the next one."""
         try:
             return await asyncio.get_running_loop().run_in_executor(self._reading, work)
         except StoreError as error:
+            with contextlib.suppress(StoreError):
+                await asyncio.get_running_loop().run_in_executor(self._reading, self._reader.close)
             raise ServiceUnavailable("history.unavailable", why=str(error)) from error
 
     # --- giving -------------------------------------------------------------------------------------------------
@@ -140,6 +146,17 @@ class Historian:
         data = None if value is None else json.dumps(value, ensure_ascii=False, separators=(",", ":"))
         self.intake.put_document(Document(kind, id, data))
 
+    async def load(self, samples: Iterable[Sample]) -> None:
+        """A past that this plant did not live through (a demo's shift): any number, durable on return.
+
+        Raises ServiceUnavailable.
+        """
+        given = iter(samples)
+        while piece := list(islice(given, PIECE)):
+            self.intake.append(piece)
+            await self.flush()
+            await self._write(self.writer.round)
+
     async def flush(self) -> None:
         """Whatever was given before is durable on return. Raises ServiceUnavailable where it can't be."""
         try:
@@ -171,7 +188,7 @@ class Historian:
         level = trend.level(asked.from_ms, asked.to_ms, asked.points, self._reader.store.floors())
         series = {}
         for name, tag in ids.items():
-            points = self._reader.points(level, [tag], asked.from_ms, asked.to_ms)[tag]
+            points = self._reader.rolled(level, [tag], asked.from_ms, asked.to_ms)[tag]
             series[name] = trend.series(trend.thinned(points, level, asked.from_ms, asked.to_ms, asked.points))
         return {"resolution": GRAINS[level].name, "series": series}
 
@@ -185,6 +202,13 @@ class Historian:
         shown = rows[: asked.limit]
         more = cursor(shown[-1].time_ms, shown[-1].id) if len(rows) > len(shown) else None
         return {"items": [json.loads(row.data) for row in shown], "next": more}
+
+    async def export(self, asked: Export) -> Json:
+        """See ``history.export``. Raises NotFound, ParamsError, ConfigurationError, ServiceUnavailable."""
+        self.tag_ids(asked.tags)
+        in_order(asked.from_ms, asked.to_ms)
+        tags = {name: self.writer.tags[name] for name in asked.tags}
+        return await self._read(lambda: self._exports.part(asked, tags))
 
     async def documents(self, kind: str) -> dict[str, Any]:
         """Everything durable of a kind, by id. Raises ServiceUnavailable."""
@@ -200,6 +224,7 @@ class Historian:
         return {
             "history.tags": tags,
             "history.trend": lambda params, _actor: self.trend(params),
+            "history.export": lambda params, _actor: self.export(params),
             "history.markers": lambda params, _actor: self.markers(params),
         }
 

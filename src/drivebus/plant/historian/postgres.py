@@ -13,7 +13,7 @@ from itertools import count
 from re import sub
 from typing import Any
 
-import asyncpg
+import asyncpg  # type: ignore[import-untyped]
 
 from drivebus.plant.historian.sql import Row
 
@@ -30,7 +30,14 @@ class Busy(Exception):
 class PostgresDoor:
     """A connection to ``url``; a reader never writes."""
 
-    errors = (asyncpg.PostgresError, asyncpg.InterfaceError, OSError, TimeoutError, ValueError, Busy)
+    errors: tuple[type[Exception], ...] = (
+        asyncpg.PostgresError,
+        asyncpg.InterfaceError,
+        OSError,
+        TimeoutError,
+        ValueError,
+        Busy,
+    )
     words = {"id": "BIGSERIAL PRIMARY KEY", "bytes": "BYTEA"}
 
     def __init__(self, url: str, *, reader: bool = False) -> None:

@@ -45,7 +45,7 @@ class Reader:
         self._is_open = False
         self._store.close()
 
-    def points(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, Points]:
+    def rolled(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, Points]:
         """Every point of each tag that begins within, or (rollups) that ``from_ms`` lies in; in order."""
         width = GRAINS[level].width_ms
         pieces: dict[int, list[Points]] = {tag: [] for tag in tags}
@@ -67,13 +67,13 @@ class Reader:
             found[tag] = _with(found[tag], first, samples, from_ms, to_ms)
         return found
 
-    def extent(self, level: Level, tags: Sequence[int]) -> tuple[int, int] | None:
-        """The times between which (inclusive) all points of these tags lie; None: there are none."""
-        fresh = [time for tag in tags for time in self._unsealed().copy(tag)[1][0]]
-        stored = self.store.extent(level, tags)
-        if stored is not None:
-            fresh += [stored[0], stored[1] + GRAINS[level].partition_ms - 1]
-        return (min(fresh), max(fresh)) if fresh else None
+    def following(self, level: Level, tags: Sequence[int], from_ms: int) -> int | None:
+        """The first partition that begins at ``from_ms`` or later and holds any of these tags."""
+        length = GRAINS[level].partition_ms
+        times = (time for tag in tags for time in self._unsealed().copy(tag)[1][0])
+        fresh = [start for start in {time // length * length for time in times} if start >= from_ms]
+        stored = self.store.following(level, tags, from_ms)
+        return min(fresh if stored is None else [*fresh, stored], default=None)
 
     def _look(
         self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int

@@ -205,15 +205,16 @@ class SqlStore:
         return {level: meta.get(f"floor.{level:d}", 0) for level in Level}
 
     @_translated
-    def extent(self, level: Level, tags: Sequence[int]) -> tuple[int, int] | None:
-        asked = "SELECT min(start_ms), max(start_ms) FROM block WHERE level = ? AND tag = ?"
-        ends = [row for tag in tags for row in self.door.rows(asked, level, tag) if row[0] is not None]
-        return (min(row[0] for row in ends), max(row[1] for row in ends)) if ends else None
+    def following(self, level: Level, tags: Sequence[int], from_ms: int) -> int | None:
+        asked = "SELECT min(start_ms) FROM block WHERE level = ? AND tag = ? AND start_ms >= ?"
+        found = [self.door.rows(asked, level, tag, from_ms)[0][0] for tag in tags]
+        return min((start for start in found if start is not None), default=None)
 
     @_translated
     def events(self, window: Window) -> list[EventRow]:
         before = window.before or (window.to_ms + 1, 0)
-        where, given = "time_ms BETWEEN ? AND ? AND (time_ms, id) < (?, ?)", [window.from_ms, window.to_ms, *before]
+        where = "time_ms BETWEEN ? AND ? AND (time_ms, id) < (?, ?)"
+        given: list[Any] = [window.from_ms, window.to_ms, *before]
         if window.drive is not None:
             where, given = f"{where} AND drive = ?", [*given, window.drive]
         asked = f"SELECT id, time_ms, kind, drive, data FROM event WHERE {where} ORDER BY time_ms DESC, id DESC LIMIT ?"

@@ -1,4 +1,4 @@
-"""The one door to sqlite3: one file beside the plant's other files. WAL, and every commit is synced before it counts."""
+"""The one door to sqlite3: one file beside the plant's others. WAL, and every commit is synced before it counts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAGES = 1000
 class SqliteDoor:
     """A connection to ``path``; a reader never writes."""
 
-    errors = (sqlite3.Error, OSError)
+    errors: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
     words = {"id": "INTEGER PRIMARY KEY", "bytes": "BLOB"}
 
     def __init__(self, path: Path, *, reader: bool = False) -> None:

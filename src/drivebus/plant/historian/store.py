@@ -164,8 +164,8 @@ class Store(Protocol):
         """Everything that was stored before (ms) is gone from this level."""
         ...
 
-    def extent(self, level: Level, tags: Sequence[int]) -> tuple[int, int] | None:
-        """Where the first and the last partition begin that hold any of these tags."""
+    def following(self, level: Level, tags: Sequence[int], from_ms: int) -> int | None:
+        """The first partition that begins at ``from_ms`` or later and holds any of these tags."""
         ...
 
     def events(self, window: Window) -> list[EventRow]: ...
