@@ -6,11 +6,12 @@ import logging
 from typing import Any
 
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, ParamsError
 from drivebus.plant.access.refusals import AccessError, as_json
 from drivebus.plant.failure import both, failure
 
@@ -25,6 +26,7 @@ def install(app: FastAPI) -> None:
     """Let errors of the plant, of the framework, and those that nobody foresaw be answered in the one shape."""
     app.add_exception_handler(DrivebusError, _of_plant)
     app.add_exception_handler(HTTPException, _of_framework)
+    app.add_exception_handler(RequestValidationError, _wrong_body)
     app.add_exception_handler(Exception, _unforeseen)
 
 
@@ -38,6 +40,19 @@ async def _of_plant(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DrivebusError)
     told = as_json(error, error.status) if isinstance(error, AccessError) else failure(error)
     return JSONResponse({"error": told}, told["status"], headers={"Cache-Control": "no-store"})
+
+
+async def _wrong_body(request: Request, error: Exception) -> JSONResponse:
+    """Of a route that lets FastAPI check: told as the plant tells wrong parameters."""
+    assert isinstance(error, RequestValidationError)
+    faults = [
+        {"path": ".".join(map(str, one["loc"][1:])), "found": repr(one.get("input"))[:200], "expected": one["msg"]}
+        for one in error.errors()
+    ]
+    text = "; ".join(f"{fault['path']}: {fault['expected']}" for fault in faults)
+    return await _of_plant(
+        request, ParamsError("plant.params", operation=request.url.path, problems=text, faults=faults)
+    )
 
 
 async def _of_framework(request: Request, error: Exception) -> JSONResponse:

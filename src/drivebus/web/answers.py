@@ -20,6 +20,7 @@ async def refuse(send: Send, error: AccessError, *more: tuple[bytes, bytes]) -> 
         (b"content-type", b"application/json"),
         (b"content-length", str(len(body)).encode()),
         *retry_after(error),
+        *allow(error),
         *more,
     )
     await send({"type": "http.response.start", "status": error.status, "headers": list(headers)})
@@ -30,3 +31,9 @@ def retry_after(error: DrivebusError) -> Headers:
     """Whole seconds, where the error tells when to come again."""
     wait: Any = error.params.get("retry_s")
     return () if wait is None else ((b"retry-after", str(int(wait) + 1).encode()),)
+
+
+def allow(error: DrivebusError) -> Headers:
+    """The methods that the address has, where the one asked for is not among them (RFC 9110, 15.5.6)."""
+    allowed: Any = error.params.get("allowed")
+    return () if allowed is None else ((b"allow", str(allowed).encode()),)

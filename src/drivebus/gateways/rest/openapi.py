@@ -7,6 +7,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from drivebus.gateways.rest.described import ERRORS
 from drivebus.gateways.rest.table import PREFIX, ROUTES
 
 Json = dict[str, Any]
@@ -32,12 +33,31 @@ SCHEMES: Json = {
 def describe(app: FastAPI) -> Json:
     """The OpenAPI document of an app that has the routes."""
     found = get_openapi(title=TITLE, version=VERSION, routes=app.routes, summary="One plant of drives on many buses")
-    found.setdefault("components", {})["securitySchemes"] = SCHEMES
-    for route in ROUTES:
-        operation = found["paths"][PREFIX + route.path][route.method.lower()]
-        cookie: Json = {COOKIE: []} if route.method == "GET" else {COOKIE: [], CSRF: []}
-        operation["security"] = [{TOKEN: []}, cookie]
+    parts = found.setdefault("components", {})
+    parts["securitySchemes"] = SCHEMES
+    for name in _NOT_OURS:
+        parts.get("schemas", {}).pop(name, None)
+    known = {(PREFIX + route.path, route.method.lower()) for route in ROUTES}
+    for path, operations in found["paths"].items():
+        for method, operation in operations.items():
+            operation["responses"] = operation["responses"] | _problems()
+            operation["security"] = _ways(method, by_token=(path, method) in known)
     return found
+
+
+_NOT_OURS = ("HTTPValidationError", "ValidationError")
+"""FastAPI's own shape of an error, which nobody gets here."""
+
+
+def _problems() -> Json:
+    content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    return {str(code): {"description": why, "content": content} for code, why in ERRORS.items()}
+
+
+def _ways(method: str, *, by_token: bool) -> list[Json]:
+    """How one comes in: with a token, or with a cookie and, where something may change, the page's own header."""
+    cookie: Json = {COOKIE: []} if method == "get" else {COOKIE: [], CSRF: []}
+    return [{TOKEN: []}, cookie] if by_token else [cookie, {TOKEN: []}, {}]
 
 
 def install(app: FastAPI) -> None:

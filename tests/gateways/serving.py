@@ -1,0 +1,94 @@
+"""A whole plant with its web part on a loopback port, in a thread and loop of its own: what a program meets."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from argon2 import PasswordHasher
+
+from drivebus.plant.access.access import Access
+from drivebus.plant.access.passwords import Passwords
+from drivebus.plant.access.register import Register, Token, User
+from drivebus.plant.access.rights import RIGHTS, Right, Role
+from drivebus.plant.access.sessions import digest
+from drivebus.plant.client import PlantClient
+from drivebus.plant.model import WebSetting
+from drivebus.web.app import make_app
+from drivebus.web.server import LOOPBACK, Server, bound, config
+from plantkit import Kit, plant
+
+PASSWORD = "correct horse battery"
+QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+FAR_MS = 4_000_000_000_000
+
+
+@dataclass
+class Served:
+    """Where it is, who may come in with which token, and the plant behind it, for its own thread only."""
+
+    url: str
+    kit: Kit
+    access: Access
+    loop: asyncio.AbstractEventLoop
+
+    def do(self, work: Callable[[], Awaitable[Any]]) -> Any:
+        """Run something in the plant's loop; its result."""
+        return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result(30.0)
+
+
+def token(role: Role) -> str:
+    """The secret of the token that a user of this role has."""
+    return f"dbt_{role}"
+
+
+def register() -> Register:
+    """One user of each role, each with a token of all its rights but those of administrators."""
+    hashed, found = QUICK.hash(PASSWORD), Register()
+    for role in Role:
+        rights = tuple(sorted(RIGHTS[role] - {Right.ADMINISTER}))
+        found = found.added(User(str(role), role, hashed, 0))
+        found = found.with_token(Token(f"id-{role}", "test", str(role), rights, digest(token(role)), 0, FAR_MS))
+    return found
+
+
+@contextmanager
+def served(directory: Path, client: Callable[[Kit], PlantClient] = lambda kit: kit.service) -> Iterator[Served]:
+    """``client`` puts another ``PlantClient`` between the web part and the plant."""
+    begun: list[Served] = []
+    ready, ending = threading.Event(), asyncio.Event()
+    access = Access(directory, passwords=Passwords(QUICK))
+    access.file.change(lambda _: register())
+
+    async def serve() -> None:
+        async with plant() as kit:
+            listener = bound(LOOPBACK, 0)
+            web = WebSetting(port=listener.getsockname()[1])
+            server = Server(config(make_app(client(kit), access, web), web))
+            serving = asyncio.create_task(server.serve([listener]))
+            while not server.started:  # noqa: ASYNC110  uvicorn tells nobody
+                await asyncio.sleep(0.01)
+            begun.append(Served(f"http://{LOOPBACK}:{web.port}", kit, access, asyncio.get_running_loop()))
+            ready.set()
+            await ending.wait()
+            server.should_exit = True
+            await serving
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()), name="served")
+    thread.start()
+    try:
+        assert ready.wait(30.0)
+        yield begun[0]
+    finally:
+        if begun:
+            begun[0].loop.call_soon_threadsafe(ending.set)
+        thread.join(30.0)
+
+
+async def _awaited(work: Callable[[], Awaitable[Any]]) -> Any:
+    return await work()
