@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from drivebus.errors import AuditUnavailable
 from drivebus.plant.access.rights import RIGHTS, Role
 from drivebus.plant.actor import Actor, local
 from drivebus.plant.alarms import Alarm, AlarmBook
+from drivebus.plant.audit import Entry
 from drivebus.plant.interlocks import Interlocks
 from drivebus.plant.model import BusSetting, DriveSetting, GroupSetting, PlantSetting
 from drivebus.plant.parts import Parts
@@ -51,17 +53,30 @@ def setting(**changed: Any) -> PlantSetting:
 
 @dataclass
 class PaperTrail:
-    """An audit trail in memory; ``broken`` makes it one that can't be written."""
+    """An audit trail in memory; ``broken`` makes it one that can't be written, ``takes_s`` one that is slow."""
 
-    entries: list[Json] = field(default_factory=list)
+    entries: list[Entry] = field(default_factory=list)
     broken: bool = False
-    ok: bool = True
+    takes_s: float = 0.0
 
-    async def write(self, entry: Json) -> None:
-        self.ok = not self.broken
+    @property
+    def ok(self) -> bool:
+        return not self.broken
+
+    async def record(self, entry: Entry) -> int:
+        if self.takes_s:
+            await asyncio.sleep(self.takes_s)
         if self.broken:
             raise AuditUnavailable("plant.audit_unavailable")
         self.entries.append(entry)
+        return len(self.entries)
+
+    def note(self, entry: Entry) -> None:
+        self.entries.append(entry)
+
+    def outcomes(self, what: str) -> list[str | None]:
+        """What was recorded of an operation, in order."""
+        return [entry.outcome for entry in self.entries if entry.what == what]
 
 
 @dataclass

@@ -82,6 +82,11 @@ class Bus(Shell):
         """Not opened yet, or closed by whoever owns it: nothing is opened again by itself."""
         return self._loop is None
 
+    @property
+    def late_s(self) -> float:
+        """How long something has been due that was not done: more than moments mean that this loop hangs."""
+        return 0.0 if self._wake_at is None else max(0.0, self.now() - self._wake_at)
+
     def add(self, link: StationLink) -> None:
         """Register a station. Raises ConfigurationError: address taken or broadcast, or families mixed (T18)."""
         self.core.add(link)

@@ -4,7 +4,9 @@ recorded before its first frame leaves and after (6.5, G14).
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
@@ -13,6 +15,7 @@ from drivebus.errors import AuditUnavailable, DrivebusError, Expired, Forbidden,
 from drivebus.plant.access.rights import Right
 from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import Own
+from drivebus.plant.audit import Entry
 from drivebus.plant.failure import failure, plain
 from drivebus.plant.operations import OPERATIONS, Operation, Params, WriteParameters
 from drivebus.plant.parts import Handler
@@ -29,6 +32,10 @@ UNRECORDED = frozenset(
     }
 )  # fmt: skip
 """Control goes on where the trail can't be written; starts and changes of settings do not (G14)."""
+TRAIL = "audit.jsonl"
+TARGETS = ("drive", "group", "alarm", "bus")
+PATIENCE_S = 1.0
+"""Whoever stopped something waits no longer for its record."""
 
 
 class Desk:
@@ -49,7 +56,7 @@ class Desk:
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
-        if operation.right is Right.STOP:
+        if operation.stops:
             return await self._stop_first(operation, parsed, actor, handler)
         if operation.changes:
             return await self._recorded(operation, parsed, actor, handler)
@@ -64,33 +71,37 @@ class Desk:
         if actor.may(right):
             return
         error = Forbidden("plant.forbidden", name=actor.name, operation=operation.name, right=str(right))
-        await self._after(operation, params, actor, error.key, [])
+        self._note(_entry(operation, params, actor, error.key))
         raise error
 
     async def _stop_first(self, operation: Operation, params: Params, actor: Actor, handler: Handler) -> Json:
-        """A stop goes; it is recorded when it has gone, if it can be."""
+        """A stop goes; it is recorded when it has gone, and nobody waits long for that."""
+        entry = _entry(operation, params.model_dump(), actor)
         try:
             found = await handler(params, actor)
         except DrivebusError as error:
-            await self._failed(operation, params, actor, error)
+            await self._soon(_failed(entry, error))
             raise
-        await self._after(operation, params.model_dump(), actor, *_ended(found))
+        await self._soon(_done(entry, found))
         return found
 
     async def _recorded(self, operation: Operation, params: Params, actor: Actor, handler: Handler) -> Json:
         wished_at, stops = self.plant.now(), self._stops(params)
+        entry = _entry(operation, params.model_dump(), actor)
         try:
-            await self.record(_entry(operation, params.model_dump(), "asked", []), actor)
+            number = await self._record(replace(entry, outcome="asked"))
         except AuditUnavailable:
             if operation.name not in UNRECORDED:
                 raise
+            number = None
+        entry = replace(entry, of=number)
         try:
             self._still(params, wished_at, stops)
             found = await handler(params, actor)
         except DrivebusError as error:
-            await self._failed(operation, params, actor, error)
+            await self._after(_failed(entry, error))
             raise
-        await self._after(operation, params.model_dump(), actor, *_ended(found))
+        await self._after(_done(entry, found))
         return found
 
     def _still(self, params: Params, wished_at: float, stops: int) -> None:
@@ -111,27 +122,34 @@ class Desk:
 
     # --- the record -----------------------------------------------------------------------------------------------
 
-    async def record(self, entry: Json, actor: Actor) -> None:
-        """Raises AuditUnavailable, after which every start is refused until an entry can be written again."""
+    async def record(self, found: Json, actor: Actor) -> None:
+        """Something that is no operation: ``what``, ``target``, ``params``, ``outcome``. Raises AuditUnavailable."""
         who = {"who": actor.name, "session": actor.session, "address": actor.address}
+        await self._record(Entry.from_json({**found, **who}))
+
+    async def _record(self, entry: Entry) -> int:
+        """Raises AuditUnavailable, after which every start is refused until an entry can be written again."""
         try:
-            await self.plant.parts.trail.write(who | entry)
+            number = await self.plant.parts.trail.record(entry)
         except AuditUnavailable as error:
-            self.plant.alarm(Own.STORE, about="audit.jsonl", reason=error)
+            self.plant.alarm(Own.STORE, about=TRAIL, reason=error)
             raise
-        self.plant.calm(Own.STORE, about="audit.jsonl")
+        self.plant.calm(Own.STORE, about=TRAIL)
+        return number
 
-    async def _failed(self, operation: Operation, params: Params, actor: Actor, error: DrivebusError) -> None:
-        told = failure(error)
-        frames = (told["outcome"] or {}).get("frames", [])
-        await self._after(operation, params.model_dump(), actor, told["code"], frames)
+    def _note(self, entry: Entry) -> None:
+        self.plant.parts.trail.note(entry)
 
-    async def _after(self, operation: Operation, params: Json, actor: Actor, outcome: str, frames: list[Json]) -> None:
-        """What became of it. What was done is done: a trail that can't be written is an alarm, not a failure."""
+    async def _after(self, entry: Entry) -> None:
+        """What was done is done: a trail that can't be written is an alarm, and is written later; no failure."""
         try:
-            await self.record(_entry(operation, params, outcome, frames), actor)
+            await self._record(entry)
         except AuditUnavailable:
-            return
+            self._note(entry)
+
+    async def _soon(self, entry: Entry) -> None:
+        """A disk that hangs keeps nobody from hearing what became of a stop."""
+        await asyncio.wait([asyncio.ensure_future(self._after(entry))], timeout=PATIENCE_S)
 
 
 def checked(operation: Operation, params: Json) -> Params:
@@ -151,19 +169,26 @@ def _short(value: Any) -> str:
     return repr(value)[:200]
 
 
-def _entry(operation: Operation, params: Any, outcome: str, frames: list[Json]) -> Json:
+def _entry(operation: Operation, params: Any, actor: Actor, outcome: str | None = None) -> Entry:
     found = plain(params)
-    target = found.get("drive") or found.get("group") or found.get("alarm") if isinstance(found, dict) else None
-    return {"what": operation.name, "target": target, "params": found, "frames": frames, "outcome": outcome}
+    known = found if isinstance(found, dict) else {}
+    target = next((known[name] for name in TARGETS if isinstance(known.get(name), str)), "")
+    return Entry.by(actor, operation.name, target=target, params=known, outcome=outcome)
 
 
-def _ended(found: Json) -> tuple[str, list[Json]]:
-    """The word and the frames of what was done."""
-    one = found.get("outcome")
+def _failed(entry: Entry, error: DrivebusError) -> Entry:
+    told = failure(error)
+    return replace(entry, outcome=told["code"], frames=(told["outcome"] or {}).get("frames", ()))
+
+
+def _done(entry: Entry, found: Json) -> Entry:
+    """With the word and the frames of what was done."""
+    one, many = found.get("outcome"), found.get("outcomes")
     if one is not None:
-        return one["word"], one["frames"]
-    many = found.get("outcomes")
+        return replace(entry, outcome=one["word"], frames=one["frames"])
     if many is None:
-        return "done", []
+        return replace(entry, outcome="done")
     words = sorted({each.get("word") or each.get("code") for each in many.values()})
-    return ", ".join(words), [frame for each in many.values() for frame in each.get("frames", [])]
+    return replace(
+        entry, outcome=", ".join(words), frames=[f for each in many.values() for f in each.get("frames", [])]
+    )

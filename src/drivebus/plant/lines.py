@@ -12,9 +12,11 @@ from drivebus import open_bus
 from drivebus.bus import Bus
 from drivebus.bus.trace import TraceEvent
 from drivebus.errors import DrivebusError
+from drivebus.plant.config.polling import line_of
 from drivebus.plant.model import BusSetting, DriveSetting
 from drivebus.plant.units import Unit
 from drivebus.plant.view import Sample
+from drivebus.profiles.model import DriveProfile
 from drivebus.seams import Store
 
 AGAIN_S = 2.0
@@ -31,17 +33,22 @@ class Seen(NamedTuple):
 
 
 class Line:
-    """A bus and its units. ``told`` is called with an i18n key and its numbers: once lost, once open again."""
+    """A bus and its units. ``profile`` gives the line what the setting and the LINK leave open.
+
+    ``told`` is called with an i18n key and its numbers where it can't be opened, once.
+    """
 
     def __init__(
         self,
         setting: BusSetting,
+        profile: DriveProfile | None,
         now: Callable[[], float],
         told: Callable[[str, dict[str, Any]], None],
         on_frame: Callable[[Line, Seen], None],
     ) -> None:
         self.setting, self._told, self._on_frame = setting, told, on_frame
-        self.bus: Bus = open_bus(setting.link, baud=setting.baud, format=setting.format)
+        line = line_of(setting, profile)
+        self.bus: Bus = open_bus(setting.link, baud=line.baud, format=line.format)
         self.units: dict[str, Unit] = {}
         self.problem: DrivebusError | None = None
         """Why it could not be opened, None where it was."""
@@ -84,8 +91,6 @@ class Line:
                 await asyncio.sleep(AGAIN_S)
             else:
                 break
-        if self.problem is not None:
-            self._told("plant.bus_open", {"bus": self.setting.id})
         self.problem = None
         for unit in self.units.values():
             unit.watch()

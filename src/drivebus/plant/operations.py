@@ -62,6 +62,7 @@ class Jog(OfDrive):
     direction: Literal["forward", "reverse"] = "forward"
     frequency_hz: Frequency | None = None
     arm: Name | None = None
+    """As for a run: a jog is a start."""
 
 
 class JogHeld(OfDrive):
@@ -159,6 +160,11 @@ class Operation:
     params: type[Params] = Nothing
     changes: bool = False
     """Audited, with its outcome; never reached by GET (S03)."""
+
+    @property
+    def stops(self) -> bool:
+        """It only takes motion away: nothing is asked or recorded before it (6.5)."""
+        return self.changes and self.right is Right.STOP
 
 
 _ALL = (

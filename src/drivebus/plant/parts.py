@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import AlarmBook
+from drivebus.plant.audit import Entry
 from drivebus.plant.interlocks import Interlocks
 from drivebus.plant.view import DriveView, Sample
 
@@ -16,18 +17,19 @@ Handler = Callable[[Any, Actor], Awaitable[Json]]
 
 
 class Trail(Protocol):
-    """The audit trail."""
+    """The audit trail: ``audit.AuditTrail``."""
 
     @property
     def ok(self) -> bool:
         """Could the last entry be written?"""
         ...
 
-    async def write(self, entry: Json) -> None:
-        """``who``, ``what``, ``target``, ``params``, ``frames``, ``outcome``; durable on return.
+    async def record(self, entry: Entry) -> int:
+        """Its number; durable on return. Raises AuditUnavailable."""
+        ...
 
-        Raises AuditUnavailable.
-        """
+    def note(self, entry: Entry) -> None:
+        """Written soon, or once the disk works again."""
         ...
 
 
@@ -50,5 +52,7 @@ class Parts:
     handlers: Mapping[str, Handler] = field(default_factory=dict)
     on_event: Callable[[Json], None] = lambda event: None
     """Every event, for the history's markers."""
+    disk: Callable[[], Json] = dict
+    """Room on the disk of the state directory."""
     on_view: Callable[[DriveView, float, int], None] = lambda view, now, now_ms: None
     """Every look at a drive, for run statistics and cases."""

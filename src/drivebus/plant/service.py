@@ -13,13 +13,14 @@ from drivebus.drives.store import FileStore
 from drivebus.plant.actor import Actor, local
 from drivebus.plant.answers import Answers
 from drivebus.plant.commands import Commands
+from drivebus.plant.config.polling import profile_of
 from drivebus.plant.desk import Desk
 from drivebus.plant.frames import Framed
 from drivebus.plant.groups import Groups
 from drivebus.plant.hub import Hub
 from drivebus.plant.jogs import Jogs
 from drivebus.plant.lines import Line, Seen
-from drivebus.plant.model import PlantSetting
+from drivebus.plant.model import BusSetting, DriveSetting, PlantSetting
 from drivebus.plant.parts import Handler, Parts
 from drivebus.plant.policies import Policies
 from drivebus.plant.state import Plant
@@ -77,7 +78,7 @@ class Service:
         """Open every bus that can be opened; nothing but reads is sent (ruling 7). Raises ConfigurationError."""
         self.plant.started_ms = self.plant.wall_ms()
         for bus in self.plant.setting.buses:
-            self.add_bus(bus)
+            self.add_bus(bus, self.plant.setting.drives)
         for drive in self.plant.setting.drives:
             self.add_drive(drive)
         for line in self.plant.lines.values():
@@ -85,14 +86,15 @@ class Service:
         self.watching.look()
         self._tick = asyncio.create_task(self.watching.run(), name="watching")
 
-    def add_bus(self, setting: Any) -> Line:
-        """A bus of the plant, not opened yet."""
-        line = Line(setting, self.plant.now, self._line_told, self._frame)
+    def add_bus(self, setting: BusSetting, drives: Sequence[DriveSetting]) -> Line:
+        """A bus of the plant, not opened yet; ``drives``: of the whole plant."""
+        first = next((profile_of(drive) for drive in drives if drive.bus == setting.id), None)
+        line = Line(setting, first, self.plant.now, self._line_told, self._frame)
         line.wall_ms = self.plant.wall_ms
         self.plant.lines[setting.id] = line
         return line
 
-    def add_drive(self, setting: Any) -> Unit:
+    def add_drive(self, setting: DriveSetting) -> Unit:
         """A drive of the plant."""
         unit = self.plant.lines[setting.bus].add(setting, self._sampled, self._drive_store)
         self.plant.units[unit.id] = unit

@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.commloss import CommLossReport
 from drivebus.drives.memory import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.statusread import complete
+from drivebus.plant.config.polling import names_of, profile_of
 from drivebus.plant.failure import both
 from drivebus.plant.model import DriveSetting
 from drivebus.plant.view import HostDies, Sample
-from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.model import Text
 from drivebus.reading import Quality, Reading
 from drivebus.seams import Store
 
@@ -32,6 +32,8 @@ class Unit:
         self.setting, self.bus = setting, bus
         self.id = setting.id
         self.profile = profile_of(setting)
+        self.signals = names_of(setting, self.profile)
+        """Those that are polled: the ones that the plant's file names, else every one of the model."""
         self.drive = Drive(
             bus, self.profile, setting.address,
             encoding=setting.encoding, limits=setting.limits, settings=setting.settings, store=store,
@@ -60,13 +62,9 @@ class Unit:
         """What the drive does when this host dies, with the waiver that somebody recorded."""
         return replace(self.host_dies, waiver=self.waiver)
 
-    @property
-    def signals(self) -> tuple[str, ...]:
-        return tuple(self.profile.signals)
-
     def watch(self) -> None:
         """Begin to poll; the bus is open, so that what was proved on this port before is known."""
-        self.monitor = self.monitor or self.drive.monitor(self.signals, self._heard)
+        self.monitor = self.monitor or self.drive.monitor(self.signals, self._heard, self.setting.fastest_s)
 
     def status(self) -> DriveStatus:
         """The newest, with old readings marked bad and an old state unknown."""
@@ -111,7 +109,7 @@ class Unit:
             self._samples(self, found)
 
     def _sample(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
-        if name not in self.profile.signals or isinstance(reading.value, str):
+        if name not in self.signals or isinstance(reading.value, str):
             return None
         bad = reading.quality is Quality.BAD
         mark = None if bad else reading.source_time
@@ -123,15 +121,6 @@ class Unit:
 
 
 _NEVER: Any = object()
-
-
-def profile_of(setting: DriveSetting) -> DriveProfile:
-    """The model's profile with the plant's own periods; only the signals named, where any are. Raises ProfileError."""
-    profile = profiles.load(setting.model)
-    if not setting.signals:
-        return profile
-    chosen = {name: replace(profile.signals[name], period_s=period) for name, period in setting.signals.items()}
-    return replace(profile, signals=chosen)
 
 
 def _seconds(reading: Reading | None) -> float | None:

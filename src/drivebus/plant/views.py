@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-from drivebus.bus.planner import Poll, arithmetic
+from drivebus.bus.planner import arithmetic
 from drivebus.drives.state import DriveStatus, Fault
+from drivebus.plant.config.polling import polls_of
 from drivebus.plant.failure import both
 from drivebus.plant.lines import Line
 from drivebus.plant.starting import hindrances
@@ -86,7 +87,7 @@ def bus_view(plant: Plant, line: Line) -> Json:
 def _station(line: Line, unit: Unit, found: Any) -> Json:
     return {
         "address": unit.setting.address, "drive": unit.id, "presence": str(unit.bus.presence(unit.setting.address)),
-        "refresh_s": max((signal.period_s for signal in unit.profile.signals.values()), default=None),
+        "refresh_s": max((poll.period_s for poll in polls_of(unit.setting, unit.drive.dialect)), default=None),
         "error_rate": round(found.error_rate, 4), "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s,
         "errors": dict(found.errors), "counters": dict(found.counters), "load_percent": round(found.load_percent, 2),
     }  # fmt: skip
@@ -102,10 +103,7 @@ def _sums(many: list[Mapping[str, int]]) -> dict[str, int]:
 
 def stop_bound_s(line: Line) -> float | None:
     """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
-    polls = [
-        (unit.drive.dialect.link, [Poll(request, period) for request, period in unit.drive.dialect.polls(unit.signals)])
-        for unit in line.units.values()
-    ]
+    polls = [(unit.drive.dialect.link, polls_of(unit.setting, unit.drive.dialect)) for unit in line.units.values()]
     drives = arithmetic(polls, line.bus.line).drives
     return max((drive.stop_bound_s for drive in drives.values()), default=None)
 

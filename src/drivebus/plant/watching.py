@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 from drivebus.bus.stations import Presence
 from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
+from drivebus.plant.alarms import Own
+from drivebus.plant.failure import both
 from drivebus.plant.groups import Groups
 from drivebus.plant.jogs import Jogs
+from drivebus.plant.lines import Line
 from drivebus.plant.policies import Policies
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
 from drivebus.plant.view import DriveView
 from drivebus.plant.views import bus_view, drive_topic, drive_view, plant_topic
+from drivebus.profiles.model import Text
 
 LOOK_S = 0.25
 SLOW_LOOKS = 4
@@ -32,6 +37,10 @@ class Watching:
         self.plant, self.groups, self.jogs, self.policies = plant, groups, jogs, policies
         self.views: dict[str, DriveView] = {}
         self._looks = 0
+        self._faults: dict[str, int] = {}
+        self._open: dict[str, bool] = {}
+        self.after_look: Callable[[float], None] = lambda now: None
+        """Called after each look: what feeds the watchdog."""
         self._presence: dict[str, Presence] = {}
         self._reading: set[asyncio.Task[None]] = set()
         self._asked: dict[str, float] = {}
@@ -57,11 +66,14 @@ class Watching:
             plant.hub.publish(f"groups/{group.id}", self.groups.view(group))
         if self._looks % SLOW_LOOKS == 0:
             for line in plant.lines.values():
+                self._port(line, now)
                 plant.hub.publish(f"buses/{line.setting.id}", bus_view(plant, line))
+            plant.disk = plant.parts.disk()
         plant.alarmed(plant.parts.alarms.tick(now, now_ms))
         plant.hub.publish("alarms", plant.parts.alarms.topic())
         plant.hub.publish("plant", plant_topic(plant))
         self._looks += 1
+        self.after_look(now)
 
     def forget(self, drive: str) -> None:
         """It is no longer part of the plant."""
@@ -75,6 +87,7 @@ class Watching:
         unit.feed(status.readings)
         view = self.views[unit.id] = drive_view(self.plant, unit, status)
         self._presence_of(unit)
+        self._fault_of(unit, status)
         self.policies.found(unit, status)
         self.plant.alarmed(self.plant.parts.alarms.observe(view, now, now_ms))
         self.plant.parts.on_view(view, now, now_ms)
@@ -89,6 +102,31 @@ class Watching:
             return
         key = "plant.drive_silent" if found is Presence.SILENT else "plant.drive_back"
         self.plant.tell("presence", unit.id, key, drive=unit.id)
+
+    def _fault_of(self, unit: Unit, status: DriveStatus) -> None:
+        """A marker when it trips."""
+        fault = status.fault
+        if fault is None:
+            self._faults.pop(unit.id, None)
+        elif self._faults.get(unit.id) != fault.code:
+            self._faults[unit.id] = fault.code
+            self.plant.tell("fault", unit.id, "plant.drive_fault", label=fault.label, fault=fault.text)
+
+    def _port(self, line: Line, now: float) -> None:
+        """A port that is gone, or another master on it: an alarm and one line when it begins and when it ends (F12)."""
+        bus, plant = line.setting.id, self.plant
+        is_open, was_open = line.bus.is_open, self._open.get(bus)
+        if is_open:
+            self._open[bus] = True
+            plant.calm(Own.PORT, about=bus)
+        elif was_open or line.problem is not None:
+            self._open[bus] = False
+            reason = line.problem or Text(**both("plant.bus_lost", {"bus": bus}))
+            plant.alarm(Own.PORT, about=bus, reason=reason)
+        if was_open is not self._open.get(bus) and was_open is not None:
+            plant.tell("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
+        foreign = is_open and line.bus.core.listener.foreign_master(now)
+        (plant.alarm if foreign else plant.calm)(Own.FOREIGN_MASTER, about=bus)
 
     # --- the badge ------------------------------------------------------------------------------------------------
 

@@ -33,11 +33,10 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
             await kit.waive("fan-1")
             found = await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert found["outcome"]["word"] == "confirmed"
-            told = [(entry["what"], entry["outcome"]) for entry in kit.trail.entries if entry["what"] == "drive.run"]
-            assert told == [("drive.run", "asked"), ("drive.run", "confirmed")]
+            assert kit.trail.outcomes("drive.run") == ["asked", "confirmed"]
             stopped = await kit.call("drive.stop", drive="fan-1")
             assert stopped["outcome"]["word"] == "confirmed"
-            assert [entry["outcome"] for entry in kit.trail.entries if entry["what"] == "drive.stop"] == ["confirmed"]
+            assert kit.trail.outcomes("drive.stop") == ["confirmed"]
 
     run(story())
 
@@ -99,7 +98,7 @@ def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role
             with pytest.raises(Forbidden):
                 await kit.call(operation, remote(role=role), **params)
             assert _sent(kit) == sent
-            assert kit.trail.entries[-1]["outcome"] == "plant.forbidden"
+            assert kit.trail.entries[-1].outcome == "plant.forbidden"
 
     run(story())
 

@@ -1,0 +1,46 @@
+"""Telling systemd: ready, stopping, and that the buses' loops go on. Nothing happens where nobody asked for it."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterable, Mapping
+
+from drivebus.plant.lines import Line
+
+HANGS_S = 5.0
+"""A bus that is so late with what was due is not alive."""
+
+
+class Notify:
+    """``Type=notify`` with ``WatchdogSec``: see ``sd_notify(3)``."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        address = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        watchdog_us = int(environment.get("WATCHDOG_USEC", "0") or "0")
+        self.every_s = watchdog_us / 2e6
+        """How often the watchdog is to be fed; 0: there is none."""
+        self._fed_at: float | None = None
+
+    def say(self, message: str) -> None:
+        """One message; a manager that has gone is nobody's problem here."""
+        if not self._address:
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as manager:
+            try:
+                manager.sendto(message.encode(), self._address)
+            except OSError:
+                return
+
+    def feed(self, lines: Iterable[Line], now: float) -> None:
+        """Feed the watchdog, if the loop of every bus goes on: called from that very loop (6.6)."""
+        due = self._fed_at is None or now - self._fed_at >= self.every_s
+        if self.every_s and due and all(alive(line) for line in lines):
+            self._fed_at = now
+            self.say("WATCHDOG=1")
+
+
+def alive(line: Line) -> bool:
+    """It does what is due, or is known to be lost and is being opened again."""
+    return line.bus.is_closed or not line.bus.is_open or line.bus.late_s < HANGS_S

@@ -1,0 +1,32 @@
+"""Unix sockets at any path: the system takes 107 bytes, a state directory may lie deeper."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivebus.errors import ConfigurationError
+
+LONGEST = 100
+LONGEST_LINE = 4 * 1024 * 1024
+"""Bytes of one message."""
+PLANT, STOP = "plant.sock", "stop.sock"
+
+
+@contextlib.contextmanager
+def reachable(path: Path) -> Iterator[str]:
+    """The path, or a shorter one to the same place while this block lasts. Raises ConfigurationError."""
+    text = str(path)
+    if len(os.fsencode(text)) <= LONGEST:
+        yield text
+        return
+    if not sys.platform.startswith("linux"):
+        raise ConfigurationError("plant.socket_path", path=text, longest=LONGEST)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)

@@ -1,0 +1,207 @@
+"""The plant's own sockets: JSON lines for its clients, and one that takes nothing but "stop all".
+
+Whoever may open them (the user that runs the plant, mode 0600) is trusted to say who acts. Every request is a task of
+its own: nothing that one client asks for stands in front of another's stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from drivebus.errors import DrivebusError, ParamsError, ServiceUnavailable
+from drivebus.plant.actor import Actor, local
+from drivebus.plant.client import PlantClient
+from drivebus.plant.failure import failure
+from drivebus.plant.operations import OPERATIONS
+from drivebus.plant.socket_paths import LONGEST_LINE, reachable
+
+Json = dict[str, Any]
+MOST_REQUESTS = 1000
+"""So many may be under way on one connection; a stop always comes in (I12, S14)."""
+MOST_UNSENT = 16 * 1024 * 1024
+"""A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
+STOP_WORD = b"stop all\n"
+LOG = logging.getLogger("drivebus.plant")
+
+
+class SocketServer:
+    """``plant.sock``."""
+
+    def __init__(self, plant: PlantClient, path: Path) -> None:
+        self._plant, self.path = plant, path
+        self._server: asyncio.Server | None = None
+        self._connections: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        """Raises OSError."""
+        self._server = await serve(self.path, self._connected)
+
+    async def close(self) -> None:
+        """No more clients; what they asked for and was not done is not done."""
+        await shut(self._server, self.path)
+        for task in self._connections:
+            task.cancel()
+        await asyncio.gather(*self._connections, return_exceptions=True)
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._connections.add(task)
+        try:
+            await _Connection(self._plant, reader, writer).run()
+        finally:
+            self._connections.discard(task)
+
+
+class _Connection:
+    """One client."""
+
+    def __init__(self, plant: PlantClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._plant, self._reader, self._writer = plant, reader, writer
+        self._calls: set[asyncio.Task[None]] = set()
+        self._lives: dict[Any, asyncio.Task[None]] = {}
+
+    async def run(self) -> None:
+        """Until the client goes, or sends what is no request. What it asked for ends as it would have: a stop is not
+        taken back, a command is recorded with its outcome."""
+        try:
+            while line := await self._reader.readline():
+                self._take(json.loads(line))
+        except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
+            LOG.warning("a client of the plant's socket was cut off: %s", type(error).__name__)
+        finally:
+            for task in self._lives.values():
+                task.cancel()
+            await asyncio.gather(*self._calls, *self._lives.values(), return_exceptions=True)
+            self._writer.close()
+            with contextlib.suppress(OSError):
+                await self._writer.wait_closed()
+
+    def _take(self, found: Json) -> None:
+        id = found["id"]
+        if found.get("end"):
+            if (running := self._lives.get(id)) is not None:
+                running.cancel()
+            return
+        actor = Actor.from_json(found["actor"])
+        if "live" in found:
+            patterns, interval_s = [str(one) for one in found["live"]], float(found.get("interval_s", 0.25))
+            task = asyncio.create_task(self._live(id, patterns, actor, interval_s), name=f"live {id}")
+            self._lives[id] = task
+            task.add_done_callback(lambda _: self._lives.pop(id, None))
+        else:
+            task = asyncio.create_task(self._answer(id, self._work(found, actor)), name=f"request {id}")
+            self._calls.add(task)
+            task.add_done_callback(self._calls.discard)
+
+    def _work(self, found: Json, actor: Actor) -> Awaitable[Json]:
+        if "record" in found:
+            return self._recorded(found["record"], actor)
+        operation = str(found["op"])
+        if len(self._calls) >= MOST_REQUESTS and not _stops(operation):
+            return _too_busy()
+        return self._plant.call(operation, found.get("params") or {}, actor)
+
+    async def _recorded(self, entry: Json, actor: Actor) -> Json:
+        await self._plant.record(entry, actor)
+        return {}
+
+    async def _answer(self, id: Any, work: Awaitable[Json]) -> None:
+        try:
+            self._send({"id": id, "result": await work})
+        except DrivebusError as error:
+            self._send({"id": id, "error": failure(error)})
+        except Exception:
+            LOG.exception("a request failed in a way that nobody foresaw")
+            self._send({"id": id, "error": failure(ServiceUnavailable("plant.internal"))})
+
+    async def _live(self, id: Any, patterns: list[str], actor: Actor, interval_s: float) -> None:
+        try:
+            async for message in self._plant.live(patterns, actor, interval_s):
+                self._send({"id": id, "live": message})
+                await self._writer.drain()
+        except DrivebusError as error:
+            self._send({"id": id, "error": failure(error)})
+        except ConnectionError:
+            return
+
+    def _send(self, message: Json) -> None:
+        if self._writer.transport.get_write_buffer_size() > MOST_UNSENT:
+            self._writer.transport.abort()
+            return
+        data = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+        if len(data) >= LONGEST_LINE:
+            data = json.dumps({"id": message["id"], "error": failure(ParamsError("plant.too_long"))}).encode()
+        self._writer.write(data + b"\n")
+
+
+def _stops(operation: str) -> bool:
+    known = OPERATIONS.get(operation)
+    return known is not None and known.stops
+
+
+async def _too_busy() -> Json:
+    raise ServiceUnavailable("plant.too_busy")
+
+
+class StopServer:
+    """``stop.sock``: one line in, what became of it out."""
+
+    def __init__(self, plant: PlantClient, path: Path) -> None:
+        self._plant, self.path = plant, path
+        self._server: asyncio.Server | None = None
+        self._stops = 0
+
+    async def open(self) -> None:
+        """Raises OSError."""
+        self._server = await serve(self.path, self._connected)
+
+    async def close(self) -> None:
+        await shut(self._server, self.path)
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            if await reader.readline() == STOP_WORD:
+                self._stops += 1
+                found = await self._plant.call("plant.stop", {}, local("stop-all", f"stop-{self._stops}"))
+                writer.write(json.dumps(found, ensure_ascii=False).encode() + b"\n")
+                await writer.drain()
+        except (ValueError, ConnectionError):
+            return
+        finally:
+            writer.close()
+
+
+Connected = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+async def serve(path: Path, connected: Connected) -> asyncio.Server:
+    """Listen at a path that only this user may open; what a killed plant left there is taken away.
+
+    Raises OSError.
+    """
+    with reachable(path) as short:
+        _gone(short)
+        before = os.umask(0o177)
+        try:
+            return await asyncio.start_unix_server(connected, short, limit=LONGEST_LINE)
+        finally:
+            os.umask(before)
+
+
+def _gone(path: str | Path) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)  # noqa: PTH108  it may be a short way to a deep place
+
+
+async def shut(server: asyncio.Server | None, path: Path) -> None:
+    if server is not None:
+        server.close()
+        _gone(path)
