@@ -81,4 +81,4 @@ class Patience(HttpToolsProtocol):
         if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:
             return False
         others = (getattr(one, "client", None) for one in self.connections)
-        return sum(other is not None and other[0] == self.client[0] for other in others) > PER_ADDRESS
+        return len([other for other in others if other is not None and other[0] == self.client[0]]) > PER_ADDRESS
