@@ -1,0 +1,90 @@
+"""Every drive's run statistics, kept through the historian."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, Protocol
+
+from drivebus.errors import ServiceUnavailable
+from drivebus.plant.operations import OfDrive
+from drivebus.plant.runstats import RunStatistics
+from drivebus.plant.view import DriveView
+
+Json = dict[str, Any]
+
+KIND = "statistics"
+KEPT_S = 60.0
+"""So often they are written; a killed service forgets so much."""
+AGAIN_S = 10.0
+
+
+class Keeper(Protocol):
+    """What the historian does for it."""
+
+    def put_document(self, kind: str, id: str, value: Any) -> None: ...
+    async def documents(self, kind: str) -> dict[str, Any]: ...
+
+
+class RunBook:
+    """Statistics of all drives."""
+
+    def __init__(self, keeper: Keeper) -> None:
+        self._keeper = keeper
+        self._drives: dict[str, RunStatistics] = {}
+        self._kept_at: dict[str, float] = {}
+        self._task: asyncio.Task[None] | None = None
+        self.is_loaded = False
+
+    async def open(self) -> None:
+        """Begin with what was kept before; a database that does not answer now is asked again."""
+        await self.load()
+        if not self.is_loaded:
+            self._task = asyncio.create_task(self._again(), name="run statistics")
+
+    async def close(self) -> None:
+        """Keep everything; the historian closes after this."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        for drive in self._drives:
+            self._keep(drive)
+
+    async def _again(self) -> None:
+        while not self.is_loaded:
+            await asyncio.sleep(AGAIN_S)
+            await self.load()
+
+    async def load(self) -> None:
+        """What was kept before, where the database answers."""
+        try:
+            kept = await self._keeper.documents(KIND)
+        except ServiceUnavailable:
+            return
+        for drive, document in kept.items():
+            self._drives.setdefault(drive, RunStatistics.of_document(document))
+        self.is_loaded = True
+
+    def on_view(self, view: DriveView, now: float, now_ms: int) -> None:
+        """Look at one drive. Nothing is counted, and nothing written over, before the old numbers are known."""
+        if not self.is_loaded:
+            return
+        statistics = self._drives.setdefault(view.id, RunStatistics())
+        statistics.observe(view, now, now_ms)
+        if now - self._kept_at.setdefault(view.id, now) >= KEPT_S:
+            self._keep(view.id)
+            self._kept_at[view.id] = now
+
+    def _keep(self, drive: str) -> None:
+        self._keeper.put_document(KIND, drive, self._drives[drive].document())
+
+    def of(self, drive: str) -> Json:
+        return self._drives.get(drive, RunStatistics()).as_json()
+
+    def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
+        """The operation ``drives.statistics``; that the drive exists is checked before."""
+
+        async def statistics(params: OfDrive, _actor: Any) -> Json:
+            return self.of(params.drive)
+
+        return {"drives.statistics": statistics}
