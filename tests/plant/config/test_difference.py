@@ -1,0 +1,156 @@
+"""A reload does what differs and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivebus.drives.memory import DriveLimits
+from drivebus.plant import config
+from drivebus.plant.config import Fate, apply, difference
+from drivebus.plant.model import (
+    AlarmKind,
+    AlarmSetting,
+    BusSetting,
+    DriveSetting,
+    GroupSetting,
+    HistorySetting,
+    InterlockSetting,
+    OnRestart,
+    PlantSetting,
+    WebSetting,
+)
+from drivebus.profiles.model import Text
+
+titles = st.sampled_from([Text("", ""), Text("Fan", "风机")])
+
+
+def named(make: Any, ids: str) -> st.SearchStrategy[Any]:
+    """Some of these ids in any order, each with a thing of its own."""
+
+    def of(chosen: list[str]) -> st.SearchStrategy[Any]:
+        return st.tuples(*(make(id) for id in chosen))
+
+    return st.lists(st.sampled_from(list(ids)), unique=True).flatmap(of)
+
+
+def a_drive(id: str) -> st.SearchStrategy[DriveSetting]:
+    return st.builds(
+        DriveSetting, st.just(id), st.sampled_from("ab"), st.integers(1, 2), st.sampled_from(["c320", "vc660"]), titles,
+        settings=st.sampled_from([{}, {"nibble": True}]), limits=st.sampled_from([DriveLimits(), DriveLimits(5.0)]),
+        signals=st.sampled_from([{}, {"output_frequency": 0.5}]), fastest_s=st.sampled_from([0.0, 1.0]),
+        on_restart=st.sampled_from(OnRestart),
+    )  # fmt: skip
+
+
+def a_bus(id: str) -> st.SearchStrategy[BusSetting]:
+    return st.builds(BusSetting, st.just(id), st.sampled_from(["/dev/x", "/dev/y"]), title=titles)
+
+
+plants = st.builds(
+    PlantSetting,
+    st.just("p"),
+    titles,
+    st.just(Path("/state")),
+    named(a_bus, "ab"),
+    named(a_drive, "uvwxy"),
+    named(lambda id: st.builds(GroupSetting, st.just(id), st.sampled_from([("u",), ("u", "v")])), "gh"),
+    named(lambda id: st.builds(InterlockSetting, st.just(id), st.just(("u",)), st.sampled_from(["a", "b"])), "ij"),
+    named(lambda id: st.builds(AlarmSetting, st.just(id), st.sampled_from(AlarmKind), st.just(())), "kl"),
+    st.sampled_from([HistorySetting(), HistorySetting(raw_days=3.0)]),
+    st.sampled_from([WebSetting(), WebSetting(port=9000)]),
+    source=st.sampled_from(["plant.toml", "other.toml"]),
+)
+
+
+@settings(max_examples=50)
+@given(plants, plants)
+def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantSetting, new: PlantSetting) -> None:
+    change = difference(old, new)
+    assert apply(change, old) == new
+    same = replace(new, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+    assert bool(change) is (
+        same != replace(old, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+        or any(
+            {one.id: one for one in getattr(old, part)} != {one.id: one for one in getattr(new, part)}
+            for part in ("buses", "drives", "groups", "interlocks", "alarms")
+        )
+    )
+
+
+@settings(max_examples=50)
+@given(plants)
+def test_nothing_differs_from_itself(plant: PlantSetting) -> None:
+    change = difference(plant, plant)
+    assert not change and not change.reopened
+    assert change.untouched == tuple(drive.id for drive in plant.drives)
+
+
+@settings(max_examples=50)
+@given(plants, plants)
+def test_an_untouched_drive_is_the_same_on_the_same_line(old: PlantSetting, new: PlantSetting) -> None:
+    change = difference(old, new)
+    buses = {bus.id: bus for bus in old.buses}
+    for id in change.untouched:
+        assert old.drive(id) == new.drive(id)
+        bus = next((one for one in new.buses if one.id == new.drive(id).bus), None)
+        if bus is not None and bus.id in buses:
+            assert bus.link == buses[bus.id].link
+    assert set(change.fates) == {one.id for one in old.drives} & {one.id for one in new.drives}
+
+
+TEXT = """
+format = 1
+[plant]
+id = "p"
+[bus.a]
+link = "tcp://127.0.0.1:1"
+[drive.fan]
+bus = "a"
+address = 1
+model = "c320"
+[drive.fan-2]
+bus = "a"
+address = 2
+model = "c320"
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fate"),
+    [
+        ("address = 2", "address = 3", Fate.ANEW),
+        ('address = 2\nmodel = "c320"', 'address = 2\nmodel = "c300"', Fate.ANEW),
+        ("address = 2", "address = 2\nsettings = { nibble = true }", Fate.ANEW),
+        ("address = 2", "address = 2\nsignals = { output_frequency = 1.0 }", Fate.POLLS),
+        ("address = 2", "address = 2\nfastest_s = 1.0", Fate.POLLS),
+        ("address = 2", "address = 2\nlimits = { maximum_hz = 40.0 }", Fate.LIVE),
+        ("address = 2", "address = 2\ntitle = 'Fan'", Fate.LIVE),
+        ("address = 2", "address = 2\non_client_lost = 'stop'", Fate.LIVE),
+        ('id = "p"', 'id = "p"\ntitle = "Plant"', Fate.UNTOUCHED),
+    ],
+)
+def test_what_becomes_of_a_drive_and_that_its_neighbour_is_left_alone(before: str, after: str, fate: Fate) -> None:
+    change = difference(config.loads(TEXT), config.loads(TEXT.replace(before, after)))
+    assert change.fates == {"fan": Fate.UNTOUCHED, "fan-2": fate}
+
+
+def test_another_link_takes_all_its_drives_anew_and_another_title_none() -> None:
+    old = config.loads(TEXT)
+    other = difference(old, config.loads(TEXT.replace(":1", ":2")))
+    assert other.reopened == ("a",) and set(other.fates.values()) == {Fate.ANEW}
+    titled = difference(old, config.loads(TEXT.replace('link = "', 'title = "Line"\nlink = "')))
+    assert titled.buses.changed and not titled.reopened and titled.untouched == ("fan", "fan-2")
+
+
+def test_one_more_drive_on_a_line_with_room_touches_nobody() -> None:
+    more = TEXT + '[drive.fan-3]\nbus = "a"\naddress = 3\nmodel = "c320"\n'
+    change = difference(config.loads(TEXT), config.loads(more))
+    assert change.untouched == ("fan", "fan-2") and list(change.drives.added) == ["fan-3"]
+    back = difference(config.loads(more), config.loads(TEXT))
+    assert back.untouched == ("fan", "fan-2") and back.drives.removed == ("fan-3",)
