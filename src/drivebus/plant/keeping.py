@@ -25,8 +25,8 @@ from drivebus.plant.view import DriveView, Json, Sample
 class Keeping:
     """``bind`` it to the plant before that starts. It is the alarm book's log: what is raised passes through it."""
 
-    def __init__(self, log: AlarmLog, store: CaseStore) -> None:
-        self._log, self._store = log, store
+    def __init__(self, log: AlarmLog, store: CaseStore, now: Callable[[], float]) -> None:
+        self._log, self._store, self._now = log, store, now
         self.recorder = FlightRecorder(store, self._parameters)
         self._views: dict[str, DriveView] = {}
         self._plant: Plant | None = None
@@ -58,7 +58,7 @@ class Keeping:
     def samples(self, samples: Sequence[Sample]) -> None:
         """Every reading, as the history gets it; those of one drive at a time."""
         if samples:
-            self.recorder.samples(samples[0].tag.partition(".")[0], samples, self.plant.now())
+            self.recorder.samples(samples[0].tag.partition(".")[0], samples, self._now())
 
     def event(self, event: Json) -> None:
         """Every event."""

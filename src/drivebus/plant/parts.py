@@ -56,3 +56,5 @@ class Parts:
     """Room on the disk of the state directory."""
     on_view: Callable[[DriveView, float, int], None] = lambda view, now, now_ms: None
     """Every look at a drive, for run statistics and cases."""
+    on_plant: Callable[[Any], None] = lambda plant: None
+    """The ``state.Plant`` that all this is around, before it starts."""

@@ -58,6 +58,7 @@ class Service:
         now = self._timer.now
         kept = store or FileStore(setting.directory / "plant.json")
         self.plant = Plant(setting, now, wall_ms, Hub(now, wall_ms), parts, kept)
+        parts.on_plant(self.plant)
         self._drive_store = drive_store
         self.commands = Commands(self.plant)
         self.groups = Groups(self.plant, self.commands)

@@ -41,15 +41,15 @@ class Tee(PaperHistory):
 async def plant(folder: Path) -> AsyncIterator[Kit]:
     chosen = setting()
     log = AlarmLog(folder / "alarms.jsonl")
-    keeping = Keeping(log, CaseStore(folder / "cases"))
+    keeping = Keeping(log, CaseStore(folder / "cases"), asyncio.get_running_loop().time)
     alarms = AlarmBook((), chosen.drives, keeping, log.load(), first=log.first)
     trail, history = PaperTrail(), Tee()
     history.keeping = keeping
     parts = Parts(
-        trail, history, alarms, Interlocks(()), keeping.handlers(), on_event=keeping.event, on_view=keeping.view
-    )
+        trail, history, alarms, Interlocks(()), keeping.handlers(), on_event=keeping.event, on_view=keeping.view,
+        on_plant=keeping.bind,
+    )  # fmt: skip
     service = Service(chosen, parts, store=MemoryStore(), drive_store=MemoryStore())
-    keeping.bind(service.plant)
     try:
         async with service:
             yield Kit(service, trail, history, MemoryStore())
