@@ -17,6 +17,7 @@ KIND = "statistics"
 KEPT_S = 60.0
 """So often they are written; a killed service forgets so much."""
 AGAIN_S = 10.0
+OPEN_S = 1.0
 
 
 class Keeper(Protocol):
@@ -38,9 +39,8 @@ class RunBook:
 
     async def open(self) -> None:
         """Begin with what was kept before; a database that does not answer now is asked again."""
-        await self.load()
-        if not self.is_loaded:
-            self._task = asyncio.create_task(self._again(), name="run statistics")
+        self._task = asyncio.create_task(self._load(), name="run statistics")
+        await asyncio.wait({self._task}, timeout=OPEN_S)
 
     async def close(self) -> None:
         """Keep everything; the historian closes after this."""
@@ -50,20 +50,15 @@ class RunBook:
         for drive in self._drives:
             self._keep(drive)
 
-    async def _again(self) -> None:
+    async def _load(self) -> None:
         while not self.is_loaded:
-            await asyncio.sleep(AGAIN_S)
-            await self.load()
-
-    async def load(self) -> None:
-        """What was kept before, where the database answers."""
-        try:
-            kept = await self._keeper.documents(KIND)
-        except ServiceUnavailable:
-            return
-        for drive, document in kept.items():
-            self._drives.setdefault(drive, RunStatistics.of_document(document))
-        self.is_loaded = True
+            try:
+                kept = await self._keeper.documents(KIND)
+            except ServiceUnavailable:
+                await asyncio.sleep(AGAIN_S)
+                continue
+            self._drives = {drive: RunStatistics.of_document(document) for drive, document in kept.items()}
+            self.is_loaded = True
 
     def on_view(self, view: DriveView, now: float, now_ms: int) -> None:
         """Look at one drive. Nothing is counted, and nothing written over, before the old numbers are known."""

@@ -98,9 +98,17 @@ async def test_a_clock_that_is_set_back_loses_and_reorders_nothing(database: Dat
 
 async def test_tags_keep_their_unit_and_text(database: Database) -> None:
     async with database.historian() as historian:
-        historian.append(samples([1.0]))
-        historian.label({"fan-1.output_frequency": ("Hz", Text("Output frequency", "输出频率"))})
+        label = ("Hz", Text("Output frequency", "输出频率"))
+        historian.label({"fan-1.output_frequency": label, "fan-1.never_read": ("A", Text("", ""))})
         await historian.flush()
+        assert historian.tags() == {"tags": []}
+        historian.append(samples([1.0]))
+        await historian.flush()
+    async with database.historian() as historian:
+        historian.label({"fan-1.output_frequency": ("1/s", label[1])})
+        await historian.flush()
+        assert historian.tags()["tags"][0]["unit"] == "1/s"
+        historian.label({"fan-1.output_frequency": label})
     async with database.historian() as historian:
         assert historian.tags() == {
             "tags": [

@@ -36,7 +36,10 @@ T = TypeVar("T")
 
 FILE = "history.db"
 FLUSH_S = 1.0
+OPEN_S = 1.0
+"""A server that does not answer delays the start of the plant by so much."""
 PIECE = 20_000
+"""Samples at a time of a past that is loaded."""
 
 
 def stores(setting: HistorySetting, directory: Path) -> tuple[Store, Store]:
@@ -77,8 +80,9 @@ class Historian:
 
     async def open(self) -> None:
         """Begin to write. A database that can't be opened is tried again each second: see ``ok``."""
-        await self._write(self.writer.round)
         self._task = asyncio.create_task(self._run(), name="history")
+        first = asyncio.ensure_future(self._write(self.writer.round))
+        await asyncio.wait({first}, timeout=OPEN_S)
 
     async def close(self) -> None:
         """Write what is left, as far as the database takes it."""
@@ -138,7 +142,7 @@ class Historian:
         self.intake.put_event(event)
 
     def label(self, labels: Mapping[str, tuple[str, Text]]) -> None:
-        """Tag → unit and what it is, for ``tags``."""
+        """Tag → unit and what it is, for ``tags``; one that never has a sample is no tag."""
         self.intake.label(labels)
 
     def put_document(self, kind: str, id: str, value: Any) -> None:

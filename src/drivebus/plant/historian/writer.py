@@ -22,6 +22,7 @@ from drivebus.plant.historian.store import Batch, Contents, EventRow, Seal, Stor
 from drivebus.plant.historian.unsealed import Unsealed
 from drivebus.plant.model import HistorySetting
 from drivebus.plant.view import Sample
+from drivebus.profiles.model import Text
 
 log = logging.getLogger("drivebus.history")
 
@@ -70,6 +71,7 @@ class Writer:
         self.tags: dict[str, Tag] = {}
         self.problem: str | None = None
         """Why nothing can be written now."""
+        self._labels: dict[str, tuple[str, Text]] = {}
         self.written = 0
         """Things of the intake that are durable."""
         self._pending: _Pending | None = None
@@ -185,12 +187,13 @@ class Writer:
     def _changed_tags(self, names: list[str], taken: Taken) -> list[Tag]:
         """Tags that are new, or that have another unit or text now."""
         found = []
+        self._labels.update(taken.labels)
         following = 1 + max((tag.id for tag in self.tags.values()), default=0)
-        for name in dict.fromkeys([*names, *taken.labels]):
+        for name in dict.fromkeys([*names, *(name for name in taken.labels if name in self.tags)]):
             tag = self.tags.get(name) or Tag(following, name)
             following += tag.id == following
-            if name in taken.labels:
-                unit, text = taken.labels[name]
+            if name in self._labels:
+                unit, text = self._labels[name]
                 tag = replace(tag, unit=unit, en=text.en, zh=text.zh)
             if self.tags.get(name) != tag:
                 found.append(tag)
