@@ -75,6 +75,39 @@ def _app(web: WebSetting) -> tuple[FastAPI, Plant, Access]:
     return make_app(plant, access, web), plant, access
 
 
+class Wire:
+    """A WebSocket of the app without a socket. ``sent`` is what the app said; ``end`` how it ended."""
+
+    def __init__(self, app: FastAPI, headers: dict[str, str]) -> None:
+        self.sent: list[Any] = []
+        self._coming: asyncio.Queue[Any] = asyncio.Queue()
+        self._coming.put_nowait({"type": "websocket.connect"})
+        pairs = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+        scope = {
+            "type": "websocket", "asgi": {"version": "3.0"}, "scheme": "ws", "http_version": "1.1",
+            "path": "/api/v1/live", "raw_path": b"/api/v1/live", "query_string": b"", "root_path": "",
+            "headers": pairs, "client": ("127.0.0.1", 50000), "server": ("127.0.0.1", 8080), "subprotocols": [],
+        }  # fmt: skip
+        self.route = asyncio.create_task(app(scope, self._coming.get, self._send))
+
+    async def _send(self, message: Any) -> None:
+        self.sent.append(message)
+
+    @property
+    def is_open(self) -> bool:
+        kinds = [message["type"] for message in self.sent]
+        return "websocket.accept" in kinds and "websocket.close" not in kinds
+
+    @property
+    def end(self) -> int | None:
+        """The code it was closed with."""
+        return next((message["code"] for message in self.sent if message["type"] == "websocket.close"), None)
+
+    async def leave(self) -> None:
+        self._coming.put_nowait({"type": "websocket.disconnect", "code": 1000})
+        await self.route
+
+
 class House:
     """An app, its plant, its users: one of each role, all with the same password. Only the newest one works."""
 

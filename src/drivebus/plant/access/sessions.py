@@ -36,6 +36,11 @@ class Session:
         self.why = self.why or why
         self.over.set()
 
+    def age(self, now: float) -> None:
+        """It ends when it is too old."""
+        if now - self.opened >= ABSOLUTE_S:
+            self.end("expired")
+
     def is_idle(self, now: float) -> bool:
         return now - self.active >= IDLE_S
 
@@ -65,8 +70,7 @@ class Sessions:
         session = self._by_digest.get(digest(secret))
         if session is None:
             return None
-        if now - session.opened >= ABSOLUTE_S:
-            session.end("expired")
+        session.age(now)
         if session.why is not None:
             del self._by_digest[digest(secret)]
             return None
@@ -85,8 +89,7 @@ class Sessions:
 
     def _make_room(self, user: str, now: float) -> None:
         for session in self._by_digest.values():
-            if now - session.opened >= ABSOLUTE_S:
-                session.end("expired")
+            session.age(now)
         for session in sorted(self.of(user), key=lambda session: session.active)[: 1 - PER_USER]:
             session.end("replaced")
         self._forget()

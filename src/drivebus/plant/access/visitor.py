@@ -41,6 +41,7 @@ class BySession:
         user = self.around.register().find(self.session.user)
         if user is None or user.stamp != self.session.stamp:
             self.session.end("rights")
+        self.session.age(self.around.clock())
         return self.session.why
 
     @property

@@ -1,0 +1,314 @@
+"""S03, S04: another page that makes the browser ask gets nothing done; a connection ends with its session."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from doorkit import BASE, House, Wire
+from drivebus.plant.model import WebSetting
+from drivebus.testing.virtual import run
+from drivebus.web.rights import TABLE, WEBSOCKET
+
+CHANGING = [entry for entry in TABLE if entry.method not in ("GET", WEBSOCKET)]
+FOREIGN = [
+    "http://evil.example",
+    "null",
+    "",
+    "http://127.0.0.1:8080.evil.example",
+    "http://127.0.0.1:80800",
+    "http://127.0.0.1:8081",
+    "https://127.0.0.1:8080",
+    "http://127.0.0.1",
+    "http://evil.example/http://127.0.0.1:8080",
+    "http://127.0.0.1:8080@evil.example",
+    "file://",
+]
+FORMS: dict[str, dict[str, Any]] = {
+    "a form": {"data": {"frequency_hz": "50"}},
+    "a form with files": {"files": {"frequency_hz": ("x", b"50")}},
+    "text that is JSON": {"content": '{"frequency_hz": 50}', "headers": {"content-type": "text/plain"}},
+    "JSON": {"json": {"frequency_hz": 50}},
+    "no body": {},
+}
+
+
+def effects(house: House) -> list[Any]:
+    return house.plant.calls
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
+    """As a foreign page's form, fetch or link: the cookie comes along, the CSRF token does not."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("administrator")
+        del client.headers["X-Drivebus-CSRF"]
+        before = house.access.register
+        for entry in CHANGING:
+            if "log" in entry.path or "setup" in entry.path:
+                continue
+            for origin in ({"origin": "http://evil.example"}, {"origin": "null"}, {}):
+                more = FORMS[form] | {"headers": FORMS[form].get("headers", {}) | origin}
+                answer = await client.request(entry.method, entry.path.replace("{drive}", "fan-1"), **more)
+                assert answer.status_code == 403, (entry, origin, answer.text)
+        assert effects(house) == [] and house.access.register == before
+
+    run(story())
+
+
+@pytest.mark.parametrize("origin", FOREIGN)
+def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("administrator")
+        token = await house.token("administrator", "view", "stop", "operate")
+        for entry in CHANGING:
+            for more in ({}, {"authorization": f"Bearer {token}"}):
+                answer = await client.request(entry.method, entry.path, headers={"origin": origin, **more})
+                assert answer.status_code == 403, (entry, answer.text)
+        assert effects(house) == []
+        own = await client.post("/api/v1/stop", headers={"origin": BASE})
+        assert own.status_code == 200 and len(effects(house)) == 1
+
+    run(story())
+
+
+@pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login-once"])
+def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        body = {"name": "operator", "password": "correct horse battery"}
+        for headers in ({"origin": "http://evil.example"}, {"origin": "null"}):
+            assert (await house.client().post(path, json=body, headers=headers)).status_code == 403
+        form = await house.client().post(path, data=body)
+        text = await house.client().post(path, content=json.dumps(body), headers={"content-type": "text/plain"})
+        assert (form.status_code, text.status_code) == (415, 415)
+        assert house.access.sessions.of("operator") == []
+
+    run(story())
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "application/json-patch+json"])
+def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
+    """What a form can send is never JSON: a browser asks first before it sends that elsewhere."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        for headers in ({"content-type": kind}, {"content-type": "application/json", "content-encoding": "gzip"}):
+            answer = await client.post("/api/v1/drives/fan-1/run", content='{"frequency_hz": 50}', headers=headers)
+            assert answer.status_code == 415
+        assert effects(house) == []
+
+    run(story())
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "TRACE", "FOO"])
+def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("administrator")
+        readable = {entry.path for entry in TABLE if entry.method == "GET"}
+        for entry in CHANGING:
+            if entry.path in readable and method == "GET":
+                continue
+            answer = await client.request(method, entry.path, headers={"x-http-method-override": entry.method})
+            assert answer.status_code == 405, (entry, answer.status_code)
+            assert "access-control-allow-origin" not in answer.headers
+        assert effects(house) == []
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1:8080", 200),
+        ("localhost:8080", 200),
+        ("[::1]:8080", 200),
+        ("192.168.1.20", 200),
+        ("plant.example", 200),
+        ("evil.example", 403),
+        ("127.0.0.1.evil.example", 403),
+        ("localhost.evil.example:8080", 403),
+        ("", 403),
+        ("[", 403),
+        ("plant.example.evil.example", 403),
+    ],
+)
+def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str, status: int, tmp_path: Path) -> None:
+    """DNS rebinding: for the browser that page and this service are one origin, and only Host tells."""
+    house = House(tmp_path, web=WebSetting(origins=("https://plant.example",)))
+
+    async def story() -> None:
+        client = house.client()
+        assert (await client.get("/api/v1/session", headers={"host": host})).status_code == status
+        assert (await client.get("/", headers={"host": host})).status_code == status
+
+    run(story())
+
+
+def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
+    house = House(tmp_path, web=WebSetting(origins=("https://plant.example",)))
+
+    async def story() -> None:
+        client = house.client(host="plant.example", origin="https://plant.example")
+        body = {"name": "operator", "password": "correct horse battery"}
+        answer = await client.post("/api/v1/login", json=body)
+        cookie = answer.headers["set-cookie"]
+        assert cookie.startswith("__Host-drivebus=") and "Secure" in cookie
+        csrf = {"x-drivebus-csrf": answer.json()["csrf"], "cookie": cookie.partition(";")[0]}
+        assert (await client.post("/api/v1/stop", headers=csrf)).status_code == 200
+
+    run(story())
+
+
+async def cookie_of(house: House, role: str = "operator") -> tuple[Any, dict[str, str]]:
+    client = await house.logged_in(role)
+    headers = {"host": "127.0.0.1:8080", "cookie": "drivebus_session=" + client.cookies["drivebus_session"]}
+    return client, headers
+
+
+def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        _, headers = await cookie_of(house)
+        wire = Wire(house.app, headers | {"origin": BASE})
+        await asyncio.sleep(1)
+        assert wire.is_open
+        await wire.leave()
+
+    run(story())
+
+
+@pytest.mark.parametrize("origin", [None, *FOREIGN])
+def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        _, headers = await cookie_of(house)
+        wire = Wire(house.app, headers if origin is None else headers | {"origin": origin})
+        await wire.route
+        assert (wire.is_open, wire.end, house.plant.calls) == (False, 4403, [])
+        assert house.plant.records[-1][0]["target"] == "WEBSOCKET /api/v1/live" or origin is not None
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    "credential", [{}, {"cookie": "drivebus_session=" + "A" * 43}, {"authorization": "Bearer dbt_A"}]
+)
+def test_s04_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        wire = Wire(house.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
+        await wire.route
+        assert (wire.is_open, wire.end, house.plant.calls) == (False, 4401, [])
+
+    run(story())
+
+
+def test_s04_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        token = await house.token("operator", "view")
+        wire = Wire(house.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
+        await asyncio.sleep(1)
+        assert wire.is_open
+        operator = await house.logged_in("operator")
+        mine = (await operator.get("/api/v1/tokens")).json()["tokens"][0]["id"]
+        await operator.delete(f"/api/v1/tokens/{mine}")
+        await asyncio.sleep(1)
+        assert wire.end == 4401
+
+    run(story())
+
+
+async def log_out(house: House, client: Any) -> None:
+    assert (await client.post("/api/v1/logout")).status_code == 200
+
+
+async def log_out_everywhere(house: House, client: Any) -> None:
+    other = await house.logged_in("operator")
+    assert (await other.post("/api/v1/logout-everywhere")).json() == {"ended": 2}
+
+
+async def lose_the_role(house: House, client: Any) -> None:
+    admin = await house.logged_in("administrator")
+    assert (await admin.patch("/api/v1/users/operator", json={"role": "viewer"})).status_code == 200
+
+
+async def be_disabled(house: House, client: Any) -> None:
+    admin = await house.logged_in("administrator")
+    assert (await admin.patch("/api/v1/users/operator", json={"disabled": True})).status_code == 200
+
+
+async def be_removed(house: House, client: Any) -> None:
+    admin = await house.logged_in("administrator")
+    assert (await admin.delete("/api/v1/users/operator")).status_code == 200
+
+
+async def be_changed_on_the_command_line(house: House, client: Any) -> None:
+    house.access.file.change(lambda register: register.removed("operator"))
+
+
+async def have_ones_sessions_ended(house: House, client: Any) -> None:
+    admin = await house.logged_in("administrator")
+    assert (await admin.patch("/api/v1/users/operator", json={"end_sessions": True})).status_code == 200
+
+
+async def log_in_again(house: House, client: Any) -> None:
+    body = {"name": "operator", "password": "correct horse battery"}
+    assert (await client.post("/api/v1/login", json=body)).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        log_out, log_out_everywhere, lose_the_role, be_disabled, be_removed, be_changed_on_the_command_line,
+        have_ones_sessions_ended, log_in_again,
+    ],
+)  # fmt: skip
+def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client, headers = await cookie_of(house)
+        wire = Wire(house.app, headers | {"origin": BASE})
+        await asyncio.sleep(5)
+        assert wire.is_open
+        await end(house, client)
+        told = len(wire.sent)
+        await asyncio.sleep(1)
+        assert wire.end == 4401 and wire.route.done()
+        last = json.loads(wire.sent[-2]["text"])
+        assert last["type"] == "closed" and last["text"].keys() == {"en", "zh"}
+        assert len(wire.sent) - told <= 2, "nothing of the plant is told any more"
+
+    run(story())
+
+
+def test_s04_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        _, headers = await cookie_of(house)
+        wire = Wire(house.app, headers | {"origin": BASE})
+        await asyncio.sleep(5)
+        house.clock.now += 12 * 3600.0
+        await asyncio.sleep(1)
+        assert wire.end == 4401
+
+    run(story())
