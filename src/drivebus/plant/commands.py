@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -21,6 +21,11 @@ from drivebus.plant.state import Plant, narrower
 from drivebus.plant.units import Unit
 
 Json = dict[str, Any]
+Follow = Callable[[Unit, float, Actor], Awaitable[Json]]
+
+
+async def _nobody(leader: Unit, frequency_hz: float, actor: Actor) -> Json:
+    return {}
 
 
 class Commands:
@@ -28,6 +33,8 @@ class Commands:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
+        self.follow: Follow = _nobody
+        """Called with a drive whose frequency has changed: its followers' part of the answer."""
 
     def handlers(self) -> dict[str, Handler]:
         return {
@@ -80,7 +87,8 @@ class Commands:
         check(self.plant, unit)
         unit.drive.check_frequency(params.frequency_hz)
         self.plant.arms.use(params.arm, unit.id, actor, self.plant.now())
-        return await self.start(unit, params.frequency_hz, params.direction, actor)
+        told = await self.start(unit, params.frequency_hz, params.direction, actor)
+        return told | {"followers": await self.follow(unit, params.frequency_hz, actor)}
 
     async def start(self, unit: Unit, frequency_hz: float, direction: str | None, actor: Actor) -> Json:
         """Everything is allowed; from the moment its frame may have left the drive is one that we started."""
@@ -102,7 +110,8 @@ class Commands:
         unit = self.own(params.drive, actor)
         outcome = await unit.drive.set_frequency(params.frequency_hz)
         unit.commanded_hz = params.frequency_hz
-        return self.told(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
+        told = self.told(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
+        return told | {"followers": await self.follow(unit, params.frequency_hz, actor)}
 
     async def stop(self, params: ask.StopDrive, actor: Actor) -> Json:
         """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""

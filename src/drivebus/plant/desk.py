@@ -183,12 +183,9 @@ def _failed(entry: Entry, error: DrivebusError) -> Entry:
 
 def _done(entry: Entry, found: Json) -> Entry:
     """With the word and the frames of what was done."""
-    one, many = found.get("outcome"), found.get("outcomes")
-    if one is not None:
-        return replace(entry, outcome=one["word"], frames=one["frames"])
-    if many is None:
-        return replace(entry, outcome="done")
-    words = sorted({each.get("word") or each.get("code") for each in many.values()})
-    return replace(
-        entry, outcome=", ".join(words), frames=[f for each in many.values() for f in each.get("frames", [])]
-    )
+    many = {**found.get("outcomes", {}), **found.get("followers", {})}
+    one = found.get("outcome")
+    every = [*([one] if one else ()), *many.values()]
+    words = dict.fromkeys(str(each.get("word") or each.get("code") or "done") for each in every)
+    frames = [frame for each in every for frame in each.get("frames", ())]
+    return replace(entry, outcome=", ".join(words) or "done", frames=frames)

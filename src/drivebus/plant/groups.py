@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, Superseded
+from drivebus.errors import DrivebusError, NotOwner, Superseded
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
 from drivebus.plant.commands import Commands
@@ -33,6 +33,7 @@ class Groups:
         self.plant, self.commands = plant, commands
         self.progress: dict[str, int] = {}
         """Groups that are being started, and how many of their drives have been."""
+        commands.follow = self.follow
 
     def handlers(self) -> dict[str, Handler]:
         return {"group.arm": self.arm, "group.start": self.start, "group.set_frequency": self.set_frequency}
@@ -74,6 +75,7 @@ class Groups:
             await self._my_turn(group, units, unit)
             if sum(one.stops for one in units) != wished:
                 raise Superseded("plant.stopped_meanwhile", drive=unit.id)
+            self._still_owns(unit, actor)
             check(self.plant, unit)
             frequency_hz = share_hz(group, unit.id, params.frequency_hz)
             found = await self.commands.start(unit, frequency_hz, params.direction, actor)
@@ -82,6 +84,12 @@ class Groups:
         unit.started_at = self.plant.now()
         said: Json = found["outcome"]
         return said
+
+    def _still_owns(self, unit: Unit, actor: Actor) -> None:
+        """Whoever has gone while the others started starts nothing more. Raises NotOwner."""
+        lease = self.plant.leases.get(unit.id, self.plant.now())
+        if lease is None or lease.actor.session != actor.session:
+            raise NotOwner("plant.lease_gone", drive=unit.id)
 
     async def _my_turn(self, group: GroupSetting, units: list[Unit], unit: Unit) -> None:
         stops = sum(one.stops for one in units)

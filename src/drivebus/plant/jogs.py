@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivebus.drives.lease import JogLease
-from drivebus.errors import NotFound, NotOwner
+from drivebus.errors import DrivebusError, NotFound, NotOwner
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
 from drivebus.plant.commands import Commands
@@ -35,6 +35,7 @@ class Jogs:
     def __init__(self, plant: Plant, commands: Commands) -> None:
         self.plant, self.commands = plant, commands
         self._held: dict[str, Held] = {}
+        self._ending: set[asyncio.Task[None]] = set()
 
     def handlers(self) -> dict[str, Handler]:
         return {"drive.jog": self.jog, "drive.jog_renew": self.renew, "drive.jog_end": self.end}
@@ -74,16 +75,26 @@ class Jogs:
         return held
 
     def sweep(self) -> None:
-        """Forget jogs whose lease was lost; their stop is on its way and tells of itself."""
+        """Jogs whose lease was lost: their stop is on its way already; who hears of it is told how it ended."""
         for word, held in tuple(self._held.items()):
             if held.lease.lost:
                 del self._held[word]
                 self.plant.tell("lease", held.unit.id, "plant.jog_lost", actor=held.actor.name)
+                task = asyncio.create_task(self._lost(held), name=f"lost jog of {held.unit.id}")
+                self._ending.add(task)
+                task.add_done_callback(self._ending.discard)
+
+    async def _lost(self, held: Held) -> None:
+        try:
+            outcome = await self.commands.ended(held.unit, _ended(held.lease))
+        except DrivebusError:
+            return  # an unconfirmed stop has raised its alarm and is being repeated
+        self.commands.told(held.unit, "stop", outcome, held.actor)
 
     async def close(self) -> None:
         """End them all."""
         held, self._held = tuple(self._held.values()), {}
-        await asyncio.gather(*(_ended(one.lease) for one in held), return_exceptions=True)
+        await asyncio.gather(*(_ended(one.lease) for one in held), *self._ending, return_exceptions=True)
 
 
 async def _begun(lease: JogLease) -> Any:

@@ -1,0 +1,375 @@
+"""A stop beats everything: leases, arms, queued starts, a trail that can't be written; and ends are told (6.5, 6.6)."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from drivebus.drives.state import DriveState
+from drivebus.errors import ArmNeeded, AuditUnavailable, DrivebusError, GateError, StopUnconfirmed, Superseded
+from drivebus.plant.access.rights import Role
+from drivebus.plant.model import GroupSetting, OnClientLost, OnServiceStop
+from drivebus.sim.motor import Phase
+from drivebus.testing.virtual import run
+from plantkit import BUSES, DRIVES, LOCAL, Kit, plant, remote, setting
+
+
+async def ready(kit: Kit, *drives: str) -> None:
+    """Everybody has answered and may start."""
+    await asyncio.sleep(5)
+    await kit.waive()
+    for drive in drives:
+        await kit.call("drive.run", drive=drive, frequency_hz=20.0)
+
+
+def state(kit: Kit, drive: str) -> DriveState:
+    return kit.service.plant.units[drive].status().state
+
+
+def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
+    """G14: the trail can't be written; somebody else owns the drive."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            kit.trail.broken = True
+            found = await kit.call("drive.stop", remote("bob"), drive="fan-1")
+            assert found["outcome"]["word"] == "confirmed"
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert "plant.audit_unavailable" in [one["key"] for one in await blocked(kit, "fan-1")]
+            kit.trail.broken = False
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+
+    run(story())
+
+
+async def blocked(kit: Kit, drive: str) -> list[dict[str, object]]:
+    found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["blocked"]
+    return found
+
+
+def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
+    """G14: a setpoint and a reset are no start."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            kit.trail.broken = True
+            found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
+            assert found["outcome"]["word"] == "acknowledged"  # what a C320 can show of it
+            assert [alarm.about for alarm in kit.service.plant.parts.alarms.active() if alarm.kind == "store"]
+
+    run(story())
+
+
+def test_a_stop_while_a_start_is_being_recorded_takes_the_start_away() -> None:
+    """6.5: the wish is older than the stop, whatever the disk does meanwhile."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            kit.trail.takes_s = 0.5
+            start = asyncio.create_task(kit.call("drive.run", drive="fan-1", frequency_hz=20.0))
+            await asyncio.sleep(0.1)
+            await kit.call("drive.stop", drive="fan-1")
+            with pytest.raises(Superseded):
+                await start
+            await asyncio.sleep(2)
+            assert state(kit, "fan-1") is DriveState.STOPPED
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_start_whose_record_takes_too_long_is_another_wish() -> None:
+    """I1."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            kit.trail.takes_s = 3.0
+            with pytest.raises(DrivebusError, match="recording the command"):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_stop_of_anyone_voids_what_was_armed() -> None:
+    """6.5, S16."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            ann = remote()
+            await kit.call("lease.take", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.stop", remote("bob"), drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+
+    run(story())
+
+
+def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_session() -> None:
+    """S16, S20: monotonic time of the plant only."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            ann, twin = remote(), remote("ann", session="another")
+            for drive in ("fan-1", "fan-2"):
+                await kit.call("lease.take", ann, drive=drive)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", ann, drive="fan-2", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            for _ in range(3):
+                await asyncio.sleep(3.4)
+                await kit.call("lease.renew", ann, drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("lease.release", ann, drive="fan-1")
+            await kit.call("lease.take", twin, drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.run", twin, drive="fan-1", frequency_hz=20.0, arm=arm)
+
+    run(story())
+
+
+def test_the_whole_plant_is_stopped_and_stays_latched_until_it_is_released() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1", "pump-1")
+            found = await kit.call("plant.stop", remote(role=Role.OPERATOR))
+            assert {bus: one["confirmed"] for bus, one in found["buses"].items()} == {"a": True, "b": True}
+            assert found["outcomes"]["pump-1"]["word"] == "confirmed"
+            with pytest.raises(GateError):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert "drives.latched" in [one["key"] for one in await blocked(kit, "fan-1")]
+            await kit.call("drive.release", drive="fan-1")
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+
+    run(story())
+
+
+def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1", "pump-1")
+            kit.service.plant.units["fan-1"].bus.port.bench.unplug()  # type: ignore[attr-defined]
+            found = await kit.call("plant.stop")
+            assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"]
+            assert found["buses"]["b"]["confirmed"]
+            kinds = {(alarm.kind, alarm.drive) for alarm in kit.service.plant.parts.alarms.active()}
+            assert ("stop_unconfirmed", "fan-1") in kinds
+
+    run(story())
+
+
+def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_good_stop() -> None:
+    """G07."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            bench = kit.service.plant.units["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            bench.unplug()
+            with pytest.raises(StopUnconfirmed):
+                await kit.call("drive.stop", drive="fan-1")
+            assert "stop_unconfirmed" in kinds(kit)
+            bench.replug()
+            await asyncio.sleep(5)
+            await kit.call("drive.stop", drive="fan-1")
+            assert "stop_unconfirmed" not in kinds(kit)
+
+    run(story())
+
+
+def kinds(kit: Kit) -> set[str]:
+    return {alarm.kind for alarm in kit.service.plant.parts.alarms.active() if alarm.cleared_ms is None}
+
+
+@pytest.mark.parametrize("policy", list(OnClientLost))
+def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> None:
+    """6.6: hold with an alarm, or stop."""
+
+    async def story() -> None:
+        drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
+        async with plant(setting(drives=drives)) as kit:
+            await ready(kit)
+            ann = remote()
+            await kit.call("lease.take", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            for _ in range(5):
+                await asyncio.sleep(3)
+                await kit.call("lease.renew", ann, drive="fan-1")
+            assert state(kit, "fan-1").turning
+            await asyncio.sleep(15)
+            held = policy is OnClientLost.HOLD
+            assert state(kit, "fan-1").turning is held
+            assert ("lease_lost" in kinds(kit)) is held
+
+    run(story())
+
+
+def test_a_lease_is_taken_from_nobody_but_by_an_engineer() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            await kit.call("lease.take", remote("ann"), drive="fan-1")
+            with pytest.raises(DrivebusError, match="commanded by ann"):
+                await kit.call("lease.take", remote("bob"), drive="fan-1")
+            taken = await kit.call("lease.take", remote("eve", Role.ENGINEER), drive="fan-1")
+            assert taken["lease"]["owner"] == "eve"
+
+    run(story())
+
+
+@pytest.mark.parametrize("policy", list(OnServiceStop))
+def test_an_ending_service_stops_what_it_started_as_its_policy_says(policy: OnServiceStop) -> None:
+    """6.6; what somebody else started goes on."""
+
+    async def story() -> None:
+        drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
+        async with plant(setting(drives=drives)) as kit:
+            await ready(kit, "fan-1")
+            kit.station("fan-2").motor.run(20.0)
+            await asyncio.sleep(3)
+            stations = kit.station("fan-1"), kit.station("fan-2")
+            told = await kit.service.stop()
+            stopped = policy is OnServiceStop.STOP
+            assert [*told] == (["fan-1"] if stopped else [])
+            assert [station.motor.phase is Phase.OFF for station in stations] == [stopped, False]
+
+    run(story())
+
+
+def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            kit.service.plant.units["fan-1"].bus.port.bench.unplug()  # type: ignore[attr-defined]
+            begun = kit.service.plant.now()
+            told = await kit.service.stop()
+            assert kit.service.plant.now() - begun <= 3.0
+            assert told["fan-1"] is None or "word" not in told["fan-1"]
+
+    run(story())
+
+
+GROUP = GroupSetting("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=3.0, at_once=2)
+
+
+def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(GROUP,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(4.5)
+            await kit.call("drive.stop", drive="fan-1")
+            found = (await start)["outcomes"]
+            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
+            assert found["pump-1"]["kind"] == "Superseded"
+            assert kit.station("pump-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_group_is_stopped_together() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(replace(GROUP, stagger_s=0.0),))) as kit:
+            await ready(kit)
+            found = await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+            found = await kit.call("group.stop", remote("bob"), group="fans")
+            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+
+    run(story())
+
+
+def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed() -> None:
+    async def story() -> None:
+        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
+        group = GroupSetting("fans", ("fan-1", "fan-2", "pump-1"), at_once=1)
+        async with plant(setting(buses=buses, groups=(group,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            most = 0
+            while not start.done():
+                await asyncio.sleep(0.05)
+                phases = [kit.station(drive).motor.phase.value for drive in group.drives]
+                most = max(most, phases.count("accelerating"))
+            assert most == 1
+            assert {one["word"] for one in (await start)["outcomes"].values()} == {"confirmed"}
+
+    run(story())
+
+
+def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
+    async def story() -> None:
+        group = GroupSetting("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
+        async with plant(setting(groups=(group,))) as kit:
+            await ready(kit)
+            await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert kit.station("fan-2").motor.target_hz == 10.0
+            found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
+            assert found["followers"]["fan-2"]["word"] == "acknowledged"
+            assert kit.station("fan-2").motor.target_hz == 15.0
+            await kit.call("group.set_frequency", group="fans", frequency_hz=24.0)
+            assert kit.station("fan-2").motor.target_hz == 12.0
+
+    run(story())
+
+
+def test_a_group_of_which_one_may_not_run_at_its_share_does_not_start_at_all() -> None:
+    async def story() -> None:
+        group = GroupSetting("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 30.0})
+        async with plant(setting(groups=(group,))) as kit:
+            await ready(kit)
+            with pytest.raises(DrivebusError):
+                await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_jog_from_afar_ends_half_a_second_after_the_hand() -> None:
+    """T13."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            ann = remote()
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmNeeded):
+                await kit.call("drive.jog", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            jog = (await kit.call("drive.jog", ann, drive="fan-1", frequency_hz=5.0, arm=arm))["jog"]
+            for _ in range(5):
+                await asyncio.sleep(0.15)
+                await kit.call("drive.jog_renew", ann, drive="fan-1", jog=jog)
+            await asyncio.sleep(4)
+            with pytest.raises(DrivebusError):
+                await kit.call("drive.jog_renew", ann, drive="fan-1", jog=jog)
+            assert kit.station("fan-1").motor.phase is Phase.OFF
+            assert not kit.service.plant.units["fan-1"].started
+
+    run(story())
+
+
+def test_a_jog_is_ended_by_letting_go() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
+            found = await kit.call("drive.jog_end", drive="fan-1", jog=jog)
+            assert found["outcome"]["word"] == "confirmed"
+            assert LOCAL.name == kit.service.plant.leases.get("fan-1", kit.service.plant.now()).actor.name  # type: ignore[union-attr]
+
+    run(story())
