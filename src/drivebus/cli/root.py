@@ -16,7 +16,7 @@ SECTIONS = {
     "cli.section.look": _verbs("status", "monitor", "read", "scan"),
     "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
     "cli.section.change": _verbs("write", "prove"),
-    "cli.section.plant": _verbs("check", "serve", "stop-all", "user"),
+    "cli.section.plant": _verbs("init", "check", "serve", "stop-all", "user", "audit"),
     "cli.section.tools": {
         **_verbs("decode", "models", "ports", "profile", "capture", "completion"),
         "lab": "drivebus.lab.verbs:command",
