@@ -50,7 +50,7 @@ def account_router(desk: Desk) -> APIRouter:
     async def logout(request: Request) -> JSONResponse:
         mine = _mine(request)
         actor = mine.actor
-        mine.session.end("logout")
+        await access.log_out(mine.session)
         await tell(desk.client, entry("logout", actor.name, outcome="done"), actor)
         return without_cookie(JSONResponse({}))
 
@@ -58,7 +58,7 @@ def account_router(desk: Desk) -> APIRouter:
     async def logout_everywhere(request: Request) -> JSONResponse:
         mine = _mine(request)
         actor = mine.actor
-        ended = access.sessions.end_all(mine.session.user, "logout")
+        ended = await access.end_all(mine.session.user, "logout")
         await tell(desk.client, entry("logout", actor.name, {"sessions": ended}, "done"), actor)
         return without_cookie(JSONResponse({"ended": ended}))
 

@@ -60,6 +60,7 @@ class Desk:
         before: Visitor | None = request.state.visitor
         if isinstance(before, BySession):
             before.session.end("replaced")
+            await self.access.keep()
         visitor = BySession(opened.session, self.access.around)
         await tell(self.client, entry(how, opened.session.user, outcome="done"), visitor.actor)
         return with_cookie(request, JSONResponse(self.session_json(visitor)), opened.secret)

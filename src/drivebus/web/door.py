@@ -119,7 +119,7 @@ class Guard:
     async def _let_in(self, entry: Entry, visitor: Visitor | None, scope: Scope, receive: Receive, send: Send) -> None:
         scope.setdefault("state", {})["visitor"] = visitor
         if isinstance(visitor, BySession) and entry.by_hand and entry.method not in _READS:
-            visitor.session.touch(self.access.clock())
+            await self.access.touch(visitor.session)
         if scope["type"] == "websocket" and visitor is not None:
             await watched(self.app, visitor, scope, receive, send)
         else:

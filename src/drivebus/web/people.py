@@ -61,7 +61,7 @@ def people_router(desk: Desk) -> APIRouter:
 
         async def remove() -> None:
             await access.change(lambda register: register.removed(user))
-            access.sessions.end_all(plain(user), "rights")
+            await access.end_all(user, "rights")
 
         await desk.change("user.remove", user, {}, actor(request), remove())
         return {}
@@ -108,7 +108,7 @@ async def _change(access: Access, name: str, body: given.ChangedUser, me: Actor)
         changed = replace(changed, password=await access.passwords.hash(check_new(body.password, user.name)))
     await access.change(lambda register: register.changed(changed))
     if body.end_sessions or changed.stamp != user.stamp:
-        access.sessions.end_all(user.name, "rights")
+        await access.end_all(user.name, "rights")
     return changed
 
 

@@ -254,3 +254,68 @@ def test_a_password_that_is_easily_guessed_is_refused(password: str) -> None:
 def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:
     hashed = run(Passwords().hash(PASSWORD))
     assert hashed.startswith("$argon2id$v=19$m=65536,t=3,p=1$")
+
+
+def reborn(access: Access, clock: Clock) -> Access:
+    """The web process was killed and started again."""
+    return Access(access.setup.path.parent, passwords=access.passwords, clock=clock, wall=clock.wall_ms)
+
+
+def test_a_session_outlives_a_crash_of_the_web_process(tmp_path: Path) -> None:
+    """No password stands between a person and a stop because a process was killed."""
+    access, clock = made(tmp_path)
+    secret, visitor = login(access)
+    clock.now += IDLE_S - 1
+    run(access.touch(visitor.session))
+    again = reborn(access, clock).by_cookie(secret)
+    assert again is not None and again.actor == visitor.actor and again.session.csrf == visitor.session.csrf
+    clock.now += IDLE_S - 1
+    assert again.actor.may(Right.OPERATE), "the touch was kept"
+    clock.now += ABSOLUTE_S
+    assert reborn(access, clock).by_cookie(secret) is None
+    assert access.keeper.path.stat().st_mode & 0o777 == 0o600 and secret not in access.keeper.path.read_text()
+
+
+def test_s04_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    one, other = login(access), login(access, "administrator")
+    run(access.log_out(one[1].session))
+    assert reborn(access, clock).by_cookie(one[0]) is None
+    assert reborn(access, clock).by_cookie(other[0]) is not None
+    access.file.change(lambda register: register.changed(replace(register.user("administrator"), password="new")))
+    assert reborn(access, clock).by_cookie(other[0]) is None
+    login(access), run(access.end_all("OPERATOR", "logout"))
+    assert access.keeper.read() == reborn(access, clock).sessions.kept()
+
+
+def test_s07_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The monotonic clock begins anew with the machine: ages would be wrong."""
+    access, clock = made(tmp_path)
+    secret, _ = login(access)
+    monkeypatch.setattr("drivebus.plant.access.kept._BOOT", tmp_path / "another")
+    assert reborn(access, clock).by_cookie(secret) is None
+    (tmp_path / "another").write_text("another boot")
+    assert reborn(access, clock).by_cookie(secret) is None
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"boot": "x", "sessions": [{}]}'])
+def test_a_file_of_sessions_that_can_not_be_read_costs_a_login(tmp_path: Path, content: str) -> None:
+    access, clock = made(tmp_path)
+    secret, _ = login(access)
+    access.keeper.path.write_text(content)
+    fresh = reborn(access, clock)
+    assert fresh.by_cookie(secret) is None
+    login(fresh)
+
+
+def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    access, _ = made(tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("drivebus.plant.access.kept.replace_private", full)
+    secret, visitor = login(access)
+    assert access.by_cookie(secret) is not None
+    run(access.log_out(visitor.session))
+    assert access.by_cookie(secret) is None

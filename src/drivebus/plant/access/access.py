@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivebus.plant.access.kept import Keeper
 from drivebus.plant.access.passwords import Passwords, check_new
 from drivebus.plant.access.refusals import Conflict, NotLoggedIn, TooManyAttempts
 from drivebus.plant.access.register import Once, Register, User, plain
@@ -20,6 +21,9 @@ from drivebus.plant.access.store import AccessFile
 from drivebus.plant.access.throttle import Throttle
 from drivebus.plant.access.visitor import Around, BySession, ByToken, Visitor
 from drivebus.seams import Clock, wall_clock
+
+KEEP_S = 60.0
+"""How far back the last touch of a session may lie after a crash of the web process."""
 
 
 def wall_ms() -> int:
@@ -50,6 +54,10 @@ class Access:
         self.file = AccessFile(file or directory / "access.json")
         self.passwords = passwords or Passwords()
         self.sessions = Sessions()
+        self.keeper = Keeper(directory)
+        self.sessions.restore(self.keeper.read())
+        self._keeping = asyncio.Lock()
+        self._kept_at = clock()
         self.setup = SetUp(directory)
         self.clock = clock
         self.wall_ms = wall
@@ -68,6 +76,18 @@ class Access:
         """Change the register, durably; the loop does not wait for the disk."""
         return await asyncio.to_thread(self.file.change, change)
 
+    async def keep(self) -> None:
+        """Write down which sessions there are, for the next process; nothing fails where that can't be done."""
+        async with self._keeping:
+            self._kept_at = self.clock()
+            await asyncio.to_thread(self.keeper.write, self.sessions.kept())
+
+    async def touch(self, session: Session) -> None:
+        """The person behind it did something."""
+        session.touch(self.clock())
+        if self.clock() - self._kept_at >= KEEP_S:
+            await self.keep()
+
     async def set_up(self, secret: str, name: str, password: str, address: str) -> Opened:
         """The first administrator. Raises Conflict where there is one, NotLoggedIn for a wrong secret."""
         if not self.needs_setup:
@@ -78,7 +98,7 @@ class Access:
         user = await self.made(name, Role.ADMINISTRATOR, password)
         await self.change(lambda register: _first(register, user))
         self.setup.used()
-        return self._open(user, address)
+        return await self._open(user, address)
 
     async def made(self, name: str, role: Role, password: str) -> User:
         """A user to be added. Raises Unfit for the password, Unavailable."""
@@ -92,7 +112,7 @@ class Access:
         current = self.register.find(name)
         if user is None or current is None or current.stamp != user.stamp or current.disabled:
             raise NotLoggedIn("access.wrong_password")
-        return self._open(current, address)
+        return await self._open(current, address)
 
     async def login_once(self, code: str, address: str) -> Opened:
         """By a code that works once. Raises NotLoggedIn, TooManyAttempts."""
@@ -105,7 +125,7 @@ class Access:
         if user.disabled:
             raise NotLoggedIn("access.wrong_code")
         self.throttle.succeeded(keys, at)
-        return self._open(user, address)
+        return await self._open(user, address)
 
     async def issue_code(self, user: str, lasts_s: float) -> str:
         """A one-time code for ``user``. Raises NoSuch."""
@@ -115,6 +135,17 @@ class Access:
         await self.change(lambda register: register.with_code(once, now_ms))
         return code
 
+    async def log_out(self, session: Session) -> None:
+        """This one."""
+        session.end("logout")
+        await self.keep()
+
+    async def end_all(self, user: str, why: str) -> int:
+        """Every session of the user; how many there were (S07)."""
+        ended = self.sessions.end_all(plain(user), why)
+        await self.keep()
+        return ended
+
     async def new_password(self, session: Session, old: str, new: str) -> Opened:
         """One's own. Ends every session of the user; the new one is the caller's. Raises NotLoggedIn, Unfit."""
         user = self.register.user(session.user)
@@ -123,7 +154,7 @@ class Access:
         changed = replace(user, password=hashed)
         await self.change(lambda register: register.changed(changed))
         self.sessions.end_all(user.name, "rights")
-        return self._open(changed, session.address)
+        return await self._open(changed, session.address)
 
     def by_cookie(self, secret: str) -> BySession | None:
         session = self.sessions.find(secret, self.clock())
@@ -136,8 +167,9 @@ class Access:
         visitor = ByToken(token, address, self.around) if token is not None else None
         return visitor if visitor is not None and visitor.why_over is None else None
 
-    def _open(self, user: User, address: str) -> Opened:
+    async def _open(self, user: User, address: str) -> Opened:
         secret, session = self.sessions.open(user, address, self.clock())
+        await self.keep()
         return Opened(secret, session)
 
     async def _check(self, user: User | None, name: str, password: str, address: str) -> None:

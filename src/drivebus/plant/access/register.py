@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -29,9 +30,10 @@ class User:
         return frozenset() if self.disabled else RIGHTS[self.role]
 
     @property
-    def stamp(self) -> tuple[object, ...]:
+    def stamp(self) -> str:
         """Whatever of this changes ends the user's sessions (S04: role loss)."""
-        return (self.role, self.password, self.disabled, self.created_ms)
+        said = f"{self.role} {self.password} {self.disabled} {self.created_ms}"
+        return hashlib.sha256(said.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)

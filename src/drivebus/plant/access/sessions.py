@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import secrets
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from drivebus.plant.access.kept import Kept
 from drivebus.plant.access.register import User
 
 IDLE_S = 900.0
@@ -24,7 +26,8 @@ class Session:
     """Opaque, no secret: leases belong to it, the audit trail names it."""
     csrf: str
     user: str
-    stamp: tuple[object, ...]
+    stamp: str
+    """Of the user as it was at the login."""
     address: str
     opened: float
     active: float
@@ -75,6 +78,20 @@ class Sessions:
             del self._by_digest[digest(secret)]
             return None
         return session
+
+    def kept(self) -> tuple[Kept, ...]:
+        """For ``access.kept``."""
+        return tuple(
+            Kept(digest, one.id, one.csrf, one.user, one.stamp, one.address, one.opened, one.active)
+            for digest, one in self._by_digest.items()
+            if one.why is None
+        )
+
+    def restore(self, kept: Iterable[Kept]) -> None:
+        """As another process had them."""
+        for one in kept:
+            found = Session(one.id, one.csrf, one.user, one.stamp, one.address, one.opened, one.active)
+            self._by_digest[one.digest] = found
 
     def of(self, user: str) -> list[Session]:
         return [session for session in self._by_digest.values() if session.user == user and session.why is None]

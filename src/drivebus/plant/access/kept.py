@@ -1,0 +1,68 @@
+"""Sessions outlive the web process: a crash of it must not put a password between anybody and a stop.
+
+Only hashes are kept. Times are of the monotonic clock, so they count only until the machine starts anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from drivebus.plant.access.store import replace_private
+
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """One session. ``digest`` is of its secret."""
+
+    digest: str
+    id: str
+    csrf: str
+    user: str
+    stamp: str
+    address: str
+    opened: float
+    active: float
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    boot: str
+    sessions: tuple[Kept, ...]
+
+
+_FORM = TypeAdapter(_File)
+
+
+class Keeper:
+    """``sessions.json`` in the state directory (0600)."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / "sessions.json"
+
+    def read(self) -> tuple[Kept, ...]:
+        """What was kept since the machine started; nothing where the file can't be read: everybody logs in again."""
+        with contextlib.suppress(OSError, ValidationError):
+            found = _FORM.validate_json(self.path.read_bytes())
+            return found.sessions if found.boot == _boot() != "" else ()
+        return ()
+
+    def write(self, sessions: tuple[Kept, ...]) -> bool:
+        """False where it can't be written: logging in and out go on."""
+        try:
+            replace_private(self.path, _FORM.dump_json(_File(_boot(), sessions)))
+        except OSError:
+            return False
+        return True
+
+
+def _boot() -> str:
+    """Empty where the system does not tell: then nothing is believed."""
+    with contextlib.suppress(OSError):
+        return _BOOT.read_text().strip()
+    return ""
