@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -12,13 +12,34 @@ from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import AlarmBook
 from drivebus.plant.alarms.log import AlarmLog
 from drivebus.plant.audit import AuditTrail
+from drivebus.plant.cases import CaseStore
+from drivebus.plant.config.polling import profile_of
 from drivebus.plant.historian import Historian
 from drivebus.plant.interlocks import Interlocks
+from drivebus.plant.keeping import Keeping
 from drivebus.plant.logs import happened
 from drivebus.plant.model import PlantSetting
 from drivebus.plant.parts import Handler, Parts
+from drivebus.plant.runbook import RunBook
+from drivebus.plant.view import DriveView, Sample
+from drivebus.profiles.model import Text
 
 Json = dict[str, Any]
+
+
+class Heard:
+    """The history, with the flight recorder listening."""
+
+    def __init__(self, history: Historian, keeping: Keeping) -> None:
+        self._history, self._keeping = history, keeping
+
+    @property
+    def ok(self) -> bool:
+        return self._history.ok
+
+    def append(self, samples: Sequence[Sample]) -> None:
+        self._history.append(samples)
+        self._keeping.samples(samples)
 
 
 class Rooms:
@@ -28,28 +49,42 @@ class Rooms:
         self.setting, self._now, self._wall_ms = setting, now, wall_ms
         self.trail = AuditTrail(setting.directory)
         self.history = Historian(setting.history, setting.directory, wall_ms=wall_ms)
+        self.runs = RunBook(self.history)
         self.log = AlarmLog(setting.directory / "alarms.jsonl")
+        self.keeping = Keeping(self.log, CaseStore(setting.directory / "cases"), now)
         self.alarms: AlarmBook | None = None
 
     async def open(self) -> Parts:
         """Never fails for a disk: what can't be written is told by ``ok``."""
         await self.trail.open()
         await self.history.open()
+        self.history.label(labels(self.setting))
+        await self.runs.open()
         known = self.log.load()
         self.alarms = AlarmBook(
-            self.setting.alarms, self.setting.drives, self.log, known,
+            self.setting.alarms, self.setting.drives, self.keeping, known,
             first=self.log.first, now=self._now(), now_ms=self._wall_ms(),
         )  # fmt: skip
         interlocks = Interlocks(self.setting.interlocks)
-        return Parts(self.trail, self.history, self.alarms, interlocks, self.handlers(), self._event, self.disk)
+        return Parts(
+            self.trail, Heard(self.history, self.keeping), self.alarms, interlocks, self.handlers(), self._event,
+            self.disk, self._view, self.keeping.bind,
+        )  # fmt: skip
 
     async def close(self) -> None:
+        await self.keeping.close()
         await self.log.close()
+        await self.runs.close()
         await self.history.close()
         await self.trail.close()
 
+    def _view(self, view: DriveView, now: float, now_ms: int) -> None:
+        self.keeping.view(view, now, now_ms)
+        self.runs.on_view(view, now, now_ms)
+
     def _event(self, event: Json) -> None:
         self.history.put_event(event)
+        self.keeping.event(event)
         happened(event)
 
     def handlers(self) -> Mapping[str, Handler]:
@@ -61,7 +96,13 @@ class Rooms:
         async def audit_verify(params: ask.Nothing, actor: Actor) -> Json:
             return await self.trail.verify()
 
-        return {"audit.list": audit_list, "audit.verify": audit_verify, **self.history.handlers()}
+        return {
+            "audit.list": audit_list,
+            "audit.verify": audit_verify,
+            **self.history.handlers(),
+            **self.runs.handlers(),
+            **self.keeping.handlers(),
+        }
 
     def disk(self) -> Json:
         """Room on the disk of the state directory."""
@@ -69,3 +110,13 @@ class Rooms:
             found = shutil.disk_usage(self.setting.directory)
             return {"free_mb": found.free // 2**20, "total_mb": found.total // 2**20}
         return {}
+
+
+def labels(setting: PlantSetting) -> dict[str, tuple[str, Text]]:
+    """Unit and text of every tag that the plant's drives may have. Raises ProfileError."""
+    profiles = {drive.id: profile_of(drive) for drive in setting.drives}
+    return {
+        f"{drive}.{name}": (signal.unit, signal.text)
+        for drive, profile in profiles.items()
+        for name, signal in profile.signals.items()
+    }
