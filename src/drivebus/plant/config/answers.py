@@ -1,0 +1,114 @@
+"""What a new plant.toml is made of: what a scan found, or what somebody answered. Values, and their file."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from drivebus.errors import ConfigurationError
+from drivebus.plant.config.load import ROOM, refusal
+from drivebus.plant.config.schema import Strict, Words
+from drivebus.profiles import locate, shape
+from drivebus.profiles.complaint import complain, problem
+
+
+@dataclass(frozen=True, slots=True)
+class DriveAnswer:
+    """One drive of a line. ``others``: sister models that would answer alike."""
+
+    address: int
+    model: str
+    title: str = ""
+    encoding: str | None = None
+    others: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LineAnswer:
+    """One LINK and its drives. ``baud`` and ``format`` None: what the LINK says, or the factory."""
+
+    link: str
+    drives: tuple[DriveAnswer, ...]
+    baud: int | None = None
+    format: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """A whole plant."""
+
+    title: str
+    lines: tuple[LineAnswer, ...]
+
+
+class _LineIn(Strict):
+    link: Annotated[str, Field(min_length=1, max_length=1000)]
+    model: Words
+    addresses: Annotated[str, Field(pattern=r"^[0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?)*$")]
+    names: list[Words] = []
+    baud: int | None = None
+    format: str | None = None
+    encoding: str | None = None
+
+
+class _AnswersIn(Strict):
+    title: Words = "plant"
+    line: Annotated[list[_LineIn], Field(min_length=1)]
+
+
+def read(path: str) -> Answers:
+    """``title`` and ``[[line]]`` tables with link, model, addresses (``1-3,7``), names. Raises ConfigurationError."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        found = _AnswersIn.model_validate(tomllib.loads(text))
+    except OSError as error:
+        unreadable = problem("unreadable", (), error.strerror or str(error))
+        raise refusal([complain(unreadable, path, None, ROOM)]) from None
+    except UnicodeDecodeError as error:
+        raise refusal([complain(problem("encoding", (), f"{error.object[error.start]:02X}H"), path, 1, ROOM)]) from None
+    except tomllib.TOMLDecodeError as error:
+        raise refusal([complain(problem("toml", (), str(error)), path, None, ROOM)]) from None
+    except ValidationError as error:
+        faults = shape.from_pydantic(error, _AnswersIn)
+        raise refusal([complain(one, path, locate.line_of(text, one.path), ROOM) for one in faults]) from None
+    return Answers(found.title, tuple(_line(one) for one in found.line))
+
+
+def _line(one: _LineIn) -> LineAnswer:
+    addresses = numbers(one.addresses)
+    names = [*one.names, *[""] * len(addresses)]
+    drives = (
+        DriveAnswer(address, one.model, name, one.encoding) for address, name in zip(addresses, names, strict=False)
+    )
+    return LineAnswer(one.link, tuple(drives), one.baud, one.format)
+
+
+def numbers(text: str) -> list[int]:
+    """``1-3,7`` → 1, 2, 3, 7. Raises ConfigurationError for a range that ends before it begins."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        span = range(int(first), int(last if dash else first) + 1)
+        if not span:
+            raise ConfigurationError("plant_init.addresses", found=text)
+        found += span
+    return list(dict.fromkeys(found))
+
+
+def slug(text: str, otherwise: str) -> str:
+    """An id from a title: lower case letters, digits and -."""
+    found = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40].strip("-")
+    return found or otherwise
+
+
+def unique(wanted: str, taken: Iterable[str]) -> str:
+    """``wanted``, with a number behind it where somebody has it."""
+    known = set(taken)
+    tries: Sequence[str] = [wanted, *(f"{wanted}-{number}" for number in range(2, len(known) + 3))]
+    return next(one for one in tries if one not in known)
