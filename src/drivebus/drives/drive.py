@@ -178,6 +178,10 @@ class Drive:
         """Its ramp, where the pre-flight has read it."""
         return self._memory.acceleration_s
 
+    def repace(self, profile: DriveProfile) -> None:
+        """The same model with other periods: for the monitors that follow."""
+        self.profile = self.dialect.profile = profile
+
     def check_frequency(self, frequency_hz: float) -> float:
         """What the drive makes of a frequency, in Hz. Raises LimitError; nothing is sent."""
         return self._memory.check_frequency(frequency_hz)[1]

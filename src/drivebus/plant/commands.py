@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
+from math import inf
 from typing import Any
 
 from drivebus.drives.memory import DriveLimits
@@ -98,13 +99,15 @@ class Commands:
 
     async def moved(self, unit: Unit, motion: Awaitable[Outcome]) -> Outcome:
         """Do it; where nothing can have left, the drive is as much ours as it was."""
-        before, unit.started = unit.started, True
+        before, unit.started, unit.moved_at = unit.started, True, inf
         try:
             return await motion
         except DrivebusError as error:
             if error.outcome is None:
                 unit.started = before
             raise
+        finally:
+            unit.moved_at = self.plant.now()
 
     async def set_frequency(self, params: ask.SetFrequency, actor: Actor) -> Json:
         unit = self.own(params.drive, actor)

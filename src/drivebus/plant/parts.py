@@ -10,6 +10,7 @@ from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import AlarmBook
 from drivebus.plant.audit import Entry
 from drivebus.plant.interlocks import Interlocks
+from drivebus.plant.model import PlantSetting
 from drivebus.plant.view import DriveView, Sample
 
 Json = dict[str, Any]
@@ -58,3 +59,5 @@ class Parts:
     """Every look at a drive, for run statistics and cases."""
     on_plant: Callable[[Any], None] = lambda plant: None
     """The ``state.Plant`` that all this is around, before it starts."""
+    on_setting: Callable[[PlantSetting], None] = lambda setting: None
+    """Other settings, taken over while it runs."""

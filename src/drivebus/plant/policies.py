@@ -16,6 +16,8 @@ from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
 from drivebus.plant.view import DriveView
 
+SEEN_S = 3.0
+"""A drive that reports standstill so long after our start stands: it would have begun by then."""
 Call = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -54,6 +56,8 @@ class Policies:
             else:
                 self.plant.alarm(Own.NO_OWNER, unit.id)
         unit.judged = True
+        if state.output_off and status.at is not None and status.at > unit.moved_at + SEEN_S:
+            unit.started = False  # stopped at its keypad, or tripped: whoever starts it again is not us
         if not state.turning:
             for kind in (Own.NO_OWNER, Own.LEASE_LOST):
                 self.plant.calm(kind, unit.id)
@@ -93,6 +97,5 @@ class Policies:
 
 
 def may_turn(unit: Unit) -> bool:
-    """It turns, or we started it and nothing says that it stands."""
-    state = unit.status().state
-    return state.turning or (state is DriveState.UNKNOWN and unit.started)
+    """It turns, or we started it and have not seen it stand since."""
+    return unit.started or unit.status().state.turning

@@ -23,6 +23,7 @@ from drivebus.plant.lines import Line, Seen
 from drivebus.plant.model import BusSetting, DriveSetting, PlantSetting
 from drivebus.plant.parts import Handler, Parts
 from drivebus.plant.policies import Policies
+from drivebus.plant.reloading import Reloading
 from drivebus.plant.state import Plant
 from drivebus.plant.stopping import Stopping
 from drivebus.plant.units import Unit
@@ -66,7 +67,7 @@ class Service:
         self.jogs = Jogs(self.plant, self.commands)
         answers = Answers(self.plant, self.groups)
         handlers: dict[str, Handler] = dict(parts.handlers)
-        for room in (self.commands, self.groups, self.stopping, self.jogs, answers):
+        for room in (self.commands, self.groups, self.stopping, self.jogs, answers, Reloading(self)):
             handlers |= room.handlers()
         self.desk = Desk(self.plant, handlers)
         self.policies = Policies(self.plant, self.desk.call, SERVICE)

@@ -49,6 +49,8 @@ class Unit:
         self.commanded_hz: float | None = None
         self.started = False
         """This service started it and has not seen it stopped since."""
+        self.moved_at = 0.0
+        """When its last start was done; while one goes on, never."""
         self.stops = 0
         """How often somebody wished it to stop: a start that was wished before is void."""
         self.judged = False
@@ -61,6 +63,17 @@ class Unit:
     def badge(self) -> HostDies:
         """What the drive does when this host dies, with the waiver that somebody recorded."""
         return replace(self.host_dies, waiver=self.waiver)
+
+    def take(self, setting: DriveSetting, *, polls: bool) -> None:
+        """Other limits and policies from now on, and other ``polls``; everything else of the drive is as it was."""
+        self.setting = setting
+        if polls:
+            self.profile, watched = profile_of(setting), self.monitor is not None
+            self.signals = names_of(setting, self.profile)
+            self.drive.repace(self.profile)
+            self._unwatch()
+            if watched:
+                self.watch()
 
     def watch(self) -> None:
         """Begin to poll; the bus is open, so that what was proved on this port before is known."""
@@ -91,10 +104,13 @@ class Unit:
 
     def close(self) -> None:
         """Off its bus; nothing is sent."""
+        self._unwatch()
+        self.drive.close()
+
+    def _unwatch(self) -> None:
         if self.monitor is not None:
             self.monitor.close()
             self.monitor = None
-        self.drive.close()
 
     # --- samples ------------------------------------------------------------------------------------------------
 

@@ -75,11 +75,15 @@ class Watching:
         self._looks += 1
         self.after_look(now)
 
+    def ask_again(self, drive: str) -> None:
+        """It is another drive now: nothing is known of it."""
+        self._asked.pop(drive, None)
+        self._presence.pop(drive, None)
+        self._faults.pop(drive, None)
+
     def forget(self, drive: str) -> None:
         """It is no longer part of the plant."""
         self.views.pop(drive, None)
-        self._presence.pop(drive, None)
-        self._asked.pop(drive, None)
         self.plant.hub.remove(f"drives/{drive}")
 
     def _drive(self, unit: Unit, now: float, now_ms: int) -> None:

@@ -373,3 +373,20 @@ def test_a_jog_is_ended_by_letting_go() -> None:
             assert LOCAL.name == kit.service.plant.leases.get("fan-1", kit.service.plant.now()).actor.name  # type: ignore[union-attr]
 
     run(story())
+
+
+def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
+    """Started there again, it is not stopped when the service ends (6.6: what *we* started)."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            motor = kit.station("fan-1").motor
+            motor.stop()
+            await asyncio.sleep(8)
+            kit.station("fan-1").motor.run(20.0)
+            await asyncio.sleep(3)
+            assert state(kit, "fan-1").turning
+            assert await kit.service.stop() == {}
+
+    run(story())

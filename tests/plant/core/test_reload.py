@@ -1,0 +1,157 @@
+"""A changed plant.toml is taken over by its difference; what did not change misses no poll (B)."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import ConfigurationError, DrivebusError, GateError, NotFound
+from drivebus.plant.config.load import load
+from drivebus.testing.virtual import run
+from plantkit import Kit, plant
+
+HEAD = """
+format = 1
+[plant]
+id = "hall"
+title = "Hall"
+[bus.a]
+link = "sim://c320@1-3?ramp=2&name=a"
+[bus.b]
+link = "sim://vc660@1-2?ramp=2&name=b"
+"""
+FAN_1 = '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+FAN_2 = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
+FAN_3 = '[drive.fan-3]\nbus = "a"\naddress = 3\nmodel = "c320"\n'
+PUMP = '[drive.pump-1]\nbus = "b"\naddress = 1\nmodel = "vc660"\n'
+
+
+def write(path: Path, *parts: str, head: str = HEAD) -> Path:
+    path.write_text(head + "".join(parts))
+    return path
+
+
+def polls(kit: Kit, drive: str) -> int:
+    unit = kit.service.plant.units[drive]
+    return unit.bus.statistics().stations[unit.setting.address].transactions
+
+
+def test_untouched_drives_miss_no_poll(tmp_path: Path) -> None:
+    """Twenty seconds with a reload in them bring as many polls as twenty seconds without."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def counted(reload: bool) -> dict[str, int]:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(10)
+            before = {drive: polls(kit, drive) for drive in ("fan-1", "pump-1")}
+            await asyncio.sleep(10)
+            if reload:
+                await kit.call("configuration.reload")
+            await asyncio.sleep(10)
+            return {drive: polls(kit, drive) - count for drive, count in before.items()}
+
+    without = run(counted(False))
+    with_nothing = run(counted(True))
+    write(file, FAN_1, FAN_2, PUMP)
+    assert with_nothing == without
+
+    async def changed() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(10)
+            line = kit.service.plant.lines["b"]
+            unit, monitor = kit.service.plant.units["pump-1"], kit.service.plant.units["pump-1"].monitor
+            before = polls(kit, "pump-1")
+            await asyncio.sleep(10)
+            write(file, FAN_1, FAN_3, PUMP)
+            found = await kit.call("configuration.reload")
+            assert found["difference"] == {"added": ["fan-3"], "changed": [], "removed": ["fan-2"]}
+            await asyncio.sleep(10)
+            assert polls(kit, "pump-1") - before == without["pump-1"]
+            assert kit.service.plant.lines["b"] is line
+            assert kit.service.plant.units["pump-1"] is unit and unit.monitor is monitor
+            views = {view["id"]: view for view in (await kit.call("drives.list"))["drives"]}
+            assert list(views) == ["fan-1", "fan-3", "pump-1"]
+            assert views["fan-3"]["presence"] == "online"
+            with pytest.raises(NotFound):
+                await kit.call("drives.get", drive="fan-2")
+
+    run(changed())
+
+
+def test_other_limits_and_periods_are_taken_over_in_place(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(5)
+            unit = kit.service.plant.units["fan-1"]
+            limits = "[drive.fan-1.limits]\nmaximum_hz = 30.0\n"
+            write(file, FAN_1, limits, "[drive.fan-1.signals]\noutput_frequency = 0.2\n", PUMP)
+            await kit.call("configuration.reload")
+            assert kit.service.plant.units["fan-1"] is unit
+            assert (await kit.call("drives.get", drive="fan-1"))["maximum_hz"] == 30.0
+            before = polls(kit, "fan-1")
+            await asyncio.sleep(10)
+            assert polls(kit, "fan-1") - before >= 45
+
+    run(story())
+
+
+def test_a_drive_that_turns_is_not_taken_from_its_bus(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(5)
+            await kit.waive()
+            await kit.call("drive.run", drive="fan-2", frequency_hz=20.0)
+            write(file, FAN_1, PUMP)
+            with pytest.raises(DrivebusError, match="fan-2"):
+                await kit.call("configuration.reload")
+            assert "fan-2" in kit.service.plant.units
+            await kit.call("drive.stop", drive="fan-2")
+            await asyncio.sleep(1)
+            await kit.call("configuration.reload")
+            assert "fan-2" not in kit.service.plant.units
+
+    run(story())
+
+
+def test_a_latch_outlives_another_bus(tmp_path: Path) -> None:
+    """Nothing that was stopped by hand becomes free because somebody edits a file."""
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(5)
+            await kit.waive()
+            await kit.call("plant.stop")
+            write(file, FAN_1, PUMP, head=HEAD.replace("ramp=2&name=a", "ramp=3&name=other"))
+            await kit.call("configuration.reload")
+            await asyncio.sleep(5)
+            with pytest.raises(GateError):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+
+    run(story())
+
+
+def test_a_wrong_file_changes_nothing_and_every_mistake_is_told(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(5)
+            wrong = HEAD + FAN_1 + PUMP.replace("vc660", "nonsense") + FAN_2.replace('"a"', '"nowhere"')
+            found = await kit.call("configuration.check", text=wrong)
+            assert len(found["complaints"]) >= 2 and all(one["line"] for one in found["complaints"])
+            write(file, wrong, head="")
+            with pytest.raises(ConfigurationError):
+                await kit.call("configuration.reload")
+            assert [*kit.service.plant.units] == ["fan-1", "pump-1"]
+            assert (await kit.call("configuration.get"))["text"] == wrong
+            good = await kit.call("configuration.check", text=HEAD + FAN_1 + FAN_2)
+            assert good == {"complaints": [], "difference": {"added": ["fan-2"], "changed": [], "removed": ["pump-1"]}}
+
+    run(story())
