@@ -1,0 +1,289 @@
+"""The historian beside a plain table of rows: ``python -m benchmarks.historian`` (some 15 minutes; ``--small``: one).
+
+Writing: samples a second and bytes a sample, once through the historian (journal, rollups and blocks, every batch
+synced) and once as rows into sqlite3 with the same batches and syncs. Loop: how late a 5 ms timer of the same process
+fires while the historian writes as fast as it can, and while it writes one plant's samples as they come. Trends: two
+days of raw values each second, made by the historian itself, and a year of rollups through its own encoding and
+transactions, of 12 drives with 10 signals; then random spans. The files are warm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import math
+import random
+import sqlite3
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.__main__ import ROOT, commit
+from drivebus.plant.historian import Historian
+from drivebus.plant.historian.blocks import encode_points
+from drivebus.plant.historian.levels import DAY_MS, GRAINS, HOUR_MS, MINUTE_MS, Level
+from drivebus.plant.historian.points import Points
+from drivebus.plant.historian.store import Block, Seal
+from drivebus.plant.model import HistorySetting
+from drivebus.plant.operations import Trend
+from drivebus.plant.view import Sample
+from drivebus.reading import Quality
+
+Figures = dict[str, Any]
+
+TAGS = [f"drive-{drive}.signal_{signal}" for drive in range(12) for signal in range(10)]
+START_MS = 1_767_225_600_000
+"""2026-01-01 00:00 UTC."""
+BATCH = 50_000
+POOL = 100_000
+
+
+class Values:
+    """What drives send: slow swings with noise, two decimals, times some milliseconds off."""
+
+    def __init__(self, seed: int) -> None:
+        self.chance = random.Random(seed)
+        gauss = self.chance.gauss
+        self.pool = [round(30 + 15 * math.sin(n / 700) + gauss(0, 0.15), 2) for n in range(POOL)]
+        self.jitter = [self.chance.randint(-4, 4) for _ in range(POOL)]
+        self.places = [self.chance.randrange(POOL) for _ in TAGS]
+        self.starts = [START_MS + self.chance.randrange(1000) for _ in TAGS]
+
+    def samples(self, seconds: Sequence[int]) -> list[Sample]:
+        """Of every tag, second by second, as they come."""
+        pool, jitter, good = self.pool, self.jitter, Quality.GOOD
+        return [
+            Sample(tag, start + 1000 * second + jitter[(place + second) % POOL], pool[(place + second) % POOL], good)
+            for second in seconds
+            for tag, place, start in zip(TAGS, self.places, self.starts, strict=True)
+        ]
+
+    def batches(self, seconds: int) -> Iterator[list[Sample]]:
+        step = BATCH // len(TAGS)
+        for at in range(0, seconds, step):
+            yield self.samples(range(at, min(at + step, seconds)))
+
+
+def files_bytes(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.iterdir())
+
+
+class Lateness:
+    """How late a timer of 5 ms fires in this loop."""
+
+    async def __aenter__(self) -> Lateness:
+        self.late_ms: list[float] = []
+        self._task = asyncio.create_task(self._run())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._task
+
+    async def _run(self) -> None:
+        while True:
+            due = time.perf_counter() + 0.005
+            await asyncio.sleep(0.005)
+            self.late_ms.append(1000 * (time.perf_counter() - due))
+
+    def figures(self) -> Figures:
+        late = sorted(self.late_ms)
+        return {"p50_ms": _share(late, 0.5), "p99_ms": _share(late, 0.99), "largest_ms": round(late[-1], 1)}
+
+
+def _share(values: list[float], share: float) -> float:
+    return round(values[min(len(values) - 1, int(share * len(values)))], 2)
+
+
+class Watch:
+    """Wall and processor seconds of what is done in a ``with``."""
+
+    wall_s = cpu_s = 0.0
+
+    def __enter__(self) -> None:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.wall_s += time.perf_counter() - self._wall
+        self.cpu_s += time.process_time() - self._cpu
+
+    def figures(self, folder: Path, count: int) -> Figures:
+        """The machine may be busy with other things: what a sample costs the processor tells more than the clock."""
+        return {
+            "samples": count,
+            "samples_per_s": round(count / self.wall_s),
+            "cpu_us_per_sample": round(1e6 * self.cpu_s / count, 2),
+            "bytes_per_sample": round(files_bytes(folder) / count, 2),
+        }
+
+
+async def ours(folder: Path, values: Values, seconds: int) -> Figures:
+    watch, count = Watch(), 0
+    historian = Historian(HistorySetting(), folder)
+    await historian.open()
+    for batch in values.batches(seconds):
+        with watch:
+            await historian.load(batch)
+        count += len(batch)
+    with watch:
+        await historian._write(historian.writer.seal_all)
+    await historian.close()
+    return watch.figures(folder, count)
+
+
+async def plain(folder: Path, values: Values, seconds: int) -> Figures:
+    watch, count = Watch(), 0
+    database = sqlite3.connect(folder / "rows.db", isolation_level=None)
+    for pragma in ("journal_mode = WAL", "synchronous = FULL"):
+        database.execute(f"PRAGMA {pragma}")
+    columns = "tag INTEGER, ts INTEGER, value REAL, quality INTEGER, PRIMARY KEY (tag, ts)"
+    database.execute(f"CREATE TABLE sample ({columns}) WITHOUT ROWID")
+    ids = {tag: n for n, tag in enumerate(TAGS)}
+    for batch in values.batches(seconds):
+        with watch:
+            database.execute("BEGIN")
+            rows = ((ids[one.tag], one.time_ms, one.value, 0) for one in batch)
+            database.executemany("INSERT INTO sample VALUES (?, ?, ?, ?)", rows)
+            database.execute("COMMIT")
+        count += len(batch)
+    database.close()
+    return watch.figures(folder, count)
+
+
+async def lateness(values: Values, seconds: int) -> Figures:
+    """Of the loop beside the writer's thread; ``idle`` is the same loop with nothing beside it."""
+    found: Figures = {}
+    async with Lateness() as late:
+        await asyncio.sleep(seconds)
+    found["idle"] = late.figures()
+    for name, step in (("one_plant", 1), ("as_fast_as_it_can", BATCH // len(TAGS))):
+        with tempfile.TemporaryDirectory() as folder:
+            pieces = [values.samples(range(at, at + step)) for at in range(0, step * 40, step)]
+            async with Historian(HistorySetting(), Path(folder)) as historian, Lateness() as late:
+                until = time.perf_counter() + seconds
+                while time.perf_counter() < until:
+                    historian.append(pieces[len(late.late_ms) % len(pieces)])
+                    await (asyncio.sleep(1.0) if step == 1 else historian._write(historian.writer.round))
+            found[name] = late.figures()
+    return found
+
+
+async def year(historian: Historian, values: Values, days: int) -> Figures:
+    """Rollups of the days before the samples, as the writer would have left them."""
+    ids = list(historian.tag_ids(TAGS).values())
+    counts = {Level.MINUTE: 0, Level.HOUR: 0}
+
+    def write() -> None:
+        for level, per_point in ((Level.MINUTE, 60), (Level.HOUR, 3600)):
+            grain = GRAINS[level]
+            first = (START_MS - days * DAY_MS) // grain.partition_ms * grain.partition_ms
+            for start in range(first, START_MS, grain.partition_ms):
+                blocks = [_rollup(level, tag, start, per_point, values) for tag in ids]
+                blocks = [block for block in blocks if block is not None]
+                counts[level] += len(blocks) * (min(start + grain.partition_ms, START_MS) - start) // grain.width_ms
+                historian.writer._store.seal([_put(block) for block in blocks], START_MS, None)
+
+    def _put(block: Block) -> Seal:
+        # From its own number to the same: the tag's samples stay where they are, only the block is put.
+        sealed = historian.writer.unsealed.next(block.tag)
+        return Seal(block.tag, sealed, sealed, [block])
+
+    begun = time.perf_counter()
+    await historian._write(write)
+    return {
+        "minute_rows": counts[Level.MINUTE],
+        "hour_rows": counts[Level.HOUR],
+        "rows_per_s": round(sum(counts.values()) / (time.perf_counter() - begun)),
+    }
+
+
+def _rollup(level: Level, tag: int, start: int, per_point: int, values: Values) -> Block | None:
+    grain = GRAINS[level]
+    end = min(start + grain.partition_ms, START_MS)
+    if level is Level.HOUR and end == START_MS:
+        return None  # The row that the samples' own first hours are in.
+    times = range(start, end, grain.width_ms)
+    place = values.chance.randrange(POOL - 2 * len(times))
+    middle = values.pool[place : place + len(times)]
+    noise = values.pool[place + 1 : place + len(times) + 1]
+    means = [value + other / 977 for value, other in zip(middle, noise, strict=True)]
+    points = Points(
+        times, [per_point] * len(times), [round(value - 0.4, 2) for value in middle], means,
+        [round(value + 0.5, 2) for value in middle], bytes(len(times)),
+    )  # fmt: skip
+    return Block(level, tag, start, 0, encode_points(start, grain.width_ms, points))
+
+
+SPANS_MS = {
+    "1 min": MINUTE_MS, "10 min": 10 * MINUTE_MS, "1 h": HOUR_MS, "8 h": 8 * HOUR_MS, "16 h": 16 * HOUR_MS,
+    "2 d": 2 * DAY_MS, "7 d": 7 * DAY_MS, "40 d": 40 * DAY_MS, "120 d": 120 * DAY_MS, "365 d": 365 * DAY_MS,
+}  # fmt: skip
+
+
+async def trends(historian: Historian, chance: random.Random, end_ms: int, turns: int) -> Figures:
+    found: Figures = {}
+    for name, span in SPANS_MS.items():
+        found[name] = {}
+        for signals in (1, 10):
+            taken = []
+            for _ in range(turns):
+                last = end_ms - (chance.randrange(max(1, 2 * DAY_MS - span)) if span < 2 * DAY_MS else 0)
+                tags = chance.sample(TAGS, signals)
+                asked = Trend(tags=tags, from_ms=last - span, to_ms=last, points=1000)
+                begun = time.perf_counter()
+                answer = await historian.trend(asked)
+                taken.append(1000 * (time.perf_counter() - begun))
+            taken.sort()
+            lengths = [len(series["t"]) for series in answer["series"].values()]
+            found[name] |= {
+                "resolution": answer["resolution"], "points": max(lengths),
+                f"p50_ms_of_{signals}": _share(taken, 0.5), f"p99_ms_of_{signals}": _share(taken, 0.99),
+            }  # fmt: skip
+    return found
+
+
+async def measure(seed: int, *, small: bool) -> Figures:
+    values = Values(seed)
+    seconds, days = (2_000, 20) if small else (2 * 86_400, 363)
+    found: Figures = {"commit": commit(), "seed": seed, "tags": len(TAGS), "small": small}
+    written: dict[str, Callable[[Path, Values, int], Any]] = {"drivebus": ours, "rows": plain}
+    for name, way in written.items():
+        with tempfile.TemporaryDirectory() as folder:
+            found[name] = await way(Path(folder), values, 2_000 if small else 20_000)
+        print(name, found[name], flush=True)
+    for figure in ("samples_per_s", "cpu_us_per_sample", "bytes_per_sample"):
+        found[f"{figure}_to_rows"] = round(found["drivebus"][figure] / found["rows"][figure], 3)
+    found["loop"] = await lateness(values, 5 if small else 60)
+    print("loop", found["loop"], flush=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        found["two_days"] = await ours(folder, values, seconds)
+        print("two_days", found["two_days"], flush=True)
+        async with Historian(HistorySetting(), folder) as historian:
+            found["year"] = await year(historian, values, days)
+            found["year"]["file_mb"] = round(files_bytes(folder) / 1e6)
+            print("year", found["year"], flush=True)
+            end_ms = START_MS + 1000 * seconds
+            found["trend"] = await trends(historian, values.chance, end_ms, 5 if small else 50)
+    return found
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(prog="python -m benchmarks.historian", description=__doc__)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--small", action="store_true", help="a hundredth of it")
+    options.add_argument("--write", action="store_true", help="write docs/reports/historian.json")
+    chosen = options.parse_args()
+    figures = asyncio.run(measure(chosen.seed, small=chosen.small))
+    print(json.dumps(figures, indent=1))
+    if chosen.write:
+        (ROOT / "docs" / "reports" / "historian.json").write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
