@@ -73,7 +73,7 @@ function noteLogout(error) {
 const parsed = async (answer) => (answer.status === 204 ? {} : answer.json().catch(() => { throw noAnswer(); }));
 const asked = async (method, path, options) => parsed(await ask(method, path, options));
 
-/** `api.get("/drives")`, `api.post("/drives/fan-1/run", {frequency_hz: 25})`: JSON back, ApiError for everything else. */
+/** `api.get("/drives")`, `api.post("/drives/fan-1/run", {frequency_hz: 25})`: JSON back, else ApiError. */
 export const api = {
   get: (path, query, options) => asked("GET", path, { ...options, query }),
   post: (path, body = {}, options) => asked("POST", path, { ...options, body }),

@@ -1,6 +1,5 @@
 // Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
 // times of day are labels only.
-import { untracked } from "./lib.js";
 import { language, t } from "./i18n.js";
 import { now, trusted } from "./live.js";
 
@@ -50,8 +49,8 @@ export const moment = (ms) => (ms === null || ms === undefined ? NOTHING : shown
  * bad whatever it was. `{value, unit, quality, reason, age_s}`; null where the drive has no such signal. */
 export const reading = (view, name) => readAs(view, name, ageOf);
 
-/** The same for hundreds of tiles: its age stands still until the next value or the next look. */
-export const readingStill = (view, name) => readAs(view, name, (found) => untracked(() => ageOf(found)));
+/** The same without its age, for hundreds of tiles that must not be redrawn at every tick. */
+export const readingStill = (view, name) => readAs(view, name, () => null);
 
 function readAs(view, name, age) {
   const found = view?.signals?.[name];

@@ -100,10 +100,17 @@ function later() {
   wait_ms = Math.min(wait_ms * 2, LONGEST_WAIT_MS);
 }
 
+/** Does the server answer at all? If not, it is tried again later. */
+async function meets() {
+  const found = await loadSession().then(() => true, () => false);
+  if (!found) later();
+  return found;
+}
+
 async function open() {
   clearTimeout(timer);
   // The session may be over, or the server may be another one: a socket alone does not tell why it is refused.
-  if (link.peek() === "lost") await loadSession().catch(() => null);
+  if (link.peek() === "lost" && !(await meets())) return;
   if (!loggedIn.peek() || socket) return;
   heardAt = nowMs();
   socket = new WebSocket(address());

@@ -4,7 +4,8 @@ import { LANGUAGES, both, chooseLanguage, language, t, titled } from "./i18n.js"
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { duration } from "./format.js";
 import { Icon } from "./icons.js";
-import { Button, Notice } from "./ui.js";
+import { api } from "./api.js";
+import { Button, ErrorNote, Notice, useAsk } from "./ui.js";
 import { closedText, link, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
@@ -14,7 +15,8 @@ import { StopBar } from "./stopbar.js";
 
 /** Page → the right that it needs. */
 export const WAYS = [
-  ["fleet", "view"], ["buses", "view"], ["alarms", "view"], ["history", "view"], ["audit", "audit"], ["settings", "view"],
+  ["fleet", "view"], ["buses", "view"], ["alarms", "view"], ["history", "view"], ["audit", "audit"],
+  ["settings", "view"],
 ];
 const menu = signal(false);
 const RANK = { urgent: 0, high: 1, low: 2 };
@@ -30,19 +32,22 @@ function Way({ page }) {
   const open = page === "alarms" ? pressing().length : 0;
   const here = route.value.page === page || (page === "fleet" && route.value.page === "drive");
   return html`<a href=${href(page)} aria-current=${here ? "page" : undefined} onClick=${() => { menu.value = false; }}>
-    ${t(`page.way_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}</span></span>`}</a>`;
+    ${t(`page.way_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}
+      </span></span>`}</a>`;
 }
 
 function LineMark() {
   const state = link.value;
-  return html`<span class=${`line ${state}`} role="status"><${Icon} name=${state === "live" ? "link" : "silent"} size=${18} />
+  return html`<span class=${`line ${state}`} role="status"><${Icon} name=${state === "live" ? "link" : "silent"}
+    size=${18} />
     <span>${t(`page.link_${state}`)}</span></span>`;
 }
 
 export function Preferences() {
   const other = language.value === "zh" ? "en" : "zh";
   const next = THEMES[(THEMES.indexOf(themeChoice.value) + 1) % THEMES.length];
-  return html`<${Button} kind="quiet" lang=${other === "zh" ? "zh-CN" : "en"} onClick=${() => chooseLanguage(other)}>${LANGUAGES[other]}<//>
+  return html`<${Button} kind="quiet" lang=${other === "zh" ? "zh-CN" : "en"} onClick=${() => chooseLanguage(other)}>
+    ${LANGUAGES[other]}<//>
     <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
       aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>
       ${t(`page.theme_${themeChoice.value}`)}<//>`;
@@ -52,7 +57,8 @@ function Head() {
   const plant = topic("plant").value;
   return html`<header class="head"><a class="plant" href=${href("fleet")}>${plant ? titled(plant) : "drivebus"}</a>
     <button type="button" class="menu" aria-expanded=${menu.value ? "true" : "false"} aria-label=${t("page.menu")}
-      onClick=${() => { menu.value = !menu.value; }}><${Icon} name=${menu.value ? "close" : "menu"} size=${24} /></button>
+      onClick=${() => { menu.value = !menu.value; }}><${Icon} name=${menu.value ? "close" : "menu"} size=${24} />
+        </button>
     <div class=${`ways ${menu.value ? "open" : ""}`}><nav aria-label=${t("page.ways")}>
       ${WAYS.filter(([, right]) => may(right)).map(([page]) => html`<${Way} key=${page} page=${page} />`)}</nav>
       <div class="who"><${Preferences} />
@@ -65,9 +71,16 @@ function LineNotice() {
   if (link.value === "live") return null;
   if (link.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
   const age = duration((now.value - lostAt.value) / 1000);
-  return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span><strong>${t("page.offline", { age })}</strong>
-    ${" "}${closedText.value ? both(closedText.value) : t("page.offline_how")}</span>
+  return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
+    <strong>${t("page.offline", { age })}</strong>${" "}${closedText.value ? both(closedText.value) : t("page.offline_how")}</span>
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
+}
+
+function Acknowledge({ alarm }) {
+  const [run, busy, error] = useAsk();
+  const send = () => run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`));
+  return html`<${Button} busy=${busy} disabled=${link.value !== "live"} onClick=${send} data-do="acknowledge">
+    ${t("page.acknowledge")}<//><${ErrorNote} error=${error} />`;
 }
 
 function AlarmStrip() {
@@ -75,8 +88,10 @@ function AlarmStrip() {
   if (!alarm || route.value.page === "alarms") return null;
   const view = alarm.drive && drive(alarm.drive).value;
   return html`<div class=${`banner alarm ${alarm.priority}`}><${PriorityMark} priority=${alarm.priority} />
-    <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${view ? titled(view) : alarm.drive}${view && t("page.colon")}${both(alarm.title)}</a>
-    ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}</div>`;
+    <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>
+      ${view ? titled(view) : alarm.drive}${view && t("page.colon")}${both(alarm.title)}</a>
+    ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}
+    ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</div>`;
 }
 
 function PlantNotice() {
@@ -91,7 +106,9 @@ function PlantNotice() {
 export function Shell({ children }) {
   const { page, id } = route.value;
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
-  return html`<a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
+  return html`<a class="skip" href="#main"
+    onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
     <${Head} /><${LineNotice} /><${AlarmStrip} />
-    <main id="main" tabindex="-1" class=${link.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main><${StopBar} />`;
+    <main id="main" tabindex="-1" class=${link.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
+      <${StopBar} />`;
 }

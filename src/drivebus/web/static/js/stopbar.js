@@ -13,7 +13,8 @@ const menuOpen = signal(false);
 
 function StopButton({ kind, id, children, ...rest }) {
   return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}>
-    <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span></button>`;
+    <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span>
+      </button>`;
 }
 
 /** What the page is about: the drive of its address, the groups of that drive or of the filter. */
@@ -56,7 +57,8 @@ function Told() {
   if (!entry) return html`<p class="told" role="status">${t("page.stop_note")}</p>`;
   const kind = entry.phase === "sending" || entry.phase === "trying" ? "waiting" : entry.good ? "good" : "bad";
   return html`<p class=${`told ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
-    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${wordsOf(entry)}</span></p>`;
+    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${wordsOf(entry)}
+      </span></p>`;
 }
 
 export function StopBar() {

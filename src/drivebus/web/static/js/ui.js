@@ -56,19 +56,28 @@ function Frames({ frames }) {
     <td class="mono">${frame.received || (frame.error && t(frame.error)) || NOTHING}</td></tr>`)}</tbody></table>`;
 }
 
-/** A number with its unit, and plainly marked where it can't be trusted. `found` is what format.reading gives. */
-export function Value({ found, big = false, digits }) {
+/** Says in a word, and to whoever asks in a sentence, why a value is not good. */
+function Doubt({ found, why }) {
+  const isOld = found.quality === "bad" && found.age_s !== null;
+  const word = isOld ? t("page.old", { age: duration(found.age_s) }) : t(`page.quality_${found.quality}`);
+  return html`<span class="doubt"><${Icon} name="unknown" size=${14} />${word}<span class="sr">${why}</span></span>`;
+}
+
+/** A number with its unit, and plainly marked where it can't be trusted. `found` is what format.reading gives; `brief`
+ * leaves the reason to whoever asks for it. */
+export function Value({ found, big = false, brief = false, digits }) {
+  const style = big ? "big" : "";
   if (!found || found.value === null) {
     const why = found?.reason ? t(found.reason) : t("page.no_value");
-    return html`<span class=${`value none ${big ? "big" : ""}`} title=${why}>${NOTHING}<span class="sr">${why}</span></span>`;
+    return html`<span class=${`value none ${style}`} title=${why}><span class="number">${NOTHING}</span>
+      <span class=${big && !brief ? "unit" : "sr"}>${why}</span></span>`;
   }
-  const bad = found.quality !== "good";
-  const why = bad ? `${t(`page.quality_${found.quality}`)}${found.reason ? t("page.colon") + t(found.reason) : ""}` : "";
-  return html`<span class=${`value ${found.quality} ${big ? "big" : ""}`} title=${why || undefined}>
+  const isGood = found.quality === "good";
+  const reason = found.reason ? t("page.colon") + t(found.reason) : "";
+  const why = isGood ? undefined : t(`page.quality_${found.quality}`) + reason;
+  return html`<span class=${`value ${found.quality} ${style}`} title=${why}>
     <span class="number">${number(found.value, found.unit, digits)}</span><span class="unit">${found.unit}</span>
-    ${bad && html`<span class="doubt"><${Icon} name="unknown" size=${14} />${
-      found.age_s === null ? t(`page.quality_${found.quality}`) : t("page.old", { age: duration(found.age_s) })
-    }<span class="sr">${why}</span></span>`}</span>`;
+    ${!isGood && html`<${Doubt} found=${found} why=${why} />`}</span>`;
 }
 
 /** A window over the page; Escape closes it. The stop bar stays in reach: it is not modal. */
@@ -106,18 +115,19 @@ export function Tabs({ label, tabs, value, onChange }) {
     ${tabs.map(([name, title]) => html`<button type="button" role="tab" key=${name} id=${`${id}-${name}`}
       aria-selected=${name === shown[0] ? "true" : "false"} aria-controls=${`${id}-panel`}
       tabindex=${name === shown[0] ? 0 : -1} onClick=${() => onChange(name)}>${title}</button>`)}</div>
-    <div role="tabpanel" id=${`${id}-panel`} aria-labelledby=${`${id}-${shown[0]}`} key=${shown[0]}>${shown[2]()}</div></div>`;
+    <div role="tabpanel" id=${`${id}-panel`} aria-labelledby=${`${id}-${shown[0]}`} key=${shown[0]}>
+      ${shown[2]()}</div></div>`;
 }
 
 /** A table that scrolls within itself where the screen is narrow. `columns`: [[title, row → cell, class]…]. */
 export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table class="data">
     <caption class="sr">${caption}</caption>
-    <thead><tr>${columns.map(([title, , style]) => html`<th key=${title} class=${style} scope="col">${title}</th>`)}</tr></thead>
-    <tbody>${rows.map((row) => html`<tr key=${keyOf(row)} class=${rowClass?.(row)}>${columns.map(([title, cell, style]) =>
-      html`<td key=${title} class=${style}>${cell(row)}</td>`)}</tr>`)}
-    ${rows.length === 0 && html`<tr><td class="empty" colspan=${columns.length}>${empty ?? t("page.nothing")}</td></tr>`}
-    </tbody></table></div>`;
+    <thead><tr>${columns.map(([title, , style]) => html`<th key=${title} class=${style} scope="col">${title}</th>`)}
+    </tr></thead><tbody>${rows.map((row) => html`<tr key=${keyOf(row)} class=${rowClass?.(row)}>${columns.map(
+      ([title, cell, style]) => html`<td key=${title} class=${style}>${cell(row)}</td>`)}</tr>`)}
+    ${rows.length === 0 && html`<tr><td class="empty" colspan=${columns.length}>${empty ?? t("page.nothing")}</td>
+    </tr>`}</tbody></table></div>`;
 }
 
 /** Runs one request at a time for a part of the page: `[run, busy, error, result]`. */

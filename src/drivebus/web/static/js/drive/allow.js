@@ -18,7 +18,8 @@ function WaiverForm({ view, onClose }) {
   };
   return html`<${Dialog} title=${t("page.waiver")} onClose=${onClose}><form class="stack" onSubmit=${send}>
     <p>${t("page.waiver_ask", { name: titled(view) })}</p>
-    <${Field} label=${t("page.waiver_reason")}><input data-first value=${reason} maxlength="500" required minlength=${SHORTEST_REASON}
+    <${Field} label=${t("page.waiver_reason")}><input data-first value=${reason} maxlength="500" required
+      minlength=${SHORTEST_REASON}
       onInput=${(event) => setReason(event.currentTarget.value)} /><//><${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button type="submit" class="button main" disabled=${busy}>${t("page.waiver_record")}</button></div></form><//>`;
@@ -30,25 +31,32 @@ export function HostDies({ view }) {
   const [run, busy, error] = useAsk();
   const badge = view.host_dies;
   const needs = badge.kind !== "trips";
-  return html`<div class="stack hostdies"><div><${HostDiesBadge} badge=${badge} /></div><p class="soft">${both(badge.text)}</p>
+  return html`<div class="stack hostdies"><div><${HostDiesBadge} badge=${badge} /></div><p class="soft">
+    ${both(badge.text)}</p>
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
-      ${may("limit") && html` <${Button} kind="quiet" busy=${busy} onClick=${() => run(() => api.remove(drivePath(view.id, "/waiver")))}>
+      ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
+        onClick=${() => run(() => api.remove(drivePath(view.id, "/waiver")))}>
         ${t("page.waiver_withdraw")}<//>`}<//>`}
-    ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!trusted.value} onClick=${() => setAsking(true)}
+    ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!trusted.value}
+      onClick=${() => setAsking(true)}
       data-do="waive">${t("page.waiver_record")}…<//></div>`}
-    <${ErrorNote} error=${error} />${asking && html`<${WaiverForm} view=${view} onClose=${() => setAsking(false)} />`}</div>`;
+    <${ErrorNote} error=${error} />${asking && html`<${WaiverForm} view=${view} onClose=${() => setAsking(false)} />`}
+      </div>`;
 }
 
 /** The limits that hold now; an engineer may make them narrower. */
 export function Limits({ view }) {
   const [open, setOpen] = useState(false);
   return html`<div class="row"><span>${t("page.limits_now", view)}</span>
-    ${may("limit") && html`<${Button} kind="quiet" disabled=${!trusted.value} onClick=${() => setOpen(true)}>${t("page.limits_change")}…<//>`}
+    ${may("limit") && html`<${Button} kind="quiet" disabled=${!trusted.value} onClick=${() => setOpen(true)}>
+      ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;
 }
 
 function LimitsForm({ view, onClose }) {
-  const [values, setValues] = useState({ minimum_hz: view.minimum_hz, maximum_hz: view.maximum_hz, forward: true, reverse: view.capabilities.includes("reverse") });
+  const { minimum_hz, maximum_hz } = view;
+  const reverse = view.capabilities.includes("reverse");
+  const [values, setValues] = useState({ minimum_hz, maximum_hz, forward: true, reverse });
   const [run, busy, error] = useAsk();
   const put = (name, value) => setValues({ ...values, [name]: value });
   const send = async (event) => {
@@ -60,8 +68,10 @@ function LimitsForm({ view, onClose }) {
       onInput=${(event) => put(name, event.currentTarget.valueAsNumber)} /><span>Hz</span></span><//>`;
   const way = (name) => html`<label class="check" key=${name}><input type="checkbox" checked=${values[name]}
     onChange=${(event) => put(name, event.currentTarget.checked)} />${t(`page.allow_${name}`)}</label>`;
-  return html`<${Dialog} title=${t("page.limits_change")} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${t("page.limits_note")}</p>
-    ${["minimum_hz", "maximum_hz"].map(hertz)}<div class="row">${["forward", "reverse"].map(way)}</div><${ErrorNote} error=${error} />
+  return html`<${Dialog} title=${t("page.limits_change")} onClose=${onClose}><form class="stack" onSubmit=${send}><p>
+    ${t("page.limits_note")}</p>
+    ${["minimum_hz", "maximum_hz"].map(hertz)}<div class="row">${["forward", "reverse"].map(way)}</div><${ErrorNote}
+      error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button type="submit" class="button main" disabled=${busy}>${t("page.limits_set")}</button></div></form><//>`;
 }

@@ -12,6 +12,8 @@ import { Frequency, wrongWith } from "../parts/frequency.js";
 import { TwoStep } from "../parts/twostep.js";
 import { JogPanel } from "./jog.js";
 
+/** A start is confirmed by later reads. */
+const PATIENT = { patience_ms: 60_000 };
 const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Why nothing but a stop may be asked for now; null where it may. */
@@ -27,7 +29,8 @@ function TakeOver({ view, onClose }) {
   const [run, busy, error] = useAsk();
   const go = async () => { if (await run(() => take(view.id))) onClose(); };
   return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
-    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titled(view) })}</p><${ErrorNote} error=${error} />
+    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titled(view) })}</p><${ErrorNote}
+      error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <${Button} kind="main" busy=${busy} onClick=${go} data-first>${t("page.take_over")}<//></div><//>`;
 }
@@ -38,13 +41,16 @@ export function LeaseLine({ view }) {
   const [asking, setAsking] = useState(false);
   const mine = isMine(view.lease);
   const can = trusted.value && may("operate");
-  const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : t("page.lease_other", { owner: view.lease.owner });
+  const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
+  const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
   return html`<div class=${`lease ${mine ? "mine" : ""}`}><span class="who" role="status">${words}</span>
     ${!view.lease && html`<${Button} kind="main" disabled=${!can} busy=${busy} onClick=${() => run(() => take(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
     ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => giveBack(view.id))}>${t("page.lease_give")}<//>`}
-    ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>${t("page.take_over")}…<//>`}
-    <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}</div>`;
+    ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
+      ${t("page.take_over")}…<//>`}
+    <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}
+      </div>`;
 }
 
 function Motion({ view, disabled }) {
@@ -58,15 +64,20 @@ function Motion({ view, disabled }) {
   useEffect(() => { setStarted(null); }, [turning]);
 
   const frequency_hz = Number(hertz);
+  const ways = ["forward", "reverse"].map((one) => [one, t(`drives.way_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
-  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction: reversible ? way : null, arm }, { patience_ms: 60_000 });
+  const direction = reversible ? way : null;
+  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm }, PATIENT);
   const known = { name: titled(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
-  return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz} limits=${view} disabled=${disabled} />
-    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setWay} disabled=${disabled}
-        options=${["forward", "reverse"].map((one) => [one, t(`drives.way_${one}`)])} />`}
-      <${Button} disabled=${disabled || isWrong} busy=${busy} onClick=${set} data-do="set">${t("page.set_frequency")}<//></div>
+  return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
+    limits=${view} disabled=${disabled} />
+    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setWay}
+        options=${ways} disabled=${disabled} />`}
+      <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
+        data-do="set">${t("page.set_frequency")}<//></div>
     <${TwoStep} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
-      disabled=${disabled || isWrong || view.blocked.length > 0} first=${t("page.run")} second=${t("page.run_now")}>
+      kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.blocked.length > 0}
+      first=${t("page.run")} second=${t("page.run_now")}>
       <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
     ${started?.outcome && html`<${OutcomeNote} outcome=${started.outcome} />`}</div>`;
@@ -76,12 +87,14 @@ function Motion({ view, disabled }) {
 function Stops({ view }) {
   const ways = ["stop", ...["coast", "quick_stop"].filter((how) => view.capabilities.includes(how))];
   return html`<div class="row" role="group" aria-label=${t("page.bus_stop")}>${ways.map((how) => html`
-    <${Button} key=${how} icon="stop" onClick=${() => stop("drive", view.id, how)} data-do=${how}>${t(`page.how_${how}`)}<//>`)}</div>`;
+    <${Button} key=${how} icon="stop" onClick=${() => stop("drive", view.id, how)} data-do=${how}>
+      ${t(`page.how_${how}`)}<//>`)}</div>`;
 }
 
 function Once({ path, text, note, disabled, name }) {
   const [run, busy, error, result] = useAsk();
-  return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy} onClick=${() => run(() => api.post(path))}
+  return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy}
+    onClick=${() => run(() => api.post(path))}
     data-do=${name}>${text}<//></div>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
@@ -96,15 +109,19 @@ export function ControlPanel({ view }) {
   const why = whyNot(view);
   const disabled = why !== null;
   const canJog = view.capabilities.includes("jog");
-  return html`<section class="panel stack control" aria-labelledby="control-title"><h2 id="control-title">${t("page.control")}</h2>
+  return html`<section class="panel stack control" aria-labelledby="control-title"><h2 id="control-title">
+    ${t("page.control")}</h2>
     <${LeaseLine} view=${view} />${why && inHand(view) && html`<${Notice}>${why}<//>`}
     ${why && !inHand(view) && html`<p class="hint">${why}</p>`}<${Blocked} view=${view} />
     ${may("stop") && html`<${Stops} view=${view} />`}
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
-    ${may("operate") && (view.fault || view.state === "fault") && html`<${Once} path=${drivePath(view.id, "/reset")} name="reset"
+    ${may("operate") && (view.fault || view.state === "fault") && html`<${Once} path=${drivePath(view.id, "/reset")}
+      name="reset"
       note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
-    ${may("operate") && view.latched && html`<${Once} path=${drivePath(view.id, "/release")} name="release" note=${t("page.release_note")}
+    ${may("operate") && view.latched && html`<${Once} path=${drivePath(view.id, "/release")} name="release"
+      note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}
-    ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view} disabled=${disabled || view.blocked.length > 0} /></details>`}
+    ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}
+      disabled=${disabled || view.blocked.length > 0} /></details>`}
   </section>`;
 }

@@ -10,7 +10,8 @@ const NONE = "–";
 const PAST = 50;
 
 export function FaultNow({ fault }) {
-  return html`<section class="faultnow" aria-labelledby="fault-title"><${Icon} name="fault" size=${40} /><div class="stack">
+  return html`<section class="faultnow" aria-labelledby="fault-title"><${Icon} name="fault" size=${40} /><div
+    class="stack">
     <h2 id="fault-title">${t("page.fault")} <b>${fault.label}</b> · ${both(fault.text)}</h2>
     <dl class="facts">${fault.cause && html`<dt>${t("page.cause")}</dt><dd>${both(fault.cause)}</dd>`}
     ${fault.remedy && html`<dt>${t("page.remedy")}</dt><dd>${both(fault.remedy)}</dd>`}
@@ -22,7 +23,8 @@ function Past({ id }) {
   const faults = (found?.items ?? []).filter((one) => one.kind === "fault")
     .sort((a, b) => b.time_ms - a.time_ms).slice(0, PAST);
   return html`<h3>${t("page.past_faults")}</h3><${ErrorNote} error=${error} />
-    <${Table} caption=${t("page.past_faults")} rows=${faults} keyOf=${(one) => one.id} empty=${t("page.no_faults")} columns=${[
+    <${Table} caption=${t("page.past_faults")} rows=${faults} keyOf=${(one) => one.id} empty=${t("page.no_faults")}
+      columns=${[
       [t("page.time"), (one) => moment(one.time_ms)],
       [t("page.fault"), (one) => both(one.text), "wide"],
     ]} />`;
@@ -35,7 +37,8 @@ export function FaultsTab({ view, profile }) {
     return profile.faults.filter((one) => !word || JSON.stringify(one).toLowerCase().includes(word));
   }, [profile, search]);
   return html`<div class="stack"><${Past} id=${view.id} /><h3>${t("page.all_faults")}</h3>
-    <${Field} label=${t("page.search")}><input type="search" value=${search} onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
+    <${Field} label=${t("page.search")}><input type="search" value=${search}
+      onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
     <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view.fault?.code === one.code ? "changed" : undefined)} columns=${[
         [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],

@@ -36,7 +36,8 @@ function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
   };
   const keyUp = (event) => { if (HOLD_KEYS.has(event.key)) onRelease(); };
   return html`<button type="button" class="button hold" ref=${button} disabled=${disabled} onPointerDown=${press}
-    onPointerUp=${onRelease} onPointerCancel=${onRelease} onLostPointerCapture=${onRelease} onKeyDown=${key} onKeyUp=${keyUp}
+    onPointerUp=${onRelease} onPointerCancel=${onRelease} onLostPointerCapture=${onRelease} onKeyDown=${key}
+      onKeyUp=${keyUp}
     onBlur=${onRelease} onContextMenu=${(event) => event.preventDefault()} ...${rest}>${children}</button>`;
 }
 
@@ -58,14 +59,16 @@ export function JogPanel({ view, disabled }) {
   useEffect(() => release, []);
   useEffect(() => { if (disabled) { release(); setArmed(null); } }, [disabled]);
 
-  const left_s = armed ? Math.ceil((armed.until - now.value) / 1000) : 0;
+  const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const wrong = hertz.trim() !== "" && wrongWith(hertz, view) !== null;
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = told.phase === "asking" || told.phase === "turning";
 
+  const ways = view.capabilities.includes("reverse") ? ["reverse", "forward"] : ["forward"];
   const arm = async () => {
+    const asked = nowMs();
     const found = await run(() => api.post(drivePath(view.id, "/arm")));
-    if (found) setArmed({ word: found.arm, until: nowMs() + found.expires_s * 1000 });
+    if (found) setArmed({ word: found.arm, until: asked + found.expires_s * 1000 });
   };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
@@ -76,12 +79,16 @@ export function JogPanel({ view, disabled }) {
     });
     jog.current.run();
   };
-  const button = (direction) => html`<${HoldButton} key=${direction} disabled=${!isReady && !isHeld} onHold=${hold(direction)}
-    onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", { way: t(`drives.way_${direction}`) })}<//>`;
-  return html`<section class="stack jog" aria-labelledby="jog-title"><h3 id="jog-title">${t("page.jog")}</h3><p>${t("page.jog_how")}</p>
-    <${Frequency} label=${t("page.jog_frequency")} value=${hertz} onChange=${setHertz} limits=${view} disabled=${disabled} />
+  const button = (direction) => html`<${HoldButton} key=${direction} disabled=${!isReady && !isHeld}
+    onHold=${hold(direction)}
+    onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", {
+      way: t(`drives.way_${direction}`) })}<//>`;
+  return html`<section class="stack jog" aria-labelledby="jog-title"><h3 id="jog-title">${t("page.jog")}</h3><p>
+    ${t("page.jog_how")}</p>
+    <${Frequency} label=${t("page.jog_frequency")} value=${hertz} onChange=${setHertz} limits=${view}
+      disabled=${disabled} />
     <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
       ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
-      ${["reverse", "forward"].filter((way) => way === "forward" || view.capabilities.includes("reverse")).map(button)}</div>
+      ${ways.map(button)}</div>
     <${ErrorNote} error=${error} /><${Told} ...${told} /></section>`;
 }

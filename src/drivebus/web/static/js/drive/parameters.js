@@ -44,7 +44,8 @@ function useReadings(id) {
       setState((old) => ({ ...old, left: names.length - at, error: null }));
       try {
         const part = names.slice(at, at + AT_ONCE);
-        const { parameters } = await api.post(drivePath(id, "/parameters/read"), { names: part }, { patience_ms: 60_000 });
+        const { parameters } = await api.post(drivePath(id, "/parameters/read"), { names: part }, {
+        patience_ms: 60_000 });
         setState((old) => ({ ...old, values: { ...old.values, ...parameters } }));
       } catch (error) {
         setState((old) => ({ ...old, error }));
@@ -64,7 +65,8 @@ function Edit({ parameter, value, onChange }) {
     return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NONE}</option>
       ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${both(text)}</option>`)}</select>`;
   }
-  return html`<input type="number" aria-label=${name} value=${value} step="any" min=${parameter.minimum} max=${parameter.maximum} onInput=${put} />`;
+  return html`<input type="number" aria-label=${name} value=${value} step="any" min=${parameter.minimum}
+    max=${parameter.maximum} onInput=${put} />`;
 }
 
 /** The number that a text of the table's inputs stands for, or null where it is none within the range. */
@@ -79,9 +81,12 @@ function About({ parameter, caveats }) {
   const caveat = caveats.find((one) => one.id === parameter.caveat);
   const help = both(parameter.help);
   return html`<span class="paramtext">${both(parameter.text)}</span>
-    ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon} name="warning" size=${16} />` : null}
-      ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}</b> ${both(caveat.text)}</p>`}
-      <p class="soft">${t("page.evidence", { source: parameter.evidence.source || t(`page.evidence_${parameter.evidence.kind}`) })}</p></details>`}`;
+    ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon}
+      name="warning" size=${16} />` : null}
+      ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}
+        </b> ${both(caveat.text)}</p>`}
+      <p class="soft">${t("page.evidence", {
+        source: parameter.evidence.source || t(`page.evidence_${parameter.evidence.kind}`) })}</p></details>`}`;
 }
 
 function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
@@ -97,11 +102,13 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
     [t("page.factory"), (one) => (one.factory === null ? NONE : shownValue(one, one.factory)), "right"],
   ];
   if (canRead) {
-    found_columns.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet" onClick=${() => read([one.notation])}
+    found_columns.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
+      onClick=${() => read([one.notation])}
       aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`]);
   }
   if (canEdit) {
-    found_columns.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one} value=${edits[one.notation] ?? ""}
+    found_columns.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
+      value=${edits[one.notation] ?? ""}
       onChange=${(text) => edit(one.notation, text)} />`]);
   }
   return found_columns;
@@ -134,15 +141,20 @@ export function ParametersTab({ view, profile }) {
     return { parameter, text, value: lawful(parameter, text), before: values[notation] ?? null };
   });
   const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
-  return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search" value=${search}
+  return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search"
+    value=${search}
       onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
       ${left > 0 ? html`<${Button} onClick=${stop}>${t("page.read_stop", { n: left })}<//>`
-        : html`<${Button} disabled=${!canRead || names.length === 0} onClick=${() => read(names)} data-do="read">${t("page.read_shown", { n: names.length })}<//>`}
-      ${canEdit && html`<${Button} kind="main" disabled=${changes.length === 0} onClick=${() => setReviewing(true)} data-do="review">
+        : html`<${Button} disabled=${!canRead || names.length === 0} onClick=${() => read(names)} data-do="read">
+        ${t("page.read_shown", { n: names.length })}<//>`}
+      ${canEdit && html`<${Button} kind="main" disabled=${changes.length === 0} onClick=${() => setReviewing(true)}
+        data-do="review">
         ${t("page.review", { n: changes.length })}<//>`}</div>
     ${!canEdit && may("tune") && html`<p class="soft">${t("page.edit_needs_hand")}</p>`}<${ErrorNote} error=${error} />
     <${Table} caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
-      rowClass=${(one) => (one.notation in edits ? "changed" : undefined)} columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />
-    ${reviewing && html`<${Review} view=${view} profile=${profile} changes=${changes} onClose=${() => setReviewing(false)}
+      rowClass=${(one) => (one.notation in edits ? "changed" : undefined)}
+        columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />
+    ${reviewing && html`<${Review} view=${view} profile=${profile} changes=${changes}
+      onClose=${() => setReviewing(false)}
       onDone=${(done) => { for (const one of done) edit(one, ""); read(done); }} />`}</div>`;
 }

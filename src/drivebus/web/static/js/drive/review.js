@@ -11,8 +11,10 @@ const done = (outcome) => outcome.word === "confirmed" || outcome.word === "ackn
 const PATIENCE_MS = 60_000;
 
 function Diff({ changes }) {
-  const before = ({ parameter, before: was }) => (was === null || was.value === null ? t("page.not_read") : shownValue(parameter, was.value, was.raw));
-  return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation} columns=${[
+  const before = ({ parameter, before: was }) => (was === null || was.value === null ?
+    t("page.not_read") : shownValue(parameter, was.value, was.raw));
+  return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
+    columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
     [t("page.before"), (one) => html`<s>${before(one)}</s> ${one.parameter.unit}`, "right"],
     [t("page.after"), (one) => (one.value === null
@@ -25,10 +27,12 @@ function Diff({ changes }) {
 function Step({ view, changes, save, text, disabled, onWritten, kind = "main" }) {
   const [run, busy, error, result] = useAsk();
   const write = async () => {
-    const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), { values: valuesOf(changes), save }, { patience_ms: PATIENCE_MS }));
+    const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), {
+      values: valuesOf(changes), save }, { patience_ms: PATIENCE_MS }));
     if (found && done(found.outcome)) onWritten();
   };
-  return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled} onClick=${write}
+  return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled}
+    onClick=${write}
     data-do=${save ? "save" : "write"}>${text}<//></div><${ErrorNote} error=${error} />
     ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
@@ -41,14 +45,17 @@ export function Review({ view, profile, changes: given, onClose, onDone }) {
   const ram = profile.can_write_ram;
   const eeprom = profile.can_save && may("save");
   const close = () => { if (isWritten) onDone(names); onClose(); };
-  return html`<${Dialog} title=${t("page.review", { n: changes.length })} onClose=${close} class="wide"><${Diff} changes=${changes} />
+  return html`<${Dialog} title=${t("page.review", { n: changes.length })} onClose=${close} class="wide"><${Diff}
+    changes=${changes} />
     <p class="soft">${t("page.write_moves")}</p>
-    ${ram && html`<${Step} view=${view} changes=${changes} save=${false} text=${t("page.write_ram")} disabled=${isWrong || isWritten}
+    ${ram && html`<${Step} view=${view} changes=${changes} save=${false} text=${t("page.write_ram")}
+      disabled=${isWrong || isWritten}
       onWritten=${() => setWritten(true)} />`}
     ${!ram && !profile.can_save && html`<${Notice} kind="warning">${t("page.not_writable")}<//>`}
     ${profile.can_save && (!ram || isWritten) && html`<${Notice} kind="warning" title=${t("page.save_title")}>
       ${t(ram ? "page.save_note" : "page.save_only")}<//>
-      ${eeprom ? html`<${Step} view=${view} changes=${changes} save text=${t("page.save")} kind="plain" disabled=${isWrong}
+      ${eeprom ? html`<${Step} view=${view} changes=${changes} save text=${t("page.save")} kind="plain"
+        disabled=${isWrong}
         onWritten=${() => setWritten(true)} />` : html`<p>${t("page.save_no_right")}</p>`}`}
     <div class="row end"><${Button} kind="quiet" onClick=${close}>${t("page.close")}<//></div><//>`;
 }

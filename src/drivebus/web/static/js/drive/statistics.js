@@ -15,6 +15,7 @@ export function StatisticsTab({ id }) {
     <dd>${found.energy_kwh === null ? t("page.energy_unknown") : quantity(found.energy_kwh, "kWh")}</dd>
     <dt>${t("page.maximum_current")}</dt><dd>${quantity(found.maximum_current_a, "A")}</dd>
     <dt>${t("page.maximum_temperature")}</dt><dd>${quantity(found.maximum_temperature_c, "°C")}</dd>
-    <dt>${t("page.fault_counts")}</dt><dd>${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("page.comma")) : t("page.no_faults")}</dd>
+    <dt>${t("page.fault_counts")}</dt><dd>
+      ${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("page.comma")) : t("page.no_faults")}</dd>
     <dt>${t("page.since")}</dt><dd>${moment(found.since_ms)}</dd></dl>`;
 }

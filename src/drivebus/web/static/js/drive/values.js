@@ -8,7 +8,8 @@ const BIG = ["output_frequency", "output_current"];
 
 export function signalsOf(view) {
   const names = Object.keys(view.signals);
-  return [...FIRST_SIGNALS.filter((name) => names.includes(name)), ...names.filter((name) => !FIRST_SIGNALS.includes(name))];
+  const first = FIRST_SIGNALS.filter((name) => names.includes(name));
+  return [...first, ...names.filter((name) => !first.includes(name))];
 }
 
 function Row({ view, name }) {
@@ -19,12 +20,16 @@ function Row({ view, name }) {
 
 export function Values({ view }) {
   const names = signalsOf(view);
-  return html`<section class="panel stack values" aria-labelledby="values-title"><h2 id="values-title">${t("page.values")}</h2>
+  return html`<section class="panel stack values" aria-labelledby="values-title"><h2 id="values-title">
+    ${t("page.values")}</h2>
     <div class="bigvalues">${BIG.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
       <figcaption>${signalName(name)}</figcaption><${Value} found=${reading(view, name)} big /></figure>`)}
       <figure><figcaption>${t("page.commanded")}</figcaption><span class="value big"><span class="number">${
-        number(view.commanded_hz, "Hz")}</span><span class="unit">Hz</span></span></figure></div>
+        number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
+        </span>
+      </figure></div>
     <table class="data"><caption class="sr">${t("page.values")}</caption>
-      <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th><th scope="col" class="right">${t("page.age")}</th></tr></thead>
+      <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
+        <th scope="col" class="right">${t("page.age")}</th></tr></thead>
       <tbody>${names.map((name) => html`<${Row} key=${name} view=${view} name=${name} />`)}</tbody></table></section>`;
 }

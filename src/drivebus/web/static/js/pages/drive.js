@@ -21,15 +21,19 @@ function Where({ view }) {
   const line = bus(view.bus).value;
   const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${
     group(id).value ? titled(group(id).value) : id}</a> `);
-  return html`<p class="soft where"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>${line ? titled(line) : view.bus}</a>
-    ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}</code> · ${t(`page.grade_${view.grade}`)}
+  return html`<p class="soft where"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
+    ${line ? titled(line) : view.bus}</a>
+    ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
+      </code> · ${t(`page.grade_${view.grade}`)}
     ${groups.length > 0 && html`${" · "}${groups}`}</p>`;
 }
 
 function Head({ view }) {
   const known = stateOf(view);
-  return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.way_fleet")}</a></p><h1>${titled(view)}</h1>
-    <${Where} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction} size=${40} />
+  return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.way_fleet")}</a></p><h1>
+    ${titled(view)}</h1>
+    <${Where} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
+      size=${40} />
     ${view.state === "unknown" && view.state_reason && html`<p class="soft">${t(view.state_reason)}</p>`}
     ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
     ${view.latched && html`<p class="alarmtext">${t("page.latched_short")}</p>`}</div></header>`;
@@ -50,16 +54,19 @@ function Details({ view, query }) {
     ["statistics", t("page.tab_statistics"), () => html`<${StatisticsTab} id=${view.id} />`],
     ["profile", t("page.tab_profile"), withProfile(ProfileTab)],
   ];
-  return html`<section class="panel"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${tab} onChange=${setTab} /></section>`;
+  return html`<section class="panel"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${tab}
+    onChange=${setTab} /></section>`;
 }
 
 export function Page({ id, query }) {
   const view = drive(id).value;
   if (!view && link.value === "starting") return html`<${Loading} />`;
-  if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>${t("page.way_fleet")}</a><//>`;
+  if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
+    ${t("page.way_fleet")}</a><//>`;
   return html`<${Head} view=${view} />${view.fault && html`<${FaultNow} fault=${view.fault} />`}
     <div class="drivegrid"><div class="stack"><${Values} view=${view} />
-      <section class="panel stack"><h2>${t("page.safety")}</h2><${HostDies} view=${view} /><${Limits} view=${view} /></section></div>
+      <section class="panel stack"><h2>${t("page.safety")}</h2><${HostDies} view=${view} /><${Limits} view=${view} />
+        </section></div>
       <${ControlPanel} view=${view} /></div>
     <${Details} view=${view} query=${query} />`;
 }

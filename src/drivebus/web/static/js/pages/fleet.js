@@ -1,6 +1,7 @@
 // Fleet: a tile a drive.
-import { html, useEffect, useMemo, useRef } from "../lib.js";
+import { html, signal, useEffect, useMemo, useRef } from "../lib.js";
 import { t, titled } from "../i18n.js";
+import { Icon } from "../icons.js";
 import { Button, Choice, Field, Loading } from "../ui.js";
 import { link } from "../live.js";
 import { go } from "../router.js";
@@ -23,7 +24,8 @@ function Pick({ label, from, names, start }) {
   return html`<${Field} label=${label}><select value=${from.value} onChange=${(event) => {
     from.value = event.currentTarget.value;
     keep();
-  }}>${named(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select><//>`;
+  }}>${named(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select>
+    <//>`;
 }
 
 function GroupPick({ chosen }) {
@@ -32,9 +34,13 @@ function GroupPick({ chosen }) {
   return html`<${Field} label=${t("page.group")}><select value=${chosen ?? ""}
     onChange=${(event) => go("fleet", null, { group: event.currentTarget.value })}>
     <option value="">${t("page.every_group")}</option>
-    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titled(group(id).value) : id}</option>`)}
+    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titled(group(id).value) : id}
+      </option>`)}
     </select><//>`;
 }
+
+/** On a phone the drives come first: what filters them opens by a press. */
+const more = signal(false);
 
 /** "/" goes to the search, as in many programs; never while somebody types. */
 function useSlash(input) {
@@ -52,8 +58,11 @@ function useSlash(input) {
 function Tools({ chosen }) {
   const input = useRef(null);
   useSlash(input);
+  const toggle = () => { more.value = !more.value; };
   return html`<section class="fleettools" aria-label=${t("page.fleet_tools")}><${Kinds} />
-    <div class="fleetpicks"><${Field} label=${t("page.search")}><input ref=${input} type="search" value=${search.value}
+    <button type="button" class="button morepicks" aria-expanded=${more.value ? "true" : "false"} onClick=${toggle}>
+      ${t("page.fleet_tools")}<${Icon} name="more" /></button>
+    <div class=${`fleetpicks ${more.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input} type="search" value=${search.value}
       onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
     <${GroupPick} chosen=${chosen} />
     <${Pick} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />

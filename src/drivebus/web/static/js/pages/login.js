@@ -13,10 +13,13 @@ function Form({ title, note, fields, submit, send }) {
   const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
   const go = (event) => { event.preventDefault(); run(() => send(values)); };
   return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
-    ${fields.map(([name, type, complete, help]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)} help=${help}>
-      <input name=${name} type=${type} autocomplete=${complete} required value=${values[name] ?? ""} onInput=${put(name)}
+    ${fields.map(([name, type, complete, help]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}
+      help=${help}>
+      <input name=${name} type=${type} autocomplete=${complete} required value=${values[name] ?? ""}
+        onInput=${put(name)}
         minlength=${help ? SHORTEST_PASSWORD : undefined} spellcheck="false" autocapitalize="none" /><//>`)}
-    <${ErrorNote} error=${error} /><button type="submit" class="button main" disabled=${busy}>${submit}</button></form>`;
+    <${ErrorNote} error=${error} /><button type="submit" class="button main" disabled=${busy}>${submit}</button>
+      </form>`;
 }
 
 const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")}

@@ -82,7 +82,8 @@ function ordered(views) {
 }
 
 function sections(views) {
-  if (by.value === "bus") return idsOf("buses").value.map((id) => [`bus ${id}`, views.filter((view) => view.bus === id)]);
+  const of = (id) => views.filter((view) => view.bus === id);
+  if (by.value === "bus") return idsOf("buses").value.map((id) => [`bus ${id}`, of(id)]);
   if (by.value !== "group") return [["", views]];
   const groups = idsOf("groups").value;
   const inGroups = groups.map((id) => [`group ${id}`, views.filter((view) => view.groups.includes(id))]);

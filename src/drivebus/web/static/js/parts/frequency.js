@@ -18,9 +18,10 @@ export function Frequency({ label, value, onChange, limits, disabled }) {
   const { minimum_hz, maximum_hz } = limits;
   const put = (event) => onChange(event.currentTarget.value);
   const wrong = String(value).trim() === "" ? null : wrongWith(value, limits);
-  return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${t("page.hz_limits", { minimum_hz, maximum_hz })}>
-      <span class="withunit"><input type="number" inputmode="decimal" step=${STEP_HZ} min=${minimum_hz} max=${maximum_hz}
-        value=${value} disabled=${disabled} onInput=${put} aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
-    <input type="range" aria-label=${label} min=${minimum_hz} max=${maximum_hz} step="0.1" value=${value}
-      disabled=${disabled} onInput=${put} /></div>`;
+  const range = { min: minimum_hz, max: maximum_hz, disabled, onInput: put };
+  const help = t("page.hz_limits", { minimum_hz, maximum_hz });
+  return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
+      <input type="number" inputmode="decimal" step=${STEP_HZ} value=${value} ...${range}
+        aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
+    <input type="range" aria-label=${label} step="0.1" value=${value === "" ? minimum_hz : value} ...${range} /></div>`;
 }

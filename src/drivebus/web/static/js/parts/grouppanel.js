@@ -1,12 +1,11 @@
 // A group: how far it is, its start in two steps, its setpoint. Its stop is in the stop bar.
 import { html, useState } from "../lib.js";
-import { t, titled } from "../i18n.js";
-import { api } from "../api.js";
+import { both, t, titled } from "../i18n.js";
+import { api, drivePath } from "../api.js";
 import { number } from "../format.js";
 import { trusted } from "../live.js";
 import { inHand, take } from "../leases.js";
 import { may } from "../session.js";
-import { both } from "../i18n.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
 import { Frequency, wrongWith } from "./frequency.js";
@@ -22,18 +21,32 @@ function narrowest(views) {
   };
 }
 
+const nameOf = (id) => (drive(id).value ? titled(drive(id).value) : id);
+
 /** What became of each drive of a group. */
 function Outcomes({ outcomes }) {
   return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
-    <b>${drive(id).value ? titled(drive(id).value) : id}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) : ""} ${both(one.text)}</li>`)}</ul><//>`;
+    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) : ""} ${both(one.text)}</li>`)}
+    </ul><//>`;
 }
 
-function TakeAll({ views }) {
+/** The same for several drives, one after the other. */
+function Each({ views, act, text, ...rest }) {
   const [run, busy, error] = useAsk();
-  const free = views.filter((view) => !view.lease);
-  if (free.length === 0) return null;
-  const all = () => run(async () => { for (const view of free) await take(view.id); });
-  return html`<${Button} kind="main" busy=${busy} onClick=${all}>${t("page.lease_take_all", { n: free.length })}<//><${ErrorNote} error=${error} />`;
+  if (views.length === 0) return null;
+  const all = () => run(async () => { for (const view of views) await act(view.id); });
+  return html`<div><${Button} busy=${busy} onClick=${all} ...${rest}>${t(text, { n: views.length })}<//>
+    <${ErrorNote} error=${error} /></div>`;
+}
+
+const release = (id) => api.post(drivePath(id, "/release"));
+
+function Blocked({ views }) {
+  const blocked = views.filter((view) => view.blocked.length > 0);
+  if (blocked.length === 0) return null;
+  return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${blocked.map((view) => html`
+    <li key=${view.id}><b>${titled(view)}</b>${t("page.colon")}${view.blocked.map((one) => both(one.text)).join("; ")}</li>`)}
+    </ul><//>`;
 }
 
 function Controls({ id, views }) {
@@ -45,12 +58,20 @@ function Controls({ id, views }) {
   const off = !trusted.value || others > 0 || wrongWith(hertz, limits) !== null;
   const frequency_hz = Number(hertz);
   const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: PATIENCE_MS });
-  return html`<div class="stack">${others > 0 && html`<div class="row"><span>${t("page.group_not_in_hand", { n: others })}</span><${TakeAll} views=${views} /></div>`}
-    <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz} limits=${limits} disabled=${!trusted.value} />
-      <${Button} disabled=${off} busy=${busy} onClick=${() => run(() => ask("/set-frequency", { frequency_hz }))}>${t("page.set_frequency")}<//></div>
+  const set = () => run(() => ask("/set-frequency", { frequency_hz }));
+  return html`<div class="stack">${others > 0 && html`<div class="row">
+      <span>${t("page.group_not_in_hand", { n: others })}</span>
+      <${Each} views=${views.filter((view) => !view.lease)} act=${take} text="page.lease_take_all" kind="main" /></div>`}
+    <${Each} views=${views.filter((view) => view.latched && inHand(view))} act=${release} text="page.release_all" />
+    <${Blocked} views=${views} />
+    <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
+      limits=${limits}
+        disabled=${!trusted.value} />
+      <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${TwoStep} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
       arm=${() => ask("/arm", {})} act=${(arm) => ask("/start", { frequency_hz, arm })}>
-      <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p><//>
+      <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
+        <//>
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}
     ${started?.outcomes && html`<${Outcomes} outcomes=${started.outcomes} />`}</div>`;
 }
@@ -60,9 +81,11 @@ export function GroupPanel({ id }) {
   if (!found) return html`<${Notice} kind="warning">${t("page.no_such_group", { id })}<//>`;
   const views = found.drives.map((name) => drive(name).value).filter(Boolean);
   const leader = found.leader && drive(found.leader).value;
-  return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between"><h2 id="group-title">${titled(found)}</h2>
-    <span><b>${t(`page.group_${found.state}`)}</b>${found.progress && html` ${t("page.group_progress", { n: found.progress.started, of: found.progress.of })}`}</span></div>
-    ${leader && html`<p class="soft">${t("page.group_leader", { name: titled(leader) })}${Object.entries(found.ratios).map(([name, ratio]) => html`
-      · ${drive(name).value ? titled(drive(name).value) : name} × ${ratio}`)}</p>`}
-    ${may("operate") && html`<details><summary>${t("page.group_control")}</summary><${Controls} id=${id} views=${views} /></details>`}</section>`;
+  const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
+  const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${nameOf(name)} × ${ratio}`);
+  return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
+      <h2 id="group-title">${titled(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}</span></div>
+    ${leader && html`<p class="soft">${t("page.group_leader", { name: titled(leader) })}${ratios}</p>`}
+    ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>
+      <${Controls} id=${id} views=${views} /></details>`}</section>`;
 }

@@ -34,7 +34,11 @@ function Fault({ fault }) {
   return html`<p class="tilefault"><b>${fault.label}</b> ${both(fault.text)}</p>`;
 }
 
-const current = (view) => readingStill(view, "output_current");
+/** The current, where the model tells one. */
+function current(view) {
+  const found = readingStill(view, "output_current");
+  return found === null || found.value === null ? null : html`<${Value} found=${found} />`;
+}
 
 export function Tile({ id }) {
   const topic = drive(id);
@@ -48,8 +52,8 @@ export function Tile({ id }) {
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename">${name}</span><${Worst} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
-      <span class="tilehz"><${Value} found=${readingStill(view, "output_frequency")} big /></span>
-      <span class="tilerow"><${Value} found=${current(view)} /><span class="tileset">${t("page.set_short")}
+      <span class="tilehz"><${Value} found=${readingStill(view, "output_frequency")} big brief /></span>
+      <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
         ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
         <span class="tileage">${age}</span></span>
       ${view.fault && html`<${Fault} fault=${view.fault} />`}

@@ -12,19 +12,21 @@ import { now } from "../live.js";
  * @param first, second texts of the two buttons
  * @param children what will be done, shown between the steps
  */
-export function TwoStep({ arm, act, first, second, disabled, children, onDone }) {
+export function TwoStep({ arm, act, first, second, disabled, children, onDone, kind = "main" }) {
   const [run, busy, error, , forget] = useAsk();
   const [armed, setArmed] = useState(null);
   const confirm = useRef(null);
-  const left_s = armed ? Math.ceil((armed.until - now.value) / 1000) : 0;
+  const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const over = armed && left_s <= 0;
 
   useEffect(() => { if (armed) confirm.current?.querySelector("button")?.focus(); }, [armed]);
   useEffect(() => { if (disabled || over) setArmed(null); }, [disabled, over]);
 
   const begin = async () => {
+    // Counted from the asking: the server counts from its answer, which is later.
+    const asked = nowMs();
     const found = await run(arm);
-    if (found) setArmed({ word: found.arm, until: nowMs() + found.expires_s * 1000 });
+    if (found) setArmed({ word: found.arm, until: asked + found.expires_s * 1000 });
   };
   const go = async () => {
     const { word } = armed;
@@ -36,10 +38,11 @@ export function TwoStep({ arm, act, first, second, disabled, children, onDone })
   const key = (event) => { if (event.key === "Escape") cancel(); };
 
   if (!armed) {
-    return html`<div class="stack"><div><${Button} kind="main" disabled=${disabled} busy=${busy} onClick=${begin}
+    return html`<div class="stack"><div><${Button} kind=${kind} disabled=${disabled} busy=${busy} onClick=${begin}
       data-step="first">${first}<//></div><${ErrorNote} error=${error} /></div>`;
   }
-  return html`<div ref=${confirm} class="confirm" onKeyDown=${key}><${Notice} kind="warning" live title=${t("page.step_two")}>${children}<//>
-    <div class="row"><${Button} kind="main" onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
+  return html`<div ref=${confirm} class="confirm" onKeyDown=${key}>
+    <${Notice} kind="warning" live title=${t("page.step_two")}>${children}<//><div class="row"><${Button} kind="main"
+      onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
       <${Button} onClick=${cancel}>${t("page.cancel")}<//></div></div>`;
 }
