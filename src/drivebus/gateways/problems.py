@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError, ParamsError
-from drivebus.plant.access.refusals import AccessError, as_json
+from drivebus.plant.access.refusals import AccessError, as_json, retry_after
 from drivebus.plant.failure import both, failure
 
 Json = dict[str, Any]
@@ -39,7 +39,8 @@ def problem(code: str, kind: str, status: int, **params: Any) -> Json:
 async def _of_plant(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DrivebusError)
     told = as_json(error, error.status) if isinstance(error, AccessError) else failure(error)
-    return JSONResponse({"error": told}, told["status"], headers={"Cache-Control": "no-store"})
+    headers = {"Cache-Control": "no-store"} | retry_after(error)
+    return JSONResponse({"error": told}, told["status"], headers=headers)
 
 
 async def _wrong_body(request: Request, error: Exception) -> JSONResponse:

@@ -19,18 +19,11 @@ async def refuse(send: Send, error: AccessError, *more: tuple[bytes, bytes]) -> 
     headers: Headers = (
         (b"content-type", b"application/json"),
         (b"content-length", str(len(body)).encode()),
-        *retry_after(error),
         *allow(error),
         *more,
     )
     await send({"type": "http.response.start", "status": error.status, "headers": list(headers)})
     await send({"type": "http.response.body", "body": body})
-
-
-def retry_after(error: DrivebusError) -> Headers:
-    """Whole seconds, where the error tells when to come again."""
-    wait: Any = error.params.get("retry_s")
-    return () if wait is None else ((b"retry-after", str(int(wait) + 1).encode()),)
 
 
 def allow(error: DrivebusError) -> Headers:

@@ -64,3 +64,9 @@ def as_json(error: DrivebusError, status: int) -> dict[str, Any]:
         "outcome": None,
         "status": status,
     }
+
+
+def retry_after(error: DrivebusError) -> dict[str, str]:
+    """The header that says when to come again, in whole seconds, where the error knows."""
+    wait_s: Any = error.params.get("retry_s")
+    return {} if wait_s is None else {"Retry-After": str(int(wait_s) + 1)}

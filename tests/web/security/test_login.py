@@ -1,0 +1,283 @@
+"""S05, S06, S07 through the app: guessing, the first start, cookies, idle sessions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from doorkit import BASE, PASSWORD, House
+from drivebus.plant.access.sessions import IDLE_S
+from drivebus.testing.virtual import run
+from drivebus.web.rights import TABLE, WEBSOCKET, Door
+
+HOUR_S = 3600.0
+
+
+async def guess(house: House, name: str, host: str = "10.0.0.9") -> int:
+    """The status of a login with a wrong password, from an address of its own."""
+    import httpx
+
+    transport = httpx.ASGITransport(app=house.app, client=(host, 40000))
+    async with httpx.AsyncClient(transport=transport, base_url=BASE) as client:
+        answer = await client.post("/api/v1/login", json={"name": name, "password": "wrong password"})
+        if answer.status_code == 429:
+            assert int(answer.headers["retry-after"]) >= 1
+            assert answer.json()["error"]["params"]["retry_s"] > 0
+        return answer.status_code
+
+
+def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
+    """1,200 guesses from 1,200 addresses: at most 100 are looked at, and the user who is logged in stops at will."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        mine = await house.logged_in("operator")
+        looked_at = 0
+        for n in range(1200):
+            house.clock.now += HOUR_S / 1200
+            looked_at += await guess(house, "operator", f"10.{n >> 8}.{n & 255}.1") == 401
+            if n % 120 == 0:
+                assert (await mine.post("/api/v1/stop")).status_code == 200
+                assert (await mine.post("/api/v1/session/active")).status_code == 200
+        assert 10 < looked_at <= 100
+        assert [call[0] for call in house.plant.calls] == ["plant.stop"] * 10
+
+    run(story())
+
+
+def test_s05_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        statuses = [await guess(house, f"user{n}") for n in range(300)]
+        assert statuses.count(401) == 10
+        await house.logged_in("operator")
+
+    run(story())
+
+
+def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        for n in range(500):
+            await guess(house, f"user{n % 100}")
+        told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
+        assert {entry["outcome"] for entry in told} == {"access.wrong_password", "access.too_many"}
+        assert len(told) <= 32
+        await house.refusals.flush()
+        told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
+        assert sum(entry["params"]["times"] for entry in told) == 500
+
+    run(story())
+
+
+def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
+    house = House(tmp_path, users=False)
+
+    async def story() -> None:
+        client = house.client()
+        for entry in TABLE:
+            if entry.need is Door.PUBLIC or entry.method == WEBSOCKET:
+                continue
+            for headers in ({}, {"authorization": "Bearer x"}, {"cookie": "drivebus_session=x"}):
+                answer = await client.request(entry.method, entry.path, headers=headers)
+                assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.setup_needed"), entry
+        assert house.plant.calls == []
+        for name, password in (("admin", "admin"), ("administrator", "administrator"), ("drivebus", "drivebus")):
+            answer = await client.post("/api/v1/login", json={"name": name, "password": password})
+            assert answer.status_code == 401
+        assert (await client.get("/api/v1/session")).json()["setup"] is True
+
+    run(story())
+
+
+def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
+    house = House(tmp_path, users=False)
+
+    async def story() -> None:
+        client = house.client()
+        body = {"secret": "guess", "name": "ann", "password": PASSWORD}
+        assert (await client.post("/api/v1/setup", json=body)).status_code == 401
+        body["secret"] = house.access.setup.offer()
+        answer = await client.post("/api/v1/setup", json=body)
+        assert (answer.status_code, answer.json()["role"]) == (200, "administrator")
+        assert (await client.get("/api/v1/drives")).status_code == 200
+        assert (await house.client().post("/api/v1/setup", json=body)).status_code == 409
+        assert [entry["what"] for entry, _ in house.plant.records] == ["refused", "set-up", "refused"]
+        assert body["secret"] not in repr(house.plant.records) and PASSWORD not in repr(house.plant.records)
+
+    run(story())
+
+
+def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_stop(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        house.access.file.change(lambda register: type(register)(register.users[:2]))
+        assert house.access.needs_setup
+        assert (await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5})).status_code == 409
+        assert (await client.post("/api/v1/stop")).status_code == 200
+
+    run(story())
+
+
+def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
+    """A secret that somebody planted before the login is worth nothing after it."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        before = client.cookies["drivebus_session"]
+        answer = await client.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
+        after = answer.cookies["drivebus_session"]
+        assert before != after and house.access.by_cookie(before) is None
+        planted = house.client(cookie="drivebus_session=planted")
+        answer = await planted.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
+        assert answer.cookies["drivebus_session"] != "planted"
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("base", "name", "secure"), [(BASE, "drivebus_session", False), ("https://127.0.0.1:8080", "__Host-drivebus", True)]
+)
+def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = house.client(base)
+        answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+        first, *rest = answer.headers["set-cookie"].split("; ")
+        flags = {"HttpOnly", "SameSite=strict", "Path=/", "Max-Age=43200"} | ({"Secure"} if secure else set())
+        assert first.startswith(name + "=") and set(rest) == flags
+        assert ("strict-transport-security" in answer.headers) == secure
+        client.headers["X-Drivebus-CSRF"] = answer.json()["csrf"]
+        gone = await client.post("/api/v1/logout")
+        assert all("Max-Age=0" in line for line in gone.headers.get_list("set-cookie"))
+
+    run(story())
+
+
+def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
+    """What the page does by itself (it looks, it renews leases) is nobody's hand."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        run_it: dict[str, Any] = {"url": "/api/v1/drives/fan-1/run", "json": {"frequency_hz": 5.0}}
+        for _ in range(15):
+            house.clock.now += 60
+            assert (await client.get("/api/v1/drives")).status_code == 200
+            assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
+        answer = await client.post(**run_it)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.idle")
+        assert (await client.get("/api/v1/session")).json()["idle"] is True
+        assert (await client.get("/api/v1/drives")).status_code == 200
+        assert (await client.post("/api/v1/drives/fan-1/stop")).status_code == 200
+        assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
+        assert (await client.post("/api/v1/session/active")).json()["idle"] is True, "only a password wakes it"
+        again = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+        client.headers["X-Drivebus-CSRF"] = again.json()["csrf"]
+        assert (await client.post(**run_it)).status_code == 200
+
+    run(story())
+
+
+def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        for _ in range(5):
+            house.clock.now += IDLE_S - 1
+            assert (await client.post("/api/v1/session/active")).json()["idle"] is False
+        answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
+        assert answer.status_code == 200
+
+    run(story())
+
+
+def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path) -> None:
+    """G14: who administers waits for the trail, who logs in, looks or stops does not."""
+    house = House(tmp_path)
+    house.plant.deaf = True
+
+    async def story() -> None:
+        client = await house.logged_in("administrator")
+        assert (await client.post("/api/v1/stop")).status_code == 200
+        before = house.access.register
+        body = {"name": "eve", "role": "viewer", "password": PASSWORD}
+        assert (await client.post("/api/v1/users", json=body)).status_code == 503
+        assert (await client.patch("/api/v1/users/viewer", json={"role": "engineer"})).status_code == 503
+        assert (await client.post("/api/v1/tokens", json={"name": "t", "rights": ["view"]})).status_code == 503
+        assert house.access.register == before
+        assert (await client.post("/api/v1/logout")).status_code == 200
+
+    run(story())
+
+
+def test_a_code_of_the_demo_logs_in_once(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        code = await house.access.issue_code("operator", 3600)
+        client = house.client()
+        assert (await client.get(f"/api/v1/login-once?code={code}")).status_code == 405
+        assert (await client.post("/api/v1/login-once", json={"code": code})).json()["user"] == "operator"
+        assert (await house.client().post("/api/v1/login-once", json={"code": code})).status_code == 401
+
+    run(story())
+
+
+def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        admin = await house.logged_in("administrator")
+        body = {"name": "王伟", "role": "operator", "password": PASSWORD}
+        made = (await admin.post("/api/v1/users", json=body)).json()["user"]
+        assert made == {
+            "name": "王伟", "role": "operator", "disabled": False, "created_ms": house.clock.wall_ms(), "sessions": 0,
+            "tokens": 0,
+        }  # fmt: skip
+        assert (await admin.post("/api/v1/users", json=body)).status_code == 409
+        assert (await admin.patch("/api/v1/users/王伟", json={"password": "short"})).status_code == 422
+        new = {"password": "another pass phrase", "role": "engineer"}
+        assert (await admin.patch("/api/v1/users/王伟", json=new)).json()["user"]["role"] == "engineer"
+        wang = house.client()
+        assert (await wang.post("/api/v1/login", json={"name": "王伟", "password": new["password"]})).status_code == 200
+        listed = (await admin.get("/api/v1/users")).json()["users"]
+        assert [user["sessions"] for user in listed if user["name"] == "王伟"] == [1]
+        assert "argon2" not in (await admin.get("/api/v1/users")).text
+        assert (await admin.delete("/api/v1/users/王伟")).status_code == 200
+        assert (await wang.get("/api/v1/drives")).status_code == 401
+        assert (await admin.delete("/api/v1/users/王伟")).status_code == 404
+        told = [(entry["what"], entry["outcome"]) for entry, _ in house.plant.records if "user." in entry["what"]]
+        assert told[:4] == [
+            ("user.add", "asked"),
+            ("user.add", "done"),
+            ("user.add", "asked"),
+            ("user.add", "access.name_taken"),
+        ]
+        assert PASSWORD not in repr(house.plant.records) and "another pass" not in repr(house.plant.records)
+
+    run(story())
+
+
+def test_a_new_password_of_ones_own(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client, elsewhere = await house.logged_in("viewer"), await house.logged_in("viewer")
+        wrong = await client.post("/api/v1/password", json={"old": "wrong", "new": "another pass phrase"})
+        assert wrong.status_code == 401
+        done = await client.post("/api/v1/password", json={"old": PASSWORD, "new": "another pass phrase"})
+        assert done.status_code == 200 and done.json()["user"] == "viewer"
+        assert (await client.get("/api/v1/drives")).status_code == 200
+        assert (await elsewhere.get("/api/v1/drives")).status_code == 401
+
+    run(story())
