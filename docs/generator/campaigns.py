@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus import i18n
-from drivebus.lab.campaign import NAMES
+from drivebus.lab.campaign import NAMES, find
 
 HEADS = {
     "en": ("campaign", "what it tries", "evidence for", "trials", "violations", "rate below (95 %)", "seed, commit"),
@@ -19,7 +19,7 @@ MISSING = {"en": "no report yet", "zh": "尚无报告"}
 def table(reports: Path, language: str) -> str:
     """One line a campaign, in the order of ``drivebus lab``; one without a report says so."""
     rows = [HEADS[language], ("---",) * len(HEADS[language])]
-    rows += [_row(name, reports / f"lab-{name}.json", language) for name in NAMES]
+    rows += [_row(name, reports / f"{find(name).stem}.json", language) for name in NAMES]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 

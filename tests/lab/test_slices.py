@@ -21,6 +21,7 @@ SHORT = {
     "fairness": 2,
     "replug": 8,
     "clock": 20,
+    "audit": 60,
 }
 """Enough to tell whether chance, hashes or addresses leak into a run."""
 

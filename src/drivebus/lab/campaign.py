@@ -18,6 +18,7 @@ KEPT = 50
 """So many violations are told in full; the rest is counted."""
 NAMES = (
     "fuzz", "flips", "late", "commands", "stop", "fairness", "replug", "matrix", "gate", "soak", "clock", "failures",
+    "audit",
 )  # fmt: skip
 
 
@@ -33,6 +34,12 @@ class Campaign:
     full: int
     slice: int
     run: Callable[[Session], None]
+    report: str = ""
+    """Name of the report's file without its ending; ``lab-<name>`` where empty."""
+
+    @property
+    def stem(self) -> str:
+        return self.report or f"lab-{self.name}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,9 +44,9 @@ def bound(violations: int, trials: int) -> float | None:
 
 
 def write(folder: Path, campaign: Campaign, session: Session) -> Path:
-    """``lab-<campaign>.json`` in ``folder``."""
+    """``lab-<campaign>.json`` in ``folder``, or what the campaign calls it."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"lab-{campaign.name}.json"
+    path = folder / f"{campaign.stem}.json"
     text = json.dumps(document(campaign, session), indent=1, ensure_ascii=False, default=str)
     path.write_text(text + "\n", encoding="utf-8")
     return path
