@@ -68,7 +68,7 @@ class Rooms:
         interlocks = Interlocks(self.setting.interlocks)
         return Parts(
             self.trail, Heard(self.history, self.keeping), self.alarms, interlocks, self.handlers(), self._event,
-            self.disk, self._view, self.keeping.bind,
+            self.disk, self._view, self.keeping.bind, self._setting,
         )  # fmt: skip
 
     async def close(self) -> None:
@@ -81,6 +81,13 @@ class Rooms:
     def _view(self, view: DriveView, now: float, now_ms: int) -> None:
         self.keeping.view(view, now, now_ms)
         self.runs.on_view(view, now, now_ms)
+
+    def _setting(self, setting: PlantSetting) -> None:
+        gone = {drive.id for drive in self.setting.drives} - {drive.id for drive in setting.drives}
+        self.setting = setting
+        self.history.label(labels(setting))
+        for drive in gone:
+            self.keeping.forget(drive)
 
     def _event(self, event: Json) -> None:
         self.history.put_event(event)

@@ -64,6 +64,11 @@ class Keeping:
         """Every event."""
         self.recorder.event(event)
 
+    def forget(self, drive: str) -> None:
+        """It is no longer part of the plant."""
+        self._views.pop(drive, None)
+        self.recorder.forget(drive)
+
     # --- a trip ----------------------------------------------------------------------------------------------------
 
     def _tripped(self, alarm: Alarm) -> None:

@@ -1,0 +1,205 @@
+"""The hub: deltas, ages, silence shown on it, slow readers closed with a reason (G17, I12)."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from drivebus.plant.hub import Hub
+from drivebus.plant.subscription import BURST, QUEUE
+from drivebus.plant.topics import Counting
+from drivebus.testing.virtual import run
+from plantkit import LOCAL, Kit, plant
+
+Json = dict[str, Any]
+
+
+def hub() -> Hub:
+    loop = asyncio.get_running_loop()
+    return Hub(loop.time, lambda: int(loop.time() * 1000))
+
+
+def test_only_what_changed_is_told_and_the_latest_wins() -> None:
+    async def story() -> None:
+        one = hub()
+        one.publish("drives/a", {"state": "stopped", "signals": {"x": 1, "y": 2}})
+        live = one.live(["drives/*"], 0.25)
+        assert (await anext(live))["topics"] == {"drives/a": {"state": "stopped", "signals": {"x": 1, "y": 2}}}
+        one.publish("drives/a", {"state": "stopped", "signals": {"x": 5, "y": 2}})
+        one.publish("drives/a", {"state": "stopped", "signals": {"x": 6, "y": 2}})
+        one.publish("other", {"z": 1})
+        found = await anext(live)
+        assert found["topics"] == {"drives/a": {"signals": {"x": 6}}} and found["seq"] == 2
+
+    run(story())
+
+
+def test_what_only_grows_older_is_no_change_and_its_age_is_that_of_the_message() -> None:
+    async def story() -> None:
+        one = hub()
+        await asyncio.sleep(10)
+        one.publish("drives/a", {"signals": {"x": Counting({"value": 1}, "age_s", 8.0)}})
+        live = one.live(["*"], 0.25)
+        assert (await anext(live))["topics"]["drives/a"]["signals"]["x"] == {"value": 1, "age_s": 2.0}
+        one.publish("drives/a", {"signals": {"x": Counting({"value": 1}, "age_s", 8.0)}})
+        assert (await anext(live))["topics"] == {}
+
+    run(story())
+
+
+def test_a_quiet_hub_still_beats_every_second() -> None:
+    async def story() -> None:
+        one, loop = hub(), asyncio.get_running_loop()
+        live = one.live(["*"], 0.25)
+        await anext(live)
+        begun = loop.time()
+        for _ in range(3):
+            assert (await anext(live))["topics"] == {}
+        assert loop.time() - begun == 3.0
+
+    run(story())
+
+
+def test_what_is_gone_is_told() -> None:
+    async def story() -> None:
+        one = hub()
+        one.publish("drives/a", {"state": "stopped"})
+        live = one.live(["drives/*"])
+        await anext(live)
+        one.publish("drives/a", {"state": "running"})
+        one.remove("drives/a")
+        found = await anext(live)
+        assert found["gone"] == ["drives/a"] and found["topics"] == {}
+
+    run(story())
+
+
+def test_lists_append_are_bounded_and_say_what_was_dropped() -> None:
+    async def story() -> None:
+        one = hub()
+        live = one.live(["events"])
+        await anext(live)
+        for number in range(BURST + 7):
+            one.append("events", {"n": number})
+        found = await anext(live)
+        assert [item["n"] for item in found["topics"]["events"]] == [*range(7, BURST + 7)]
+        assert found["dropped"] == {"events": 7}
+
+    run(story())
+
+
+def test_a_reader_that_does_not_read_is_closed_with_the_reason_and_holds_nothing() -> None:
+    async def story() -> None:
+        one = hub()
+        live = one.live(["*"], 0.1)
+        await anext(live)
+        for number in range(10 * QUEUE):
+            one.publish("drives/a", {"n": number})
+            await asyncio.sleep(0.1)
+        found = await anext(live)
+        assert found["type"] == "closed" and found["reason"] == "slow" and found["text"]["zh"]
+        assert [message async for message in live] == []
+        assert one.listeners == 0
+
+    run(story())
+
+
+def test_a_listener_that_goes_away_is_forgotten() -> None:
+    async def story() -> None:
+        one = hub()
+        live = one.live(["*"])
+        await anext(live)
+        assert one.listeners == 1
+        await live.aclose()  # type: ignore[attr-defined]
+        assert one.listeners == 0
+
+    run(story())
+
+
+async def latest(live: Any, known: Json) -> None:
+    """Merge one message as every client does."""
+    message = await anext(live)
+    for topic, changed in message["topics"].items():
+        signals = {**known.get(topic, {}).get("signals", {}), **changed.get("signals", {})}
+        known[topic] = {**known.get(topic, {}), **changed, "signals": signals}
+
+
+def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
+    """G17: hub, request and history; within max(3 periods, 1 s) and the timeout."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            live, known = kit.service.live(["drives/fan-1"], LOCAL), {}
+            await latest(live, known)
+            assert known["drives/fan-1"]["signals"]["output_frequency"]["quality"] == "good"
+            silence(kit)
+            fed = len(kit.history.samples)
+            begun = kit.service.plant.now()
+            while known["drives/fan-1"]["signals"]["output_frequency"]["quality"] != "bad":
+                await latest(live, known)
+            period = kit.service.plant.units["fan-1"].profile.signals["output_frequency"].period_s
+            assert kit.service.plant.now() - begun <= max(3 * period, 1.0) + 0.5 + 0.25 + 0.25
+            view = await kit.call("drives.get", drive="fan-1")
+            assert view["signals"]["output_frequency"]["quality"] == "bad"
+            await asyncio.sleep(20)
+            gaps = [s for s in kit.history.samples[fed:] if s.tag == "fan-1.output_frequency" and s.value is None]
+            assert len(gaps) == 1
+
+    run(story())
+
+
+def silence(kit: Kit) -> None:
+    """The drive's plug is pulled."""
+    bench = kit.service.plant.units["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+    bench.stations.remove(bench.station(1))
+    bench._group()
+
+
+def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            bench = kit.service.plant.units["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            station = bench.station(1)
+            silence(kit)
+            await asyncio.sleep(120)
+            bench.stations.append(station)
+            bench._group()
+            await asyncio.sleep(120)
+            told = [event for _, event in kit.service.plant.hub.items("events") if event["kind"] == "presence"]
+            assert [event["text"]["en"] for event in told if event["drive"] == "fan-1"] == [
+                "fan-1 does not answer any more", "fan-1 answers again",
+            ]  # fmt: skip
+
+    run(story())
+
+
+def test_frames_are_decoded_for_whoever_looks() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            live = kit.service.live(["frames/a"], LOCAL)
+            await anext(live)
+            found = await anext(live)
+            frames = found["topics"]["frames/a"]
+            assert {frame["kind"] for frame in frames} <= {"sent", "reply"}
+            assert all(frame["text"]["en"] and frame["text"]["zh"] and frame["hex"] for frame in frames)
+            kept = await kit.call("buses.frames", bus="a", station=2, limit=5)
+            assert [frame["station"] for frame in kept["frames"]] == [2] * 5
+            later = await kit.call("buses.frames", bus="a", after=kept["last"])
+            assert later["frames"] == []
+
+    run(story())
+
+
+def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(10)
+            found = await kit.call("buses.get", bus="a")
+            assert [station["drive"] for station in found["stations"]] == ["fan-1", "fan-2"]
+            assert found["is_open"] and 0 < found["load_percent"] < 100 and found["stop_bound_s"] < 0.5
+            assert found["line"] == "9600 8E1"
+
+    run(story())

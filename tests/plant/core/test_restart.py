@@ -1,0 +1,113 @@
+"""A plant that begins sends nothing but reads (I10, ruling 7); what it finds running is told, or stopped by policy."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.bus.trace import Kind
+from drivebus.drives import MemoryStore
+from drivebus.message import Effect
+from drivebus.plant.model import BusSetting, InterlockSetting, OnRestart
+from drivebus.plant.service import Service
+from drivebus.sim.motor import Phase
+from drivebus.sim.port import find_bench
+from drivebus.testing.virtual import run
+from plantkit import BUSES, DRIVES, plant, setting
+
+SHARED = tuple(
+    BusSetting(bus.id, f"{bus.link}&name=shared-{bus.id}") for bus in BUSES
+)  # the same drives in every life of the service
+
+
+def effects(service: Service) -> set[Effect]:
+    """Of everything that was sent."""
+    return {
+        unit.drive.dialect.link.effect(seen.event.data)
+        for unit in service.plant.units.values()
+        for seen in service.plant.line_of(unit).frames
+        if seen.event.kind is Kind.SENT and seen.event.station == unit.setting.address
+    }
+
+
+@pytest.mark.parametrize("policy", list(OnRestart))
+def test_a_drive_that_is_found_running_is_adopted_or_stopped_and_never_started(policy: OnRestart) -> None:
+    """I10, ruling 7: a life before this one started it."""
+
+    async def second_life() -> None:
+        drives = tuple(replace(drive, on_restart=policy) for drive in DRIVES)
+        chosen = setting(buses=SHARED, drives=drives)
+        async with plant(chosen) as first:
+            await first.waive()
+            await asyncio.sleep(5)
+            await first.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            first.service.plant.units["fan-1"].started = False  # a life that ends without its last word (kill -9)
+            await first.service.stop()
+            bench: Any = find_bench("shared-a")
+            assert bench.station(1).motor.phase is not Phase.OFF
+            service = Service(chosen, first.service.plant.parts, store=MemoryStore(), drive_store=MemoryStore())
+            async with service:
+                await asyncio.sleep(8)
+                kinds = {alarm.kind for alarm in service.plant.parts.alarms.active() if alarm.cleared_ms is None}
+                if policy is OnRestart.STOP:
+                    assert effects(service) <= {Effect.NONE, Effect.STOP}
+                    assert bench.station(1).motor.phase is Phase.OFF
+                    assert [e.what for e in first.trail.entries if e.who == "drivebus"] == ["drive.stop"]
+                else:
+                    assert effects(service) == {Effect.NONE}
+                    assert bench.station(1).motor.phase is not Phase.OFF
+                    assert "no_owner" in kinds
+
+    run(second_life())
+
+
+def test_a_start_up_sends_only_reads() -> None:
+    """I10."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(30)
+            assert effects(kit.service) == {Effect.NONE}
+
+    run(story())
+
+
+def test_an_interlock_stops_what_turns_and_forbids_its_start() -> None:
+    async def story() -> None:
+        interlock = InterlockSetting("fan-first", ("pump-1",), "fan-1.output_frequency > 5 Hz")
+        async with plant(setting(interlocks=(interlock,))) as kit:
+            await asyncio.sleep(15)
+            await kit.waive()
+            with pytest.raises(Exception, match="fan-first"):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            await asyncio.sleep(4)
+            await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            await kit.call("drive.stop", drive="fan-1")
+            await asyncio.sleep(6)
+            assert kit.station("pump-1").motor.phase is Phase.OFF
+            assert "drive.stop" in [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
+
+    run(story())
+
+
+def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file() -> None:
+    async def story() -> None:
+        store = MemoryStore()
+        async with plant(store=store) as kit:
+            await kit.waive("pump-1")
+            await kit.call("drive.limits", drive="pump-1", minimum_hz=5.0, maximum_hz=40.0)
+            with pytest.raises(Exception, match="limits of pump-1"):
+                await kit.call("drive.limits", drive="pump-1", maximum_hz=900.0)
+        async with plant(store=store) as kit:
+            view = await kit.call("drives.get", drive="pump-1")
+            assert view["host_dies"]["waiver"] == "test bench (tester)"
+            assert (view["minimum_hz"], view["maximum_hz"]) == (5.0, 40.0)
+            await kit.call("drive.unwaive", drive="pump-1")
+        async with plant(store=store) as kit:
+            assert (await kit.call("drives.get", drive="pump-1"))["host_dies"]["waiver"] is None
+
+    run(story())
