@@ -54,8 +54,8 @@ function Entry({ entry }) {
   const view = entry.target && drive(entry.target).value;
   const who = entry.who?.name ?? entry.who ?? "";
   return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${who}</span>
-    <span class="what"><strong>${wordOf(entry)}</strong> ${view ? titled(view) : entry.target}</span>
-    <${Ended} outcome=${entry.outcome} />
+    <span class="what"><strong>${wordOf(entry)}</strong> ${view ? titled(view) : entry.target === who ? "" : entry.target}</span>
+    <${Ended} entry=${entry} />
     <details class="whole"><summary>${t("plantpage.entry_n", { n: entry.n })}</summary><dl class="facts">
       <dt>${t("plantpage.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
       <dt>${t("plantpage.operation")}</dt><dd><code>${entry.what}</code></dd>
@@ -70,9 +70,10 @@ function Entry({ entry }) {
 const WORDS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
 const GOOD = new Set(["asked", "confirmed", "acknowledged", "done"]);
 
-/** The word of an outcome, or the key of an error. */
-function Ended({ outcome }) {
+/** The word of an outcome; of an error its sentence, where the record has the numbers that it needs. */
+function Ended({ entry: { outcome, params } }) {
   if (outcome === null || outcome === undefined) return html`<span></span>`;
-  const word = WORDS.has(outcome) ? t(`plantpage.outcome_${outcome}`) : known(outcome) ? t(outcome) : outcome;
+  const told = WORDS.has(outcome) ? t(`plantpage.outcome_${outcome}`) : known(outcome) ? t(outcome, params) : outcome;
+  const word = /\{\w+\}/.test(told) ? t("plantpage.outcome_error", { code: outcome }) : told;
   return html`<span class=${`ended ${GOOD.has(outcome) ? "" : "bad"}`}>${word}</span>`;
 }

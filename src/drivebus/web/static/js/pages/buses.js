@@ -1,6 +1,6 @@
 // Buses: how loaded each line is, how each station on it answers, in cable order, and the frames as they go by.
 import { html } from "../lib.js";
-import { t, titled } from "../i18n.js";
+import { both, t, titled } from "../i18n.js";
 import { href } from "../router.js";
 import { bus, idsOf } from "../store.js";
 import { Icon } from "../icons.js";
@@ -31,7 +31,7 @@ function BusCard({ id, chosen }) {
       <span>${t(view.is_open ? "plantpage.bus_open" : "plantpage.bus_closed")}</span></span>
     <${Meter} label=${t("plantpage.load")} value=${view.occupied_percent ?? view.load_percent} />
     <span class="small">${t("plantpage.bus_line", { line: view.line ?? "", n: view.stations.length })}</span>
-    ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />
+    ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
       ${t("plantpage.errors_are", { share: percent(view.error_rate) })}</span>`}
     ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault" size=${16} /> ${t("plantpage.foreign_master")}</span>`}</a>`;
 }
@@ -51,7 +51,7 @@ function OneBus({ id }) {
   if (!view) return html`<${Notice} kind="warning">${t("plantpage.no_such_bus", { id })}<//>`;
   return html`
     ${view.foreign_master && html`<${Notice} kind="bad" title=${t("plantpage.foreign_master")}>${t("plantpage.foreign_master_why")}<//>`}
-    ${!view.is_open && html`<${Notice} kind="bad">${t("plantpage.bus_closed_why", { link: view.link })}<//>`}
+    ${!view.is_open && html`<${Notice} kind="bad" title=${t("plantpage.bus_closed_why", { link: view.link })}>${both(view.problem)}<//>`}
     <section class="panel stack"><h2>${titled(view)}</h2><${Facts} view=${view} /></section>
     <section class="panel stack"><h2>${t("plantpage.cable")}</h2><p class="help">${t("plantpage.cable_help")}</p>
       <${Cable} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
@@ -69,7 +69,8 @@ function Facts({ view }) {
     ["counters", classes(view.counters, "counter") || t("plantpage.none")],
     ["stop_bound", view.stop_bound_s == null ? NOTHING : t("plantpage.stop_bound_is", { time: milliseconds(view.stop_bound_s) })],
   ];
-  return html`<dl class="facts wide">${facts.map(([name, value]) => html`<dt key=${name}>${t(`plantpage.bus_${name}`)}</dt><dd>${value}</dd>`)}</dl>`;
+  return html`<dl class="facts wide">${facts.map(([name, value]) => html`<div key=${name}>
+    <dt>${t(`plantpage.bus_${name}`)}</dt><dd>${value}</dd></div>`)}</dl>`;
 }
 
 const percentOf = (value) => (typeof value === "number" ? `${value.toFixed(1)} %` : NOTHING);

@@ -2,7 +2,7 @@
 import { html, useMemo } from "../lib.js";
 import { both, language, t, titled } from "../i18n.js";
 import { api } from "../api.js";
-import { moment, signalName } from "../format.js";
+import { NOTHING, moment, quantity, signalName } from "../format.js";
 import { href } from "../router.js";
 import { drive } from "../store.js";
 import { styled } from "../style.js";
@@ -29,18 +29,35 @@ function OneCase({ id }) {
   return html`<h1>${view ? titled(view) : found.drive} · ${moment(found.time_ms)}</h1>
     <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("plantpage.to_drive")}</a>
       <a class="button" href=${href("alarms", null, { tab: "cases" })}>${t("plantpage.cases")}</a>
-      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found, null, 1))}>${t("plantpage.save_case")}<//></div>
-    <${Fault} fault=${found.fault} />
+      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found, null, 1))}>${t("plantpage.save_case")}<//>
+      ${found.capture && html`<${Button} icon="download" title=${t("plantpage.save_capture_help")}
+        onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("plantpage.save_capture")}<//>`}</div>
+    <${Trip} found=${found} />
     <section class="panel stack"><h2>${t("plantpage.case_signals")}</h2><${Signals} found=${found} /></section>
+    <section class="panel stack"><h2>${t("plantpage.case_states")}</h2><${States} found=${found} /></section>
     <section class="panel stack"><h2>${t("plantpage.case_parameters")}</h2><${Parameters} parameters=${found.parameters} /></section>
     <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${CaseFrames} frames=${found.frames ?? []} /></section>`;
 }
 
-function Fault({ fault }) {
-  if (!fault) return null;
-  const said = [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => both(text));
-  return html`<${Notice} kind="bad" title=${`${fault.label ?? fault.code}${t("page.colon")}${both(fault.text)}`}>
+/** What raised it, and the fault with its cause and remedy where the drive told one. */
+function Trip({ found }) {
+  const fault = found.view?.fault;
+  const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => both(text)) : [];
+  return html`<${Notice} kind="bad" title=${both(found.title)}><p>${both(found.text)}</p>
+    ${fault && html`<p><b>${fault.label ?? fault.code}</b> ${both(fault.text)}</p>`}
     ${said.map(([name, text]) => html`<p key=${name}><b>${t(`plantpage.fault_${name}`)}</b>${t("page.colon")}${both(text)}</p>`)}<//>`;
+}
+
+/** How the drive went through its states, in seconds before the trip. */
+function States({ found }) {
+  const columns = [
+    [t("plantpage.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
+    [t("plantpage.state"), (one) => t(`drives.state_${one.state}`)],
+    [t("plantpage.presence"), (one) => t(one.presence === "online" ? "plantpage.presence_online" : `page.presence_${one.presence}`)],
+    [t("plantpage.commanded"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
+    [t("plantpage.event_fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NOTHING)],
+  ];
+  return html`<${Table} caption=${t("plantpage.case_states")} columns=${columns} rows=${found.states ?? []} keyOf=${(one) => one.t} />`;
 }
 
 /** The frozen samples as a trend of their own. */
@@ -54,12 +71,13 @@ function Signals({ found }) {
 }
 
 function Parameters({ parameters }) {
+  if (!parameters) return html`<p class="help">${t("plantpage.parameters_not_read")}</p>`;
   const rows = Object.entries(parameters ?? {});
   const columns = [
     [t("plantpage.parameter"), ([name]) => html`<code>${name}</code>`],
     [t("plantpage.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
-    [t("plantpage.value"), ([, one]) => `${one.value ?? "–"} ${one.unit ?? ""}`, "right"],
-    [t("plantpage.raw"), ([, one]) => one.raw ?? "–", "right"],
+    [t("plantpage.value"), ([, one]) => `${one.value ?? NOTHING} ${one.unit ?? ""}`, "right"],
+    [t("plantpage.raw"), ([, one]) => one.raw ?? NOTHING, "right"],
   ];
   return html`<${Table} caption=${t("plantpage.case_parameters")} columns=${columns} rows=${rows} keyOf=${([name]) => name} />`;
 }

@@ -1,5 +1,5 @@
 // History: any signals of any drives against each other, from a minute to a year, and the same as a file.
-import { html, useEffect, useMemo, useState } from "../lib.js";
+import { html, useEffect, useMemo, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { recall, remember } from "../memory.js";
@@ -15,6 +15,7 @@ await styled("pages");
 
 /** More lines than this tell nobody anything, and the historian takes 50. */
 export const MOST = 16;
+const REST_MS = 500;
 
 export function Page({ query }) {
   const [found, error] = useLoaded(() => api.get("/history/tags"), []);
@@ -24,21 +25,29 @@ export function Page({ query }) {
 
 function Chosen({ tags, query }) {
   const [picked, setPicked] = useState(() => first(tags, query));
-  const [shown, setShown] = useState(null);
+  const shown = useRef(null);
+  const resting = useRef(null);
   const known = useMemo(() => new Map(tags.map((tag) => [tag.tag, tag])), [tags]);
   const lines = useLines(picked, known);
   const change = (next) => { setPicked(next); remember("history", next); };
   const from = Number(query.from) || null;
   const to = Number(query.to) || null;
+  // The address follows when the hand rests: what it shows can be sent to somebody.
+  const told = (window, live) => {
+    shown.current = { window, live };
+    clearTimeout(resting.current);
+    const fixed = live ? {} : { from: Math.round(window.from), to: Math.round(window.to) };
+    resting.current = setTimeout(() => replaceQuery({ tags: picked.join(","), ...fixed }), REST_MS);
+  };
   useEffect(() => {
-    const address = shown && !shown.live ? { from: Math.round(shown.window.from), to: Math.round(shown.window.to) } : {};
-    replaceQuery({ tags: picked.join(","), ...address });
-  }, [picked, shown?.live, shown?.live ? null : shown?.window]);
+    if (shown.current) told(shown.current.window, shown.current.live);
+    return () => clearTimeout(resting.current);
+  }, [picked]);
   return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MOST} onChange=${change} />
     ${picked.length === 0 ? html`<${Notice}>${t("plantpage.pick_signals")}<//>` : html`
       <${Trend} lines=${lines} height=${380} span_s=${3600} window=${from && to > from ? { from, to } : null}
-        onWindow=${(window, live) => setShown({ window, live })} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
-      ${shown && html`<${Export} tags=${picked} window=${shown.window} />`}`}`;
+        onWindow=${told} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
+      <${Export} tags=${picked} shown=${() => shown.current.window} />`}`;
 }
 
 /** What the address asks for, else what was looked at last, else the output frequencies. */

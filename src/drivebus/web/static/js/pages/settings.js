@@ -27,14 +27,14 @@ export function Page({ query }) {
 }
 
 function Me() {
-  const { user, rights } = session.value;
+  const { user, role, rights } = session.value;
   return html`<div class="stack"><section class="panel stack"><h2>${t("plantpage.looks")}</h2>
       <div class="row"><span>${t("plantpage.language")}</span><${Choice} label=${t("plantpage.language")} value=${language.value}
         options=${Object.entries(LANGUAGES)} onChange=${chooseLanguage} /></div>
       <div class="row"><span>${t("plantpage.theme")}</span><${Choice} label=${t("plantpage.theme")} value=${themeChoice.value}
         options=${THEMES.map((name) => [name, t(`page.theme_${name}`)])} onChange=${chooseTheme} /></div></section>
-    <section class="panel stack"><h2>${user.name}</h2><dl class="facts">
-      ${user.role && html`<dt>${t("plantpage.role")}</dt><dd>${t(`plantpage.role_${user.role}`)}</dd>`}
+    <section class="panel stack"><h2>${user}</h2><dl class="facts">
+      ${role && html`<dt>${t("plantpage.role")}</dt><dd>${t(`plantpage.role_${role}`)}</dd>`}
       <dt>${t("plantpage.rights")}</dt><dd>${rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
     <${Password} /></div>`;
 }

@@ -43,7 +43,8 @@ export function Stations({ stations }) {
     [t("plantpage.bus_errors"), (one) => classes(one.errors, "error") || NOTHING],
     [t("plantpage.bus_counters"), (one) => classes(one.counters, "counter") || NOTHING],
   ];
-  return html`<${Table} caption=${t("plantpage.stations")} columns=${columns} rows=${stations} keyOf=${(one) => one.address} />`;
+  return html`<div class="wide-table"><${Table} caption=${t("plantpage.stations")} columns=${columns} rows=${stations}
+    keyOf=${(one) => one.address} /></div>`;
 }
 
 function Presence({ station }) {

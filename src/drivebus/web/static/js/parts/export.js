@@ -9,11 +9,13 @@ const RESOLUTIONS = ["raw", "1s", "1min", "1h"];
 const FORMATS = ["csv", "parquet"];
 const PATIENCE_MS = 600_000;
 
-export function Export({ tags, window }) {
+/** `shown()` gives the window that the chart shows. */
+export function Export({ tags, shown }) {
   const [resolution, setResolution] = useState("raw");
   const [format, setFormat] = useState("csv");
   const [run, busy, error, result] = useAsk();
   const save = () => run(async () => {
+    const window = shown();
     const query = { tags, from_ms: Math.round(window.from), to_ms: Math.round(window.to), resolution, format };
     const answer = await api.raw("/history/export", query, { patience_ms: PATIENCE_MS });
     const blob = await answer.blob();

@@ -12,6 +12,7 @@ export const labelOf = (tag) => `${driveName(tag.drive)} · ${signalName(tag.sig
 
 export function SignalPicker({ tags, picked, most, onChange }) {
   const [sought, setSought] = useState("");
+  const [isOpen, setOpen] = useState(picked.length === 0);
   const words = sought.trim().toLowerCase().split(/\s+/).filter(Boolean);
   const fits = (tag) => {
     const text = `${tag.tag} ${labelOf(tag)} ${tag.unit}`.toLowerCase();
@@ -20,7 +21,7 @@ export function SignalPicker({ tags, picked, most, onChange }) {
   const byDrive = grouped(tags.filter(fits));
   const full = picked.length >= most;
   const toggle = (tag) => onChange(picked.includes(tag) ? picked.filter((one) => one !== tag) : [...picked, tag]);
-  return html`<details class="panel picker" open=${picked.length === 0}><summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
+  return html`<details class="panel picker" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}><summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
     <div class="filters"><${Field} label=${t("plantpage.sought")}><input type="search" value=${sought}
         onInput=${(event) => setSought(event.target.value)} /><//>
       <${Button} disabled=${picked.length === 0} onClick=${() => onChange([])}>${t("plantpage.pick_none")}<//></div>

@@ -15,7 +15,7 @@ export function Users() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const close = () => { setOpen(null); reload(); };
   const columns = [
-    [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user?.name ? ` ${t("plantpage.you")}` : ""}`],
+    [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user ? ` ${t("plantpage.you")}` : ""}`],
     [t("plantpage.role"), (user) => t(`plantpage.role_${user.role}`)],
     [t("plantpage.state"), (user) => t(user.disabled ? "plantpage.user_disabled" : "plantpage.user_enabled")],
     [t("plantpage.sessions"), (user) => user.sessions, "right"],
@@ -58,7 +58,7 @@ function ChangeUser({ user, onClose }) {
   const [password, setPassword] = useState("");
   const [sure, setSure] = useState(false);
   const [run, busy, error] = useAsk();
-  const me = user.name === session.value.user?.name;
+  const me = user.name === session.value.user;
   const change = async (body) => { if (await run(() => api.patch(pathOf(user), body))) onClose(); };
   const remove = async () => { if (await run(() => api.remove(pathOf(user)))) onClose(); };
   return html`<${Dialog} title=${t("plantpage.change_user", { name: user.name })} onClose=${onClose}><div class="stack">

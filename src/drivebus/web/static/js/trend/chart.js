@@ -2,13 +2,16 @@
 // nothing where it is not known, and strips, markers and rulers that `paint` draws.
 
 import uPlot from "../../../vendor/uplot.js";
-import { COLUMNS } from "./columns.js";
+import { paintBands } from "./bands.js";
+import { COLUMNS, indexAt } from "./columns.js";
 import { dayLine, timeLabel } from "./labels.js";
 import { paint } from "./paint.js";
 
 /** So many colours of lines; more lines than these share them. */
 export const HUES = 8;
 const AXIS_PX = 46;
+const THICK = 1.75;
+const THIN = 1;
 /** Below this width only two units keep their axis: the others are read in the table. */
 const NARROW_PX = 560;
 
@@ -49,10 +52,24 @@ export class Chart {
   draw(data, window, extras) {
     this.window = window;
     this.extras = extras;
+    const width = this._isDense(data, window) ? THIN : THICK;
+    this.plot.series.forEach((series) => { if (series.width > 0) series.width = width; });
     this.plot.batch(() => {
-      this.plot.setData(data, false);
+      if (data !== this.plot.data) this.plot.setData(data, false);
       this.plot.setScale("x", { min: window.from, max: window.to });
     });
+  }
+
+  /** More than a point for two pixels: a thick line would be a smear, and slow to draw without graphics hardware. */
+  _isDense(data, { from, to }) {
+    const times = data[0];
+    const rows = indexAt(times, to) - indexAt(times, from);
+    return rows > this.plot.over.clientWidth / 2;
+  }
+
+  _bands(plot) {
+    const isShown = (line) => plot.series[1 + this.lines.indexOf(line) * COLUMNS].show;
+    paintBands(plot, this.lines, isShown, (line) => faint(this._hue(line)));
   }
 
   /** Shows all lines but the tags in `hidden`. */
@@ -90,10 +107,8 @@ export class Chart {
       scales: Object.fromEntries([["x", { time: true, auto: false }], ...units.map((unit) => [scale(unit), Y])]),
       axes: [this._timeAxis(locale), ...shown.map((unit, at) => this._valueAxis(unit, at))],
       series: [{}, ...lines.flatMap((line) => this._series(line))],
-      bands: lines.map((line, at) => ({
-        series: [1 + at * COLUMNS, 2 + at * COLUMNS], fill: faint(this._hue(line)),
-      })),
       hooks: {
+        drawAxes: [(plot) => this._bands(plot)],
         draw: [(plot) => { paint(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
         setSelect: [(plot) => this._selected(plot)],
         setCursor: [(plot) => this.hooks.pointed?.(pointed(plot))],
@@ -107,12 +122,13 @@ export class Chart {
 
   _series(line) {
     const plain = { scale: scale(line.unit), label: line.label };
-    const edge = { ...plain, stroke: "transparent", width: 0, points: { show: false } };
+    // The edges only widen the scale; `bands` paints them.
+    const edge = { ...plain, stroke: "transparent", width: 0, points: { show: false }, paths: () => null };
     const stroke = this._hue(line);
     return [
       edge, edge,
-      { ...plain, stroke, width: 1.75, points: { size: 5, filter: lonely } },
-      { ...plain, stroke, width: 1.75, dash: [5, 4], points: { show: false } },
+      { ...plain, stroke, width: THICK, points: { size: 5, filter: lonely } },
+      { ...plain, stroke, width: THICK, dash: [5, 4], points: { show: false } },
     ];
   }
 

@@ -1,25 +1,26 @@
 // Samples that do not change any more, shown by the same trend as live ones: those of a case.
 import { signal } from "../lib.js";
-import { BAD, GOOD, UNCERTAIN } from "./columns.js";
+import { BAD } from "./columns.js";
 
-const QUALITIES = { good: GOOD, uncertain: UNCERTAIN, bad: BAD };
+const BESIDE_MS = 1000;
 
-/** What `Source` is to the historian, for a case: `signals` {name: {unit, samples: [[time_ms, value, quality]]}}. */
+/** What `Source` is to the historian, for a case: `signals` {name: {t: [seconds before the trip], v, q}}. */
 export class Fixed {
   constructor(found) {
     this.isFixed = true;
     this.lines = [];
     const series = {};
-    for (const [name, { unit, samples }] of Object.entries(found.signals ?? {})) {
+    for (const [name, samples] of Object.entries(found.signals ?? {})) {
+      if (!samples.v.some((value) => typeof value === "number")) continue;
       const tag = `${found.drive}.${name}`;
-      if (!samples.some(([, value]) => typeof value === "number")) continue;
-      this.lines.push({ tag, signal: name, unit });
-      series[tag] = seriesOf(samples);
+      this.lines.push({ tag, signal: name, unit: found.view?.signals?.[name]?.unit ?? "" });
+      series[tag] = seriesOf(samples, found.time_ms);
     }
-    const times = Object.values(series).flatMap(({ t }) => [t[0], t.at(-1)]);
-    this.window = { from: Math.min(...times, found.time_ms - 1000), to: Math.max(...times, found.time_ms) + 1000 };
+    this.window = { from: found.time_ms - found.before_s * 1000, to: found.time_ms + BESIDE_MS };
     this.series = signal(series);
-    this.markers = signal({ items: [tripOf(found)], isCut: false });
+    const trip = { id: found.id, time_ms: found.time_ms, kind: "fault", drive: found.drive, text: found.text, actor: null };
+    const events = (found.events ?? []).filter((event) => event.time_ms < found.time_ms);
+    this.markers = signal({ items: [...events, trip], isCut: false });
     this.resolution = signal("raw");
     this.state = signal("there");
     this.error = signal(null);
@@ -39,9 +40,7 @@ export class Fixed {
   }
 }
 
-const tripOf = (found) => ({ id: found.id, time_ms: found.time_ms, kind: "fault", drive: found.drive, text: found.title ?? found.fault?.text, actor: null });
-
-function seriesOf(samples) {
-  const values = samples.map(([, value]) => (typeof value === "number" ? value : null));
-  return { t: samples.map(([at]) => at), min: values, mean: values, max: values, q: samples.map(([, , quality]) => QUALITIES[quality]) };
+function seriesOf({ t, v, q }, at) {
+  const values = v.map((value, n) => (typeof value === "number" && q[n] !== BAD ? value : null));
+  return { t: t.map((seconds) => Math.round(at + seconds * 1000)), min: values, mean: values, max: values, q };
 }

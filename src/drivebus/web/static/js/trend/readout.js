@@ -17,17 +17,18 @@ export function Readout({ view, source, lines, onRemove }) {
   const rulers = view.rulers.value !== null;
   const heads = rulers ? ["at_a", "at_b", "difference"] : ["lowest", "mean", "highest"];
   return html`<div class="trend-readout"><table class="data">
-    <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} />`}</caption>
+    <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("plantpage.signal")}</th><th scope="col" class="right">${t("plantpage.value")}</th>
-      ${heads.map((head) => html`<th key=${head} scope="col" class="right more">${t(`plantpage.${head}`)}</th>`)}
+      ${heads.map((head) => html`<th key=${head} scope="col" class=${`right more ${head === "mean" ? "mid" : ""}`}>${t(`plantpage.${head}`)}</th>`)}
       ${onRemove && html`<th><span class="sr">${t("plantpage.remove")}</span></th>`}</tr></thead>
     <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
       onRemove=${onRemove} />`)}</tbody></table></div>`;
 }
 
-function Where({ view }) {
+function Where({ view, isFixed }) {
   const at = view.pointed.value;
-  return at === null ? t("plantpage.values_now") : t("plantpage.values_at", { time: moment(at, localeOf(language.value), true) });
+  if (at === null) return t(isFixed ? "plantpage.values_within" : "plantpage.values_now");
+  return t("plantpage.values_at", { time: moment(at, localeOf(language.value), true) });
 }
 
 function rulersText(a, b) {
@@ -55,7 +56,7 @@ function Row({ line, view, source, onRemove }) {
       onClick=${() => view.toggleLine(line.tag)} title=${t("plantpage.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
     <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
-    ${figures.value.map((found, n) => html`<td key=${n} class="right more">${shown(found, line.unit)}</td>`)}
+    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.rulers.value ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
       aria-label=${t("plantpage.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button></td>`}</tr>`;
 }

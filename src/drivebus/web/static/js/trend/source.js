@@ -28,6 +28,7 @@ export class Source {
     this.fetched = null;
     this.tags = [];
     this.kept = new Map();
+    this.joined = null;
     this.live = new Map();
     this.asked = null;
     this.timer = null;
@@ -39,6 +40,7 @@ export class Source {
     this.drives = drives;
     this.kept.clear();
     this.fetched = null;
+    this.joined = null;
   }
 
   /** Sees to it that a window is there soon; the last one asked for wins, and a wheel's turn asks once. */
@@ -62,6 +64,11 @@ export class Source {
 
   /** The series to draw: the historian's, and live ones after them. */
   whole() {
+    this.joined ??= this._join();
+    return this.joined;
+  }
+
+  _join() {
     const now = plantNow();
     return Object.fromEntries(this.tags.map((tag) => {
       const series = this.series.peek()[tag] ?? EMPTY;
@@ -89,6 +96,7 @@ export class Source {
     samples.push(sample);
     while (samples.length && samples[0].t < sample.t - LIVE_MS) samples.shift();
     this.live.set(tag, samples);
+    this.joined = null;
   }
 
   _kept(window) {
@@ -140,6 +148,7 @@ export class Source {
     this.fetched = span;
     this.resolution.value = answer.resolution;
     this.markers.value = markers;
+    this.joined = null;
     this.series.value = answer.series;
   }
 }
