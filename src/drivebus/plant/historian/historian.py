@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +25,7 @@ from drivebus.plant.historian.levels import GRAINS
 from drivebus.plant.historian.reader import Reader
 from drivebus.plant.historian.sql import SqlStore
 from drivebus.plant.historian.sqlite import SqliteDoor
-from drivebus.plant.historian.store import Document, Store, StoreError, Tag, Window
+from drivebus.plant.historian.store import Document, EventRow, Store, StoreError, Tag, Window
 from drivebus.plant.historian.writer import Writer
 from drivebus.plant.model import HistorySetting
 from drivebus.plant.operations import Export, Span, Trend
@@ -33,6 +34,8 @@ from drivebus.profiles.model import Text
 
 Json = dict[str, Any]
 T = TypeVar("T")
+
+log = logging.getLogger("drivebus.history")
 
 FILE = "history.db"
 FLUSH_S = 1.0
@@ -105,7 +108,12 @@ class Historian:
     async def _run(self) -> None:
         while True:
             await asyncio.sleep(self._flush_s)
-            await self._write(self.writer.round)
+            try:
+                await self._write(self.writer.round)
+            except Exception as error:
+                # A mistake of ours: the next round tries again, and everybody sees that this one did not work.
+                self.writer.problem = repr(error)
+                log.exception("history can't be written")
 
     def _write(self, work: Callable[[], T]) -> Awaitable[T]:
         return asyncio.get_running_loop().run_in_executor(self._writing, work)
@@ -138,8 +146,9 @@ class Historian:
         self.intake.append(samples)
 
     def put_event(self, event: Json) -> None:
-        """An Event of the contract: a marker."""
-        self.intake.put_event(event)
+        """An Event of the contract (``time_ms``, ``kind``, ``drive`` and more): a marker. Never waits."""
+        data = json.dumps(event, ensure_ascii=False, separators=(",", ":"))
+        self.intake.put_event(EventRow(0, int(event["time_ms"]), str(event["kind"]), event.get("drive"), data))
 
     def label(self, labels: Mapping[str, tuple[str, Text]]) -> None:
         """Tag → unit and what it is, for ``tags``; one that never has a sample is no tag."""

@@ -9,9 +9,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any
 
-from drivebus.plant.historian.store import Document
+from drivebus.plant.historian.store import Document, EventRow
 from drivebus.plant.view import Sample
 from drivebus.profiles.model import Text
 from drivebus.reading import Quality
@@ -21,15 +20,14 @@ SAMPLES = 200_000
 NOTES = 10_000
 """Events and documents."""
 
-Json = dict[str, Any]
-
 
 @dataclass(slots=True)
 class Taken:
     """What the writer puts into one batch."""
 
     samples: list[Sample] = field(default_factory=list)
-    events: list[Json] = field(default_factory=list)
+    events: list[EventRow] = field(default_factory=list)
+    """Without an id yet."""
     documents: dict[tuple[str, str], Document] = field(default_factory=dict)
     """The last one of each place."""
     labels: dict[str, tuple[str, Text]] = field(default_factory=dict)
@@ -74,7 +72,7 @@ class Intake:
         holes, self._holes = self._holes, {}
         return [Sample(tag, time_ms, None, Quality.BAD) for tag, time_ms in holes.items()]
 
-    def put_event(self, event: Json) -> None:
+    def put_event(self, event: EventRow) -> None:
         with self._lock:
             if len(self._waiting.events) >= self._most_notes:
                 self.lost_notes += 1

@@ -72,9 +72,10 @@ class Unsealed:
             return buffer.first, buffer.samples()
 
     def sealed(self, tag: int, upto: int) -> None:
-        """All before number ``upto`` are in blocks now."""
+        """All before number ``upto`` are in blocks now. A tag nobody began is passed over."""
         with self._lock:
-            buffer = self._buffers[tag]
+            if (buffer := self._buffers.get(tag)) is None:
+                return
             done = min(max(0, upto - buffer.first), len(buffer))
             rest = Buffer(max(upto, buffer.first), buffer.oldest_batch)
             rest.time, rest.value, rest.quality = buffer.time[done:], buffer.value[done:], buffer.quality[done:]

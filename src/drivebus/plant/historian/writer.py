@@ -6,7 +6,6 @@ round; until then the batch stays in memory and the intake fills, and nobody els
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 from collections import defaultdict
@@ -18,7 +17,7 @@ from drivebus.plant.historian.blocks import Damaged, Samples, decode_batch, enco
 from drivebus.plant.historian.intake import Intake, Taken, number
 from drivebus.plant.historian.points import CODES
 from drivebus.plant.historian.sealing import seal
-from drivebus.plant.historian.store import Batch, Contents, EventRow, Seal, Store, StoreError, Tag
+from drivebus.plant.historian.store import Batch, Contents, Seal, Store, StoreError, Tag
 from drivebus.plant.historian.unsealed import Unsealed
 from drivebus.plant.model import HistorySetting
 from drivebus.plant.view import Sample
@@ -179,7 +178,7 @@ class Writer:
         tags = self._changed_tags(list(by_tag), taken)
         ids = {tag.name: tag.id for tag in tags}
         groups = [self._group(ids.get(name), name, samples) for name, samples in by_tag.items()]
-        events = [self._row(event, self._event + n) for n, event in enumerate(taken.events, 1)]
+        events = [replace(event, id=self._event + n) for n, event in enumerate(taken.events, 1)]
         packed = encode_batch(groups) if groups else None
         batch = Batch(self._batch + 1, packed, tags, events, list(taken.documents.values()))
         return _Pending(batch, groups, tags, taken)
@@ -205,12 +204,6 @@ class Writer:
         time_ms = [sample.time_ms for sample in samples]
         quality = bytes([CODES[sample.quality] for sample in samples])
         return tag, first, (time_ms, [number(sample) for sample in samples], quality)
-
-    @staticmethod
-    def _row(event: dict[str, object], id: int) -> EventRow:
-        time_ms, kind, drive = event["time_ms"], event["kind"], event.get("drive")
-        data = json.dumps(event, ensure_ascii=False, separators=(",", ":"))
-        return EventRow(id, int(str(time_ms)), str(kind), None if drive is None else str(drive), data)
 
     def _seal_ripe(self) -> None:
         most = max(UNSEALED, UNSEALED_A_TAG * len(self.tags))
