@@ -34,7 +34,8 @@ class Patience(HttpToolsProtocol):
         self._await_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._cancel()
+        self._head_is_there()
+        self._is_read()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -50,7 +51,7 @@ class Patience(HttpToolsProtocol):
         self._await_head()
 
     def on_headers_complete(self) -> None:
-        self._cancel()
+        self._head_is_there()
         super().on_headers_complete()
 
     def on_response_complete(self) -> None:
@@ -64,18 +65,21 @@ class Patience(HttpToolsProtocol):
 
     def resume_writing(self) -> None:
         super().resume_writing()
-        if self._unread is not None:
-            self._unread.cancel()
+        self._is_read()
 
     def _await_head(self) -> None:
         if self._timer is None:
             self._timer = self.loop.call_later(HEAD_S, self.transport.abort)
 
-    def _cancel(self) -> None:
-        for timer in (self._timer, self._unread):
-            if timer is not None:
-                timer.cancel()
-        self._timer, self._unread, self._head = None, None, 0
+    def _head_is_there(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer, self._head = None, 0
+
+    def _is_read(self) -> None:
+        if self._unread is not None:
+            self._unread.cancel()
+        self._unread = None
 
     def _too_many(self) -> bool:
         if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:

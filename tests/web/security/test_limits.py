@@ -1,0 +1,237 @@
+"""S13, S14, S17: what is too large, slow, deep, or readable in two ways; and texts that want to be more than texts."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from doorkit import House
+from drivebus.testing.virtual import run
+from drivebus.web.body import LARGEST, LONGEST_S
+from drivebus.web.headers import CSP
+
+RUN = "/api/v1/drives/fan-1/run"
+JSON = {"content-type": "application/json"}
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        (b'{"frequency_hz": 5.0, "frequency_hz": 50.0}', 422),
+        (b'{"frequency_hz": 5.0, "x": {"a": 1, "a": 2}}', 422),
+        (b'{"frequency_hz": NaN}', 422),
+        (b'{"frequency_hz": Infinity}', 422),
+        (b'{"frequency_hz": 5.0} {}', 422),
+        (b'{"frequency_hz": 5.0', 422),
+        (b'\xff\xfe{"frequency_hz": 5.0}', 422),
+        (b'{"frequency_hz": "\xed\xa0\x80"}', 422),
+        (b"[" * 500_000, 422),
+        (b'{"a":' * 150_000, 422),
+        (b'{"frequency_hz": ' + b"9" * 100_000 + b"}", 422),
+        (b"x" * (LARGEST + 1), 413),
+    ],
+    ids=range(12),
+)
+def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
+    body: bytes, status: int, tmp_path: Path
+) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        answer = await client.post(RUN, content=body, headers=JSON)
+        assert answer.status_code == status, answer.text[:300]
+        assert answer.json()["error"]["text"].keys() == {"en", "zh"}
+        assert house.plant.calls == []
+
+    run(story())
+
+
+async def told(house: House, headers: dict[str, str], parts: Any) -> int:
+    """The status that a request gets whose body comes in ``parts``: (octets, seconds before them)."""
+    statuses: list[int] = []
+
+    async def receive() -> Any:
+        for part, pause_s in parts:
+            await asyncio.sleep(pause_s)
+            return {"type": "http.request", "body": part, "more_body": True}
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Any) -> None:
+        statuses.extend([message["status"]] if message["type"] == "http.response.start" else [])
+
+    scope = {
+        "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "scheme": "http",
+        "path": RUN, "raw_path": RUN.encode(), "query_string": b"", "root_path": "",
+        "headers": [(name.lower().encode(), value.encode()) for name, value in headers.items()],
+        "client": ("127.0.0.1", 5), "server": ("127.0.0.1", 8080),
+    }  # fmt: skip
+    await house.app(scope, receive, send)
+    return statuses[0]
+
+
+@pytest.mark.parametrize(
+    ("more", "parts", "status"),
+    [
+        ({"content-length": str(100 * LARGEST)}, iter([]), 413),
+        ({"content-length": "-1"}, iter([]), 413),
+        ({"content-length": "٣"}, iter([]), 413),
+        ({}, ((b"x" * 65536, 0.0) for _ in range(10_000)), 413),
+        ({}, ((b" ", 1.0) for _ in range(10_000)), 408),
+        ({}, iter([(b"{", LONGEST_S + 1)]), 408),
+    ],
+    ids=["declared", "negative", "another digit", "undeclared", "a drip", "silence"],
+)
+def test_s14_a_hundred_megabytes_and_a_slow_drip_end_early(
+    more: dict[str, str], parts: Any, status: int, tmp_path: Path
+) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        token = await house.token("operator", "operate")
+        headers = {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}", **JSON} | more
+        begun = asyncio.get_running_loop().time()
+        assert await told(house, headers, parts) == status
+        assert asyncio.get_running_loop().time() - begun <= LONGEST_S
+        assert house.plant.calls == []
+
+    run(story())
+
+
+def test_s14_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        def never() -> Any:
+            raise AssertionError("read")
+            yield
+
+        assert await told(house, {"host": "127.0.0.1:8080", **JSON}, never()) == 401
+
+    run(story())
+
+
+HOSTILE = 'x"\r\n{"what":"login","outcome":"done"}\x1b[2J\u202e<script>alert(1)</script>=cmd|\'/c calc\'!A0'
+
+
+def test_s13_nobodys_text_makes_a_line_of_its_own_in_the_trail(tmp_path: Path) -> None:
+    """Names, passwords, headers and addresses as somebody hostile sends them: each stays one JSON string."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = house.client()
+        body = {"name": HOSTILE[:60], "password": HOSTILE}
+        assert (await client.post("/api/v1/login", json=body)).status_code == 401
+        assert (await client.get("/api/v1/%0d%0aSet-Cookie:x=1%1b[2J")).status_code == 404
+        assert (
+            await client.get("/api/v1/drives", headers={"user-agent": "\x1b[2J", "cookie": '"\\012'})
+        ).status_code == 401
+        assert house.plant.records
+        for entry, actor in house.plant.records:
+            line = json.dumps([entry, actor.as_json()])
+            assert "\n" not in line and "\r" not in line and "\x1b" not in line
+            assert json.loads(line)[0]["what"] == "refused"
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    "path", ["/api/v1/%0d%0aSet-Cookie:x=1", "/static/%3Cscript%3E", "/i18n/<b>.json", "/api/v1/drives/<b>"]
+)
+def test_s17_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("viewer")
+        answer = await client.get(path)
+        assert answer.headers["content-type"].startswith("application/json")
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert "x=1" not in answer.headers.get("set-cookie", "")
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../__main__.py", "/static/%2e%2e/__main__.py", "/static/..%2f__main__.py", "/static//etc/passwd",
+        "/static/%2fetc%2fpasswd", "/vendor/../../cli/root.py", "/static/", "/static", "/static/js",
+        "/static/\x00", "/static/" + "a" * 5000, "/vendor/%00", "/i18n/../x.json", "/i18n/fr.json", "/static/none.js",
+    ],
+)  # fmt: skip
+def test_s19_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        from httpx import InvalidURL
+
+        try:
+            answer = await house.client().get(path)
+        except InvalidURL:
+            return
+        assert answer.status_code in (403, 404), path
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/static/js/app.js", "/i18n/en.json", "/i18n/zh.json", "/api/v1/session", "/nothing"]
+)
+def test_s15_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        answer = await house.client().get(path)
+        assert answer.headers["content-security-policy"] == CSP
+        assert "unsafe" not in CSP and "*" not in CSP and CSP.startswith("default-src 'none'")
+        for name, value in {
+            "x-content-type-options": "nosniff",
+            "x-frame-options": "DENY",
+            "referrer-policy": "no-referrer",
+            "cross-origin-opener-policy": "same-origin",
+            "cross-origin-resource-policy": "same-origin",
+            "cache-control": "no-store" if path.startswith("/api/") else "no-cache",
+        }.items():
+            assert answer.headers.get_list(name) == [value], name
+        assert "server" not in answer.headers
+
+    run(story())
+
+
+def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = house.client()
+        first = await client.get("/i18n/en.json", headers={"accept-encoding": "gzip"})
+        assert first.headers["content-encoding"] == "gzip" and first.json()["access.not_logged_in"]
+        plain = await client.get("/i18n/en.json", headers={"accept-encoding": "identity"})
+        assert "content-encoding" not in plain.headers and plain.content == first.content
+        again = await client.get("/i18n/en.json", headers={"if-none-match": first.headers["etag"]})
+        assert (again.status_code, again.content) == (304, b"")
+
+    run(story())
+
+
+def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def failing(*_: Any) -> Any:
+        raise RuntimeError("/secret/path")
+
+    house.plant.call = failing  # type: ignore[method-assign]
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        answer = await client.post("/api/v1/stop")
+        assert answer.status_code == 500 and "secret" not in answer.text
+        assert answer.headers["content-security-policy"] == CSP
+
+    try:
+        run(story())
+    finally:
+        del house.plant.call

@@ -1,0 +1,270 @@
+"""S14, S15 on real sockets of this machine: where it listens, TLS, and whoever is too slow or too many."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import ssl
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import trustme
+
+from doorkit import PASSWORD, House
+from drivebus.errors import ConfigurationError
+from drivebus.plant.access.child import command, understood
+from drivebus.plant.model import PlantSetting, WebSetting
+from drivebus.profiles.model import Text
+from drivebus.web import patience
+from drivebus.web.server import Listening, bound, host_for, is_loopback
+
+
+@contextlib.asynccontextmanager
+async def serving(house: House, web: WebSetting) -> AsyncIterator[list[str]]:
+    """The addresses that it listened at, the newest last."""
+    said: list[str] = []
+    told = asyncio.Event()
+
+    def say(at: str) -> None:
+        said.append(at)
+        told.set()
+
+    listening = Listening(house.app, house.access, web, say)
+    task = asyncio.create_task(listening.run())
+    await asyncio.wait({asyncio.create_task(told.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
+    try:
+        yield said
+    finally:
+        listening.stop()
+        await task
+
+
+def where(at: str) -> tuple[str, int]:
+    host, _, port = at.partition("://")[2].rpartition(":")
+    return host, int(port)
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[WebSetting, ssl.SSLContext]:
+    """TLS for 127.0.0.1, and a client that trusts it."""
+    authority = trustme.CA()
+    made = authority.issue_cert("127.0.0.1", "localhost")
+    certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    made.cert_chain_pems[0].write_to_path(certificate)
+    made.private_key_pem.write_to_path(key)
+    trusting = ssl.create_default_context()
+    authority.configure_trust(trusting)
+    return WebSetting(port=0, certificate=certificate, key=key), trusting
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "127.0.0.53", "localhost", "0.0.0.0", "::", "10.1.2.3", "plant"])
+def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
+    certificate = tmp_path / "cert.pem"
+    for users in (False, True):
+        access = House(tmp_path / str(users), users=users).access
+        assert access.needs_setup is not users
+        for tls in (None, certificate):
+            found = host_for(WebSetting(host=host, certificate=tls), access)
+            assert found == (host if is_loopback(host) or (tls and users) else "127.0.0.1")
+
+
+async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
+    house = House(tmp_path)
+    async with serving(house, WebSetting(host="0.0.0.0", port=0)) as said:
+        assert where(said[0])[0] == "127.0.0.1"
+        sockets = await asyncio.to_thread(Path("/proc/self/net/tcp").read_text)
+        listening = [line.split()[1] for line in sockets.splitlines()[1:]]
+        port = f"{where(said[0])[1]:04X}"
+        assert [one.partition(":")[0] for one in listening if one.endswith(port)] == ["0100007F"]
+
+
+async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there(
+    tmp_path: Path, certificate: tuple[WebSetting, ssl.SSLContext]
+) -> None:
+    """127.0.0.2 stands for an address beyond: no test binds to one that others reach."""
+    web, trusting = certificate
+    house = House(tmp_path / "state", users=False, web=web)
+    moved = replace(web, host="127.0.0.2")
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr("drivebus.web.server.is_loopback", lambda host: host == "127.0.0.1")
+        async with serving(house, moved) as said, asyncio.timeout(10):
+            assert where(said[0])[0] == "127.0.0.1"
+            secret = house.access.setup.offer()
+            async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
+                body = {"secret": secret, "name": "ann", "password": PASSWORD}
+                assert (await client.post("/api/v1/setup", json=body)).status_code == 200
+            while len(said) < 2:  # noqa: ASYNC110  asyncio.timeout ends it
+                await asyncio.sleep(0.05)
+            assert where(said[1])[0] == "127.0.0.2"
+
+
+@pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
+async def test_s15_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
+    tmp_path: Path, certificate: tuple[WebSetting, ssl.SSLContext]
+) -> None:
+    web, trusting = certificate
+    house = House(tmp_path / "state", web=web)
+    async with serving(house, web) as said:
+        host, port = where(said[0])
+        assert said[0].startswith("https://")
+        async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
+            answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+            assert answer.headers["set-cookie"].startswith("__Host-drivebus=")
+            assert "max-age=31536000" in answer.headers["strict-transport-security"]
+        for newest, works in ((ssl.TLSVersion.TLSv1_1, False), (ssl.TLSVersion.TLSv1_2, True)):
+            old = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            old.check_hostname, old.verify_mode = False, ssl.CERT_NONE
+            old.minimum_version, old.maximum_version = ssl.TLSVersion.MINIMUM_SUPPORTED, newest
+            old.set_ciphers("ALL:@SECLEVEL=0")
+            try:
+                _, writer = await asyncio.open_connection(host, port, ssl=old)
+            except (ssl.SSLError, ConnectionError):
+                assert not works
+                continue
+            assert works
+            writer.close()
+        assert not await answered(host, port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+
+
+async def answered(host: str, port: int, said: bytes) -> bytes:
+    """What a raw connection gets until it is closed, by force too."""
+    reader, writer = await asyncio.open_connection(host, port)
+    writer.write(said)
+    try:
+        return await asyncio.wait_for(reader.read(), 5)
+    except ConnectionError:
+        return b""
+    finally:
+        writer.close()
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"",
+        b"GET / HT",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: ",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET / ",
+    ],
+    ids=["nothing", "half a line", "half a head", "half of a second request"],
+)
+async def test_s14_whoever_does_not_finish_a_head_is_let_go(head: bytes, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(patience, "HEAD_S", 0.2)
+        async with serving(House(tmp_path), WebSetting(port=0)) as said:
+            begun = asyncio.get_running_loop().time()
+            found = await answered(*where(said[0]), head)
+            assert asyncio.get_running_loop().time() - begun < 4
+            assert found.count(b"200 OK") == head.count(b"\r\n\r\n")
+
+
+async def test_s14_a_head_without_end_is_cut(tmp_path: Path) -> None:
+    async with serving(House(tmp_path), WebSetting(port=0)) as said:
+        head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (patience.HEAD_LARGEST + 1)
+        assert await answered(*where(said[0]), head) == b""
+        fits = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nX-A: " + b"a" * 20_000
+        assert b"200 OK" in await answered(*where(said[0]), fits + b"\r\n\r\n")
+
+
+async def test_s14_a_body_that_nobody_wanted_is_not_waited_for(tmp_path: Path) -> None:
+    async with serving(House(tmp_path), WebSetting(port=0)) as said:
+        begun = asyncio.get_running_loop().time()
+        head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
+        assert b" 401 " in await answered(*where(said[0]), head)
+        get = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
+        assert b" 200 " in await answered(*where(said[0]), get)
+        assert asyncio.get_running_loop().time() - begun < 4
+
+
+async def test_s14_whoever_does_not_read_the_answer_is_let_go(tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(patience, "READ_S", 0.2)
+        async with serving(House(tmp_path), WebSetting(port=0)) as said:
+            lazy = socket.socket()  # its kernel takes 4 kB, the server's a few hundred: then nothing moves
+            lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            lazy.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(lazy, where(said[0]))
+            ask = b"GET /i18n/zh.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+            for _ in range(200):
+                with contextlib.suppress(OSError):
+                    lazy.send(ask)
+                await asyncio.sleep(0.02)
+                if lazy.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                    break
+            else:
+                pytest.fail("still connected")
+            lazy.close()
+
+
+async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) -> None:
+    """They are let go when they have said nothing for a while; until then there is room for others."""
+    house = House(tmp_path)
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(patience, "HEAD_S", 1.0)
+        async with serving(house, WebSetting(port=0)) as said:
+            idle = [await asyncio.open_connection(*where(said[0])) for _ in range(500)]
+            async with httpx.AsyncClient(base_url=said[0]) as client:
+                login = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+                headers = {"x-drivebus-csrf": login.json()["csrf"]}
+                assert (await client.post("/api/v1/stop", headers=headers)).status_code == 200
+            ended = await asyncio.gather(
+                *(asyncio.wait_for(reader.read(), 5) for reader, _ in idle), return_exceptions=True
+            )
+            assert not [one for one in ended if isinstance(one, TimeoutError)]
+            for _, writer in idle:
+                writer.close()
+    assert [call[0] for call in house.plant.calls] == ["plant.stop"]
+
+
+def test_s14_one_address_does_not_take_every_connection() -> None:
+    """This machine itself may: a reverse proxy comes from here."""
+
+    class Other:
+        client = ("10.0.0.9", 1)
+
+    protocol = patience.Patience.__new__(patience.Patience)
+    protocol.connections = {Other() for _ in range(patience.PER_ADDRESS + 1)}  # type: ignore[assignment]
+    for client, too_many in (
+        (("10.0.0.9", 2), True),
+        (("10.0.0.8", 2), False),
+        (("127.0.0.1", 2), False),
+        (None, False),
+    ):
+        protocol.client = client
+        assert protocol._too_many() is too_many
+    protocol.client = ("10.0.0.9", 2)
+    protocol.connections.pop()
+    assert not protocol._too_many()
+
+
+async def test_a_taken_port_and_a_certificate_that_is_none_are_named(tmp_path: Path) -> None:
+    taken = bound("127.0.0.1", 0)
+    with pytest.raises(ConfigurationError) as raised:
+        bound("127.0.0.1", taken.getsockname()[1])
+    assert raised.value.key == "access.can_not_listen"
+    taken.close()
+    web = WebSetting(port=0, certificate=tmp_path / "missing.pem")
+    with pytest.raises(ConfigurationError) as raised:
+        async with serving(House(tmp_path), web):
+            pytest.fail("listens")
+    assert raised.value.key == "access.certificate"
+
+
+def test_the_web_process_understands_what_the_plant_tells_it() -> None:
+    web = WebSetting("::", 8443, Path("/c.pem"), Path("/k.pem"), ("https://plant.example",))
+    plain: dict[str, Any] = {"id": "p", "title": Text("", ""), "buses": (), "drives": ()}
+    setting = PlantSetting(directory=Path("/state"), web=web, **plain)
+    words = command(setting, Path("/state/plant.sock"))[3:]
+    path, child = understood(words)
+    assert path == Path("/state/plant.sock")
+    assert (child.directory, child.users, child.web) == (Path("/state"), Path("/state/access.json"), web)
+    assert understood(command(replace(setting, users=Path("/u.json")), path)[3:])[1].users == Path("/u.json")
+    assert understood(["/state/plant.sock"])[1].web == WebSetting()
+    for wrong in ([], ["a", "b", "c"], ["/state/plant.sock", "{}"], ["/state/plant.sock", "x"]):
+        with pytest.raises(ValueError):
+            understood(wrong)
