@@ -8,7 +8,17 @@ from pathlib import Path
 
 from drivebus import profiles
 from drivebus.i18n import LANGUAGES
-from generator import arithmetic, campaigns, cli_reference, drives, error_reference, frames, matrix, profile_tables
+from generator import (
+    arithmetic,
+    campaigns,
+    cli_reference,
+    drives,
+    error_reference,
+    frames,
+    matrix,
+    plant_reference,
+    profile_tables,
+)
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
@@ -43,6 +53,8 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield page, _filled(page, {"verbs": cli_reference.page(language)})
         page = reference / f"errors{suffix}.md"
         yield page, _filled(page, {"errors": error_reference.page(language)})
+        page = reference / f"plant-toml{suffix}.md"
+        yield page, _filled(page, plant_reference.page(language))
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _filled(page, _parts(root, model, language))

@@ -1,0 +1,145 @@
+"""The keys of a plant.toml as tables, from the schema that reads it; units, states and the sample from their code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from drivebus import i18n
+from drivebus.plant import config
+from drivebus.plant.config.schema import PlantFile
+from drivebus.plant.expression import UNITS, WORDS
+from drivebus.profiles.model import Text
+from generator.words import colon, say, side, table
+
+_SCHEMA = PlantFile.model_json_schema()
+_KINDS = {
+    "integer": Text("whole number", "整数"),
+    "number": Text("number", "数值"),
+    "string": Text("text", "文本"),
+    "boolean": Text("true or false", "true 或 false"),
+    "array": Text("list", "列表"),
+    "title": Text("text, or { en, zh }", "文本，或 { en, zh }"),
+    "object": Text("table", "表"),
+    "setting": Text("text, number, true or false", "文本、数值、true 或 false"),
+    "needed": Text("needed", "必需"),
+}
+_NAMED = ("bus", "drive", "group", "interlock", "alarm")
+
+
+def page(language: str) -> dict[str, str]:
+    """The generated parts of the page."""
+    sample = Path(config.__file__).parent / f"sample.{language}.toml"
+    return {
+        "keys": "\n".join(_tables(language)),
+        "sample": f"```toml\n{sample.read_text(encoding='utf-8')}```\n",
+        "units": ", ".join(f"`{unit}`" for unit in UNITS if unit) + "\n",
+        "states": ", ".join(f"`{word}`" for word in WORDS) + "\n",
+    }
+
+
+def paths() -> Iterator[tuple[str, ...]]:
+    """Every table and key of the schema."""
+    for name, found in _SCHEMA["properties"].items():
+        yield (name,)
+        yield from ((name, *rest) for rest in _below(found))
+
+
+def _below(found: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    for name, inner in _properties(found).items():
+        yield (name,)
+        yield from ((name, *rest) for rest in _below(inner))
+
+
+def _properties(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Keys of a table, or of each table of a table of tables; a title's two languages are no keys of their own."""
+    resolved = _resolved(found)
+    each = _each(resolved)
+    resolved = resolved if each is None else _resolved(each)
+    return {} if _is_title(resolved) else resolved.get("properties", {})
+
+
+def _each(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """What every key of a table with free keys holds; None for a table with keys of its own."""
+    by_pattern = list(found.get("patternProperties", {}).values())
+    each = by_pattern[0] if by_pattern else found.get("additionalProperties")
+    return each if isinstance(each, Mapping) else None
+
+
+def _resolved(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Without references and without the null of what may be left out."""
+    if "anyOf" in found:
+        kinds = [one for one in found["anyOf"] if one.get("type") != "null"]
+        return _resolved(kinds[0]) if len(kinds) == 1 else found
+    if "$ref" in found:
+        return _resolved(_SCHEMA["$defs"][found["$ref"].rpartition("/")[2]])
+    return found
+
+
+def _is_title(found: Mapping[str, Any]) -> bool:
+    return set(found.get("properties", ())) == {"en", "zh"}
+
+
+def _tables(language: str) -> Iterator[str]:
+    for name, found in _SCHEMA["properties"].items():
+        if not _properties(found):
+            yield f"### `{name}`\n\n{paragraph((name,), language)}\n"
+            continue
+        header = f"[{name}.ID]" if name in _NAMED else f"[{name}]"
+        yield from _table(header, (name,), found, language)
+
+
+def _table(header: str, path: tuple[str, ...], found: Mapping[str, Any], language: str) -> Iterator[str]:
+    heads = [say("name", language), say("values", language), say("default", language), say("meaning", language)]
+    yield f"### `{header}`\n\n{paragraph(path, language)}\n"
+    inner = _properties(found)
+    each = _each(_resolved(found))
+    needed = set(_resolved(found if each is None else each).get("required", ()))
+    rows = [
+        (f"`{name}`", _values(one, language), _default(name, one, needed, language), paragraph((*path, name), language))
+        for name, one in inner.items()
+    ]
+    yield table(heads, rows)
+    for name, one in inner.items():
+        if _properties(one):
+            yield from _table(f"{header[:-1]}.{name}]", (*path, name), one, language)
+
+
+def paragraph(path: tuple[str, ...], language: str) -> str:
+    """What a key means. Raises KeyError where nobody has said so."""
+    return i18n.catalogue(language)[f"plant_config.key.{'.'.join(path)}"]
+
+
+def _values(found: Mapping[str, Any], language: str) -> str:
+    one = _resolved(found)
+    if "enum" in one:
+        return ", ".join(f"`{value}`" for value in one["enum"])
+    if "anyOf" in one:
+        return side(_KINDS["setting"], language)
+    if _is_title(one):
+        return side(_KINDS["title"], language)
+    kind = side(_KINDS[one["type"]], language)
+    if one["type"] == "array":
+        return f"{kind}{colon(language)}{_values(one['items'], language)}"
+    each = _each(one)
+    if each is not None:
+        return f"{kind}{colon(language)}{_values(each, language)}"
+    return f"{kind} {_range(one)}".rstrip()
+
+
+def _range(one: Mapping[str, Any]) -> str:
+    low, high = one.get("minimum", one.get("exclusiveMinimum")), one.get("maximum")
+    if low is None and high is None:
+        return ""
+    above = "> " if "exclusiveMinimum" in one else ""
+    return f"{above}{low:.12g} … {high:.12g}" if high is not None else f"≥ {low:.12g}"
+
+
+def _default(name: str, found: Mapping[str, Any], needed: set[str], language: str) -> str:
+    if name in needed:
+        return side(_KINDS["needed"], language)
+    value = found.get("default")
+    if value is None or isinstance(value, dict | list):
+        return "–"
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
