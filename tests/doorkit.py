@@ -18,6 +18,7 @@ from drivebus.plant.access.passwords import Passwords
 from drivebus.plant.access.register import Register, User
 from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import Actor
+from drivebus.plant.client import PlantClient
 from drivebus.plant.model import WebSetting
 from drivebus.web.app import make_app
 from drivebus.web.refused import Refusals
@@ -111,9 +112,14 @@ class Wire:
 class House:
     """An app, its plant, its users: one of each role, all with the same password. Only the newest one works."""
 
-    def __init__(self, directory: Path, *, users: bool = True, web: WebSetting | None = None) -> None:
+    def __init__(
+        self, directory: Path, *, users: bool = True, web: WebSetting | None = None, plant: PlantClient | None = None
+    ) -> None:
+        """``plant`` is a real one, in the place of the one that counts."""
         self.clock = Clock()
         self.app, self.plant, self.access = _app(web or WebSetting())
+        if plant is not None:
+            self.app = make_app(plant, self.access, web or WebSetting())
         self.plant.__init__()  # type: ignore[misc]
         self.access.__init__(  # type: ignore[misc]
             directory, passwords=self.access.passwords, clock=self.clock, wall=self.clock.wall_ms
