@@ -27,6 +27,8 @@ from drivebus.profiles.notation import nearest
 from drivebus.profiles.schema import FORMAT, ProfileIn
 
 DATA = Path(__file__).parent / "data"
+MOST_BYTES = 1_000_000
+"""A profile is some kilobytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +160,7 @@ def _base(here: _Source, base: str) -> Path:
 
 def _read(path: Path) -> _Source:
     """One file as text and data. Only its format and encoding are judged here."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise _lone(path, problem("unreadable", (), error.strerror or str(error))) from None
+    raw = _bytes(path)
     if raw.startswith(b"\xef\xbb\xbf"):
         raise _lone(path, problem("bom", (), "EF BB BF"), 1)
     try:
@@ -179,6 +178,18 @@ def _read(path: Path) -> _Source:
         kind = "newer" if type(version) is int and version > FORMAT else "format"
         raise _refuse([source], [problem(kind, ("format",), version, newest=FORMAT)])
     return source
+
+
+def _bytes(path: Path) -> bytes:
+    """What claims to be empty is not read: a path may come from afar, and /proc has files without an end."""
+    try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise _lone(path, problem("too_large", (), size, most=MOST_BYTES), 1)
+        with path.open("rb") as file:
+            return file.read(MOST_BYTES) if size else b""
+    except OSError as error:
+        raise _lone(path, problem("unreadable", (), error.strerror or str(error))) from None
 
 
 def _toml_line(error: tomllib.TOMLDecodeError, text: str) -> int:
