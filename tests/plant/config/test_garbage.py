@@ -17,8 +17,8 @@ KEYS = [number for number, line in enumerate(SAMPLE) if "=" in line.partition("#
 HEADERS = [number for number, line in enumerate(SAMPLE) if line.startswith("[")]
 VALUES = [
     "0", "-1", "1e308", "nan", "inf", "true", '""', '"x"', '"fan-1"', '"pump-1"', '"../x.toml"', "[]", '["fan-1"]',
-    "[[]]", "{}", "{ x = 1 }", "{ fan-1 = 0.5 }", "1979-05-27", "99999999999999999999", '"[[["', '"a.b > 1 A"', '"\\u0000"',
-    '"sim://c320@1?baud=0"', '"tcp://[::1]:99999"', '"rfc2217://"', '"memory://m"', '"http://x:x/y"',
+    "[[]]", "{}", "{ x = 1 }", "{ fan-1 = 0.5 }", "1979-05-27", "99999999999999999999", '"[[["', '"a.b > 1 A"',
+    '"\\u0000"', '"sim://c320@1?baud=0"', '"tcp://[::1]:99999"', '"rfc2217://"', '"memory://m"', '"http://x:x/y"',
     '"postgresql://u:p@[::1/x"', '"/dev/null"', '"/proc/self/mem"', '"/proc/kcore"', '"/proc/kmsg"',
 ]  # fmt: skip
 
