@@ -21,7 +21,8 @@ from drivebus.plant.historian import trend
 from drivebus.plant.historian.cursors import cursor, place
 from drivebus.plant.historian.export import Exports
 from drivebus.plant.historian.intake import Intake
-from drivebus.plant.historian.levels import GRAINS
+from drivebus.plant.historian.levels import GRAINS, Level
+from drivebus.plant.historian.points import Points
 from drivebus.plant.historian.reader import Reader
 from drivebus.plant.historian.sql import SqlStore
 from drivebus.plant.historian.sqlite import SqliteDoor
@@ -198,12 +199,15 @@ class Historian:
         return await self._read(lambda: self._trend(asked, ids))
 
     def _trend(self, asked: Trend, ids: Mapping[str, int]) -> Json:
-        level = trend.level(asked.from_ms, asked.to_ms, asked.points, self._reader.store.floors())
-        series = {}
-        for name, tag in ids.items():
-            points = self._reader.rolled(level, [tag], asked.from_ms, asked.to_ms)[tag]
-            series[name] = trend.series(trend.thinned(points, level, asked.from_ms, asked.to_ms, asked.points))
-        return {"resolution": GRAINS[level].name, "series": series}
+        span = asked.from_ms, asked.to_ms
+
+        def read(level: Level) -> dict[str, Points]:
+            found = self._reader.rolled(level, list(ids.values()), *span)
+            return {name: found[tag] for name, tag in ids.items()}
+
+        level, found = trend.reaching(trend.level(*span, asked.points), *span, read)
+        shown = {name: trend.thinned(points, level, *span, asked.points) for name, points in found.items()}
+        return {"resolution": GRAINS[level].name, "series": {name: trend.series(one) for name, one in shown.items()}}
 
     async def markers(self, asked: Span) -> Json:
         """See ``history.markers``: newest first. Raises ParamsError, ServiceUnavailable."""

@@ -1,7 +1,7 @@
 """How long history stays: by age at each level, and by size. Pure but for the store that it is given.
 
-Age is counted from the moment of storing, by a clock that follows the wall clock back at once, but forward no faster
-than twice the time that really passed (a day more at each start): a clock that jumps ten years ahead deletes nothing.
+Age is the time that the service has been running since a row was stored, and at most a day of each pause: no wall clock
+that jumps, in whatever direction, makes a row older (G15).
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from drivebus.plant.historian.levels import DAY_MS, GRAINS, HOUR_MS, Level
 from drivebus.plant.historian.store import Store
 from drivebus.plant.model import HistorySetting
 
-AT_START_MS = DAY_MS
+PAUSE_MS = DAY_MS
+EVENTS = 1_000_000
+"""So many of the newest stay: some 300 MB."""
 ROWS = 200
 """Rows deleted in one transaction: some tens of milliseconds."""
 KEPT_MS = 2 * HOUR_MS
 """What only the size forbids stays so long all the same: the chart of the last hour is never empty."""
 
 
-def clock(kept_ms: int | None, wall_ms: int, elapsed_ms: int) -> int:
-    """The retention's clock after ``elapsed_ms`` of real time."""
-    return wall_ms if kept_ms is None else min(wall_ms, kept_ms + 2 * elapsed_ms)
-
-
-def at_start(kept_ms: int | None, wall_ms: int) -> int:
-    """The same after the service was down for nobody knows how long."""
-    return wall_ms if kept_ms is None else min(wall_ms, kept_ms + AT_START_MS)
+def at_start(kept: tuple[int, int] | None, wall_ms: int) -> int:
+    """The clock of age when the service begins; ``kept``: that clock and the wall clock when both were last written."""
+    if kept is None:
+        return 0
+    clock_ms, then_ms = kept
+    return clock_ms + min(max(0, wall_ms - then_ms), PAUSE_MS)
 
 
 def days(setting: HistorySetting, level: Level) -> float:
@@ -39,7 +39,7 @@ def days(setting: HistorySetting, level: Level) -> float:
 def by_age(store: Store, setting: HistorySetting, now_ms: int) -> bool:
     """Delete some of what is too old; is there more? Raises StoreError."""
     oldest = {level: now_ms - round(days(setting, level) * DAY_MS) for level in Level}
-    store.forget_events(oldest[Level.HOUR])
+    store.forget_events(EVENTS)
     return ROWS in [store.forget(level, before, ROWS) for level, before in oldest.items()]
 
 

@@ -47,7 +47,6 @@ _PUT_DOCUMENT = "INSERT INTO document VALUES (?, ?, ?) ON CONFLICT (kind, id) DO
 _PUT_BLOCK = """INSERT INTO block (level, tag, start_ms, number, stored_ms, data) VALUES (?, ?, ?, ?, ?, ?)
 ON CONFLICT (level, tag, start_ms, number) DO UPDATE SET stored_ms = excluded.stored_ms, data = excluded.data"""
 _PUT_META = "INSERT INTO meta VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value"
-_RAISE_META = f"{_PUT_META} WHERE excluded.value > meta.value"
 _FORGET = "DELETE FROM block WHERE id IN (SELECT id FROM block WHERE level = ? AND stored_ms < ? LIMIT ?)"
 
 
@@ -112,16 +111,14 @@ class SqlStore:
             self._make_tables()
         tags = [Tag(*row) for row in self.door.rows("SELECT id, name, unit, en, zh, sealed FROM tag ORDER BY id")]
         last = self.door.rows("SELECT coalesce(max(id), 0) FROM event")[0][0]
-        return Contents(tags, last, self._meta().get("clock"))
+        meta = {row[0]: row[1] for row in self.door.rows("SELECT key, value FROM meta")}
+        return Contents(tags, last, (meta["clock"], meta["wall"]) if "clock" in meta else None)
 
     def _make_tables(self) -> None:
         with self.door.transaction(writing=True):
             for statement in TABLES:
                 self.door.run(statement.format(**self.door.words))
             self.door.run(_PUT_META, "schema", SCHEMA)
-
-    def _meta(self) -> dict[str, int]:
-        return {row[0]: row[1] for row in self.door.rows("SELECT key, value FROM meta")}
 
     @_translated
     def close(self) -> None:
@@ -165,16 +162,13 @@ class SqlStore:
 
     @_translated
     def forget(self, level: Level, before_ms: int, most: int) -> int:
-        with self.door.transaction(writing=True):
-            gone = self.door.run(_FORGET, level, before_ms, most)
-            if gone:
-                self.door.run(_RAISE_META, f"floor.{level:d}", before_ms)
+        gone = self.door.run(_FORGET, level, before_ms, most)
         self.door.tidy()
         return gone
 
     @_translated
-    def forget_events(self, before_ms: int) -> None:
-        self.door.run("DELETE FROM event WHERE time_ms < ?", before_ms)
+    def forget_events(self, but: int) -> None:
+        self.door.run("DELETE FROM event WHERE id <= (SELECT max(id) FROM event) - ?", but)
 
     @_translated
     def oldest(self, level: Level, skip: int) -> int | None:
@@ -183,8 +177,9 @@ class SqlStore:
         return found[0][0] if found else None
 
     @_translated
-    def keep_clock(self, clock_ms: int) -> None:
-        self.door.run(_PUT_META, "clock", clock_ms)
+    def keep_clock(self, clock_ms: int, wall_ms: int) -> None:
+        with self.door.transaction(writing=True):
+            self.door.many(_PUT_META, [("clock", clock_ms), ("wall", wall_ms)])
 
     @_translated
     def size_bytes(self) -> int:
@@ -198,11 +193,6 @@ class SqlStore:
             sealed = {row[0]: row[1] for row in self.door.rows("SELECT id, sealed FROM tag")}
             rows = [row for tag in tags for row in self.door.rows(asked, level, tag, from_ms, to_ms)]
         return sealed, [Block(level, *row) for row in rows]
-
-    @_translated
-    def floors(self) -> dict[Level, int]:
-        meta = self._meta()
-        return {level: meta.get(f"floor.{level:d}", 0) for level in Level}
 
     @_translated
     def following(self, level: Level, tags: Sequence[int], from_ms: int) -> int | None:

@@ -96,8 +96,8 @@ class Contents:
 
     tags: Sequence[Tag]
     last_event: int
-    clock_ms: int | None = None
-    """The retention's clock when it last was at work."""
+    clock: tuple[int, int] | None = None
+    """The clock of age and the wall clock (ms) when they were last kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,16 +141,18 @@ class Store(Protocol):
         ...
 
     def forget(self, level: Level, before_ms: int, most: int) -> int:
-        """Delete at most so many of the blocks that were stored before; how many it were. Keeps the floor."""
+        """Delete at most so many of the blocks that were stored before; how many it were."""
         ...
 
-    def forget_events(self, before_ms: int) -> None: ...
+    def forget_events(self, but: int) -> None:
+        """All but so many of the newest."""
+        ...
 
     def oldest(self, level: Level, skip: int) -> int | None:
         """When the ``skip``-th oldest block of a level was stored."""
         ...
 
-    def keep_clock(self, clock_ms: int) -> None: ...
+    def keep_clock(self, clock_ms: int, wall_ms: int) -> None: ...
 
     def size_bytes(self) -> int:
         """What the data takes, without what deleted rows left free."""
@@ -158,10 +160,6 @@ class Store(Protocol):
 
     def read(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> tuple[dict[int, int], list[Block]]:
         """At one moment: each tag's ``sealed``, and blocks whose partition begins within, by tag, start, number."""
-        ...
-
-    def floors(self) -> dict[Level, int]:
-        """Everything that was stored before (ms) is gone from this level."""
         ...
 
     def following(self, level: Level, tags: Sequence[int], from_ms: int) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from statistics import median
 from typing import Any
@@ -16,16 +16,36 @@ DIGITS = 6
 """After the point, of a mean."""
 ENOUGH = 4
 """A quarter of the points asked for. With all of them, up to 60 times as many would be read, and not 15 times."""
+MISSING = 10
+"""A tenth of the span at its beginning is worth a coarser level."""
 SILENT = 3
 """So many times the usual distance without a point is a gap."""
 
 
-def level(from_ms: int, to_ms: int, points: int, floors: Mapping[Level, int]) -> Level:
-    """The coarsest level that still gives enough; a coarser one where the finer no longer reaches back so far."""
+def level(from_ms: int, to_ms: int, points: int) -> Level:
+    """The coarsest level that still gives enough."""
     wanted = (to_ms - from_ms) / points * ENOUGH
-    finest = max(one for one in Level if one is Level.RAW or GRAINS[one].width_ms <= wanted)
-    reaching = (one for one in Level if one >= finest and floors.get(one, 0) <= from_ms)
-    return next(reaching, Level.HOUR)
+    return max(one for one in Level if one is Level.RAW or GRAINS[one].width_ms <= wanted)
+
+
+Read = Callable[[Level], dict[str, Points]]
+
+
+def reaching(first: Level, from_ms: int, to_ms: int, read: Read) -> tuple[Level, dict[str, Points]]:
+    """What ``first`` has, or a coarser level that reaches back farther: fine history is forgotten earlier."""
+    chosen, found = first, read(first)
+    for coarser in (one for one in Level if one > first):
+        missing = _begin(found, to_ms) - from_ms
+        if missing * MISSING <= to_ms - from_ms:
+            break
+        other = read(coarser)
+        if (_begin(found, to_ms) - _begin(other, to_ms)) * MISSING > to_ms - from_ms:
+            chosen, found = coarser, other
+    return chosen, found
+
+
+def _begin(found: Mapping[str, Points], to_ms: int) -> int:
+    return min((points.time[0] for points in found.values() if len(points)), default=to_ms)
 
 
 def thinned(points: Points, one: Level, from_ms: int, to_ms: int, most: int) -> Points:

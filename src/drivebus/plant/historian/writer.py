@@ -77,7 +77,7 @@ class Writer:
         self._is_open = False
         self._batch = self._event = 0
         self._known = False
-        self._clock_ms: int | None = None
+        self._clock_ms = 0
         self._clock_s = self._retention_s = monotonic_s()
 
     def round(self) -> None:
@@ -140,8 +140,7 @@ class Writer:
                 self.unsealed.sealed(tag.id, tag.sealed)
         else:
             self._replay(contents)
-        self._clock_ms = retention.at_start(contents.clock_ms, self._wall_ms())
-        self._clock_s = self._monotonic_s()
+            self._clock_ms, self._clock_s = retention.at_start(contents.clock, self._wall_ms()), self._monotonic_s()
         self._is_open = self._known = True
 
     def _replay(self, contents: Contents) -> None:
@@ -236,18 +235,16 @@ class Writer:
         return seal(tag, first, samples, self._store.block)
 
     def _now_ms(self) -> int:
-        """The retention's clock."""
-        passed = self._monotonic_s() - self._clock_s
-        return retention.clock(self._clock_ms, self._wall_ms(), round(1000 * passed))
+        """The clock of age."""
+        return self._clock_ms + round(1000 * (self._monotonic_s() - self._clock_s))
 
     def _forget(self) -> None:
         if self._monotonic_s() < self._retention_s:
             return
-        self._clock_ms, self._clock_s = self._now_ms(), self._monotonic_s()
         self._guarded(self._forget_some)
 
     def _forget_some(self) -> None:
-        now_ms = self._clock_ms or 0
-        self._store.keep_clock(now_ms)
+        now_ms = self._now_ms()
+        self._store.keep_clock(now_ms, self._wall_ms())
         more = [rule(self._store, self._setting, now_ms) for rule in (retention.by_age, retention.by_size)]
         self._retention_s = self._monotonic_s() + (0.0 if any(more) else RETENTION_S)

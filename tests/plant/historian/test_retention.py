@@ -1,0 +1,165 @@
+"""How long history stays: by age at each level, by size, and never by a clock that jumped (G15)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivebus.plant.historian import Historian, retention, writer
+from drivebus.plant.historian.levels import DAY_MS, HOUR_MS, Level
+from drivebus.plant.model import HistorySetting
+from drivebus.plant.operations import Span
+from historykit import NOON, Database, Wall, samples, sealed, trend
+
+TEN_YEARS = 3650 * DAY_MS
+
+
+class Clocks:
+    """Wall and monotonic clock of a historian, set by hand."""
+
+    def __init__(self, historian: Historian, wall: Wall) -> None:
+        self._writer, self._wall, self.now_s = historian.writer, wall, 0.0
+        historian.writer._monotonic_s = lambda: self.now_s
+        historian.writer._clock_s = historian.writer._retention_s = 0.0
+        self._historian = historian
+
+    async def passes(self, wall_ms: int, really_ms: int) -> None:
+        """The wall clock moves on by so much, while that much time really passes; then old rows are forgotten."""
+        self._wall.now_ms += wall_ms
+        self.now_s += really_ms / 1000 + writer.RETENTION_S
+        for _ in range(20):
+            await self._historian._write(self._historian.writer.round)
+
+
+async def count(historian: Historian, level: Level) -> int:
+    found = await historian._read(
+        lambda: historian._reader.store.read(level, [one.id for one in historian.writer.tags.values()], 0, 2**60)
+    )
+    return len(found[1])
+
+
+async def kept(historian: Historian) -> list[bool]:
+    return [await count(historian, level) > 0 for level in Level]
+
+
+async def test_each_level_stays_as_long_as_it_is_set(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = replace(database.setting, raw_days=2, second_days=7, minute_days=30, hour_days=90)
+    wall = Wall()
+    async with database.historian(setting, wall_ms=wall) as historian:
+        clocks = Clocks(historian, wall)
+        historian.append(samples(range(10)))
+        for n in range(3):
+            historian.put_event({"id": n, "time_ms": NOON, "kind": "command"})
+        await sealed(historian)
+        day = 86_400_000
+        monkeypatch.setattr(retention, "EVENTS", 1)
+        story = []
+        for days in (1, 1.5, 5, 23, 61):
+            await clocks.passes(round(days * day), round(days * day))
+            story.append(await kept(historian))
+        events = (await historian.markers(Span()))["items"]
+    assert story == [
+        [True, True, True, True], [False, True, True, True], [False, False, True, True], [False, False, False, True],
+        [False, False, False, False],
+    ]  # fmt: skip
+    assert [event["id"] for event in events] == [2]
+
+
+async def test_what_is_gone_at_a_fine_level_is_shown_from_a_coarse_one(database: Database) -> None:
+    setting = replace(database.setting, raw_days=2, second_days=7)
+    wall = Wall()
+    async with database.historian(setting, wall_ms=wall) as historian:
+        clocks = Clocks(historian, wall)
+        historian.append(samples([5.0, 7.0]))
+        await sealed(historian)
+        assert (await trend(historian, NOON, NOON + 9000))["resolution"] == "raw"
+        await clocks.passes(3 * DAY_MS, 3 * DAY_MS)
+        found = await trend(historian, NOON, NOON + 9000)
+        await clocks.passes(6 * DAY_MS, 6 * DAY_MS)
+        later = await trend(historian, NOON, NOON + 9000)
+    assert (found["resolution"], found["mean"]) == ("1s", [5.0, 7.0])
+    assert (later["resolution"], later["min"], later["max"]) == ("1min", [5.0], [7.0])
+
+
+@pytest.mark.parametrize("jump", [-TEN_YEARS, -HOUR_MS, HOUR_MS, TEN_YEARS])
+async def test_a_clock_that_jumps_deletes_nothing(database: Database, jump: int) -> None:
+    """G15: neither while the service runs nor over a restart; and what came under the wrong clock stays as long."""
+    wall = Wall()
+    async with database.historian(wall_ms=wall) as historian:
+        clocks = Clocks(historian, wall)
+        historian.append(samples(range(10)))
+        await sealed(historian)
+        await clocks.passes(jump, 0)
+        historian.append(samples(range(10), start_ms=wall.now_ms))
+        await sealed(historian)
+        assert await count(historian, Level.RAW) == (2 if abs(jump) > DAY_MS or jump else 1)
+    async with database.historian(wall_ms=wall) as historian:
+        await Clocks(historian, wall).passes(-jump, 0)
+        assert await count(historian, Level.RAW) == 2
+
+
+def test_a_pause_counts_as_a_day_at_most_and_never_backwards() -> None:
+    assert retention.at_start(None, NOON) == 0
+    assert retention.at_start((5000, NOON), NOON + 300) == 5300
+    assert retention.at_start((5000, NOON), NOON + TEN_YEARS) == 5000 + DAY_MS
+    assert retention.at_start((5000, NOON), NOON - TEN_YEARS) == 5000
+
+
+async def test_age_goes_on_over_a_restart(database: Database) -> None:
+    setting = replace(database.setting, raw_days=2)
+    wall = Wall()
+    for day in range(4):
+        async with database.historian(setting, wall_ms=wall) as historian:
+            if day == 0:
+                historian.append(samples(range(10)))
+                await sealed(historian)
+            await Clocks(historian, wall).passes(DAY_MS // 2, DAY_MS // 2)
+            assert (await count(historian, Level.RAW) == 0) is (day >= 2)
+        wall.now_ms += DAY_MS // 3
+
+
+async def test_too_much_goes_from_the_finest_level_first_and_never_the_newest(database: Database) -> None:
+    wall = Wall()
+    setting = replace(HistorySetting(url=database.setting.url), raw_days=1000, second_days=1000, largest_mb=1e-6)
+    async with database.historian(setting, wall_ms=wall) as historian:
+        clocks = Clocks(historian, wall)
+        historian.append(samples([0.3 * n for n in range(3000)]))
+        await sealed(historian)
+        await clocks.passes(0, 0)
+        assert await kept(historian) == [True, True, True, True]
+        order = []
+        for _ in range(4):
+            clocks.now_s += 3 * HOUR_MS / 1000
+            await historian._write(historian.writer._forget_some)
+            order.append(await kept(historian))
+    assert order == [
+        [False, True, True, True], [False, False, True, True], [False, False, False, True],
+        [False, False, False, False],
+    ]  # fmt: skip
+
+
+async def test_enough_room_deletes_nothing(database: Database) -> None:
+    wall = Wall()
+    async with database.historian(wall_ms=wall) as historian:
+        historian.append(samples(range(10)))
+        await sealed(historian)
+        later = 10 * HOUR_MS
+        assert not await historian._write(lambda: retention.by_size(historian.writer._store, database.setting, later))
+        assert await kept(historian) == [True] * 4
+
+
+async def test_the_file_gives_back_what_was_deleted(database: Database) -> None:
+    wall = Wall()
+    async with database.historian(replace(database.setting, raw_days=1), wall_ms=wall) as historian:
+        clocks = Clocks(historian, wall)
+        for hour in range(30):
+            values = [float(hash((hour, n)) % 10_007) for n in range(3600)]
+            historian.append(samples(values, start_ms=NOON + hour * HOUR_MS))
+            await historian._write(historian.writer.round)
+        await sealed(historian)
+        before = await historian._write(historian.writer._store.size_bytes)
+        await clocks.passes(2 * DAY_MS, 2 * DAY_MS)
+        after = await historian._write(historian.writer._store.size_bytes)
+        assert await kept(historian) == [False, True, True, True]
+    assert after < 0.75 * before
