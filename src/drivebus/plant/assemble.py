@@ -47,7 +47,7 @@ class Rooms:
 
     def __init__(self, setting: PlantSetting, now: Callable[[], float], wall_ms: Callable[[], int]) -> None:
         self.setting, self._now, self._wall_ms = setting, now, wall_ms
-        self.trail = AuditTrail(setting.directory)
+        self.trail = AuditTrail(setting.directory, setting.audit.checkpoints, setting.audit.key)
         self.history = Historian(setting.history, setting.directory, wall_ms=wall_ms)
         self.runs = RunBook(self.history)
         self.log = AlarmLog(setting.directory / "alarms.jsonl")

@@ -153,6 +153,16 @@ class HistorySetting:
 
 
 @dataclass(frozen=True, slots=True)
+class AuditSetting:
+    """Where the audit trail's second file and its key lie; on another disk or machine they show more (S12)."""
+
+    checkpoints: Path | None = None
+    """``checkpoints.jsonl`` in the state directory where None."""
+    key: Path | None = None
+    """Beside the state directory, as ``<its name>.audit.key``, where None."""
+
+
+@dataclass(frozen=True, slots=True)
 class WebSetting:
     """Where the page and the API listen. Anything but loopback needs ``certificate`` and an administrator (S15)."""
 
@@ -179,6 +189,7 @@ class PlantSetting:
     interlocks: tuple[InterlockSetting, ...] = ()
     alarms: tuple[AlarmSetting, ...] = ()
     history: HistorySetting = HistorySetting()
+    audit: AuditSetting = AuditSetting()
     web: WebSetting = WebSetting()
     users: Path | None = None
     """The users' store; ``access.json`` in the state directory where None."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 PARTS = ("buses", "drives", "groups", "interlocks", "alarms")
-AT_START = frozenset({"id", "directory", "history", "users", "web"})
+AT_START = frozenset({"id", "directory", "history", "audit", "users", "web"})
 """Settings of the whole plant that a running one does not change: told, and taken over at the next start."""
 
 

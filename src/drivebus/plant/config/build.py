@@ -12,6 +12,7 @@ from drivebus.plant.config.schema import AlarmTable, DriveTable, PlantFile, Text
 from drivebus.plant.model import (
     AlarmKind,
     AlarmSetting,
+    AuditSetting,
     BusSetting,
     DriveSetting,
     GroupSetting,
@@ -42,6 +43,7 @@ def plant(draft: Draft, source: str) -> PlantSetting:
         interlocks=tuple(_interlocks(file)),
         alarms=tuple(_alarm(draft, id, one) for id, one in file.alarm.items()),
         history=HistorySetting(**file.history.model_dump()),
+        audit=_audit(draft),
         web=_web(draft),
         users=draft.path(file.plant.users) if file.plant.users else None,
         source=source,
@@ -136,6 +138,14 @@ def polled(draft: Draft, id: str, one: DriveTable) -> list[str]:
     """The signals that a drive is asked for."""
     profile = draft.profiles.get(id)
     return list(one.signals) or ([] if profile is None else list(profile.signals))
+
+
+def _audit(draft: Draft) -> AuditSetting:
+    audit = draft.file.audit
+    return AuditSetting(
+        checkpoints=draft.path(audit.checkpoints) if audit.checkpoints else None,
+        key=draft.path(audit.key) if audit.key else None,
+    )
 
 
 def _web(draft: Draft) -> WebSetting:

@@ -18,6 +18,7 @@ _ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
 def problems(draft: Draft) -> Iterator[Problem]:
     yield from _directory(draft)
     yield from _users(draft)
+    yield from _audit(draft)
     yield from _web(draft)
     yield from _history(draft)
 
@@ -35,6 +36,14 @@ def _users(draft: Draft) -> Iterator[Problem]:
     where = draft.path(draft.file.plant.users)
     if where.is_dir() or not where.parent.is_dir():
         yield problem("users_file", ("plant", "users"), str(where))
+
+
+def _audit(draft: Draft) -> Iterator[Problem]:
+    for name in ("checkpoints", "key"):
+        text = getattr(draft.file.audit, name)
+        where = None if text is None else draft.path(text)
+        if where is not None and (where.is_dir() or not where.parent.is_dir()):
+            yield problem("audit_file", ("audit", name), str(where))
 
 
 def _web(draft: Draft) -> Iterator[Problem]:

@@ -130,6 +130,11 @@ class HistoryTable(Strict):
     largest_mb: Annotated[float, Field(ge=10, le=100_000_000)] = _HISTORY.largest_mb
 
 
+class AuditTable(Strict):
+    checkpoints: PathText | None = None
+    key: PathText | None = None
+
+
 class WebTable(Strict):
     host: Annotated[str, Field(min_length=1, max_length=255)] = _WEB.host
     port: Annotated[int, Field(ge=0, le=65_535)] = _WEB.port
@@ -150,4 +155,5 @@ class PlantFile(Strict):
     interlock: dict[Id, InterlockTable] = {}
     alarm: dict[Id, AlarmTable] = {}
     history: HistoryTable = HistoryTable()
+    audit: AuditTable = AuditTable()
     web: WebTable = WebTable()
