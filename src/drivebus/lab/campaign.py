@@ -18,7 +18,7 @@ KEPT = 50
 """So many violations are told in full; the rest is counted."""
 NAMES = (
     "fuzz", "flips", "late", "commands", "stop", "fairness", "replug", "matrix", "gate", "soak", "clock", "failures",
-    "audit",
+    "audit", "doors",
 )  # fmt: skip
 
 
