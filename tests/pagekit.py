@@ -8,7 +8,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -145,15 +145,17 @@ class Stage:
 
     def calm(self) -> None:
         """As at the beginning: everything stopped, nothing latched, no waiver, no lease, no alarm."""
-        self.call("plant.stop")
         for drive in self.service.plant.units:
+            view = self.view(drive)
             self.service.plant.leases.forget(drive)
-            self.call("lease.take", drive=drive)
+            if view["state"] not in ("stopped", "fault"):
+                self.call("drive.stop", drive=drive)
             self.call("drive.release", drive=drive)
-            with suppress(Exception):
+            if view["fault"]:
                 self.call("drive.reset", drive=drive)
-            self.call("lease.release", drive=drive)
-            self.call("drive.unwaive", drive=drive)
+            self.service.plant.leases.forget(drive)
+            if view["host_dies"]["waiver"]:
+                self.call("drive.unwaive", drive=drive)
         for alarm in self.call("alarms.list")["active"]:
             self.call("alarm.acknowledge", alarm=alarm["id"])
 
@@ -200,7 +202,7 @@ class Stage:
         made.timeout_graceful_shutdown = 0
         self._server = Server(made)
         self._serving = asyncio.create_task(self._server.serve([listener]))
-        while not self._server.started:
+        while not self._server.started:  # noqa: ASYNC110  uvicorn tells nobody when it has begun
             await asyncio.sleep(0.01)
 
     async def _down(self) -> None:
@@ -226,3 +228,22 @@ def staged(directory: Path) -> Iterator[Stage]:
 
 def credentials(role: Role) -> tuple[str, str]:
     return str(role), PASSWORD
+
+
+@contextmanager
+def unplugged(stage: Stage, bus: str) -> Iterator[None]:
+    """The adapter of a simulated line is pulled for a while."""
+    port: Any = stage.service.plant.lines[bus].bus.port
+    bench = port.bench
+
+    async def pull() -> None:
+        bench.unplug()
+
+    async def put_back() -> None:
+        bench.replug()
+
+    stage.do(pull)
+    try:
+        yield
+    finally:
+        stage.do(put_back)

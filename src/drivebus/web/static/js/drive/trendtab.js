@@ -1,14 +1,30 @@
 // The trend of one drive's signals, as the history page draws it; loaded when first looked at.
 import { html, useEffect, useState } from "../lib.js";
-import { t, titled } from "../i18n.js";
-import { signalName } from "../format.js";
-import { Loading, Notice } from "../ui.js";
-import { signalsOf } from "./values.js";
+import { t } from "../i18n.js";
+import { api } from "../api.js";
+import { FIRST_SIGNALS, signalName } from "../format.js";
+import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
-const FIRST = ["output_frequency", "output_current", "set_frequency"];
+/** Shown at first, where the history knows them. */
+const MOST_AT_FIRST = 3;
+
+async function tagsOf(id) {
+  const { tags } = await api.get("/history/tags");
+  const rank = ({ signal }) => (FIRST_SIGNALS.includes(signal) ? FIRST_SIGNALS.indexOf(signal) : FIRST_SIGNALS.length);
+  return tags.filter((one) => one.drive === id).sort((a, b) => rank(a) - rank(b));
+}
+
+function Pick({ tags, chosen, onChange }) {
+  const toggle = (tag) => onChange(chosen.includes(tag) ? chosen.filter((one) => one !== tag) : [...chosen, tag]);
+  return html`<fieldset class="row trendpick"><legend class="sr">${t("page.signals")}</legend>${tags.map((one) => html`
+    <label class="check" key=${one.tag}><input type="checkbox" checked=${chosen.includes(one.tag)}
+      onChange=${() => toggle(one.tag)} />${signalName(one.signal)}</label>`)}</fieldset>`;
+}
 
 export function TrendTab({ view }) {
   const [part, setPart] = useState({ Trend: null, failed: false });
+  const [tags, error] = useLoaded(() => tagsOf(view.id), [view.id]);
+  const [picked, setPicked] = useState(null);
   useEffect(() => {
     import("../trend/trend.js").then(
       (found) => setPart({ Trend: found.Trend, failed: false }),
@@ -16,11 +32,12 @@ export function TrendTab({ view }) {
     );
   }, []);
   if (part.failed) return html`<${Notice} kind="bad">${t("page.not_loaded")}<//>`;
-  if (!part.Trend) return html`<${Loading} />`;
-  const names = signalsOf(view);
-  const chosen = FIRST.filter((name) => names.includes(name));
-  const lines = (chosen.length ? chosen : names.slice(0, 3)).map((name, hue) => ({
-    tag: `${view.id}.${name}`, drive: view.id, label: signalName(name), unit: view.signals[name].unit, hue,
-  }));
-  return html`<h2 class="sr">${titled(view)}</h2><${part.Trend} lines=${lines} />`;
+  if (error && !tags) return html`<${ErrorNote} error=${error} />`;
+  if (!part.Trend || !tags) return html`<${Loading} />`;
+  if (tags.length === 0) return html`<p class="loading">${t("page.no_history")}</p>`;
+  const chosen = picked ?? tags.slice(0, MOST_AT_FIRST).map((one) => one.tag);
+  const lines = tags.map((one, hue) => ({
+    tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % 8,
+  })).filter((line) => chosen.includes(line.tag));
+  return html`<${Pick} tags=${tags} chosen=${chosen} onChange=${setPicked} /><${part.Trend} lines=${lines} />`;
 }

@@ -1,5 +1,5 @@
 // One drive: what it does now, control of it, and everything that is known about it.
-import { html, useEffect, useState } from "../lib.js";
+import { html } from "../lib.js";
 import { both, t, titled } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
@@ -41,8 +41,6 @@ function Head({ view }) {
 
 function Details({ view, query }) {
   const [profile, error] = useLoaded(() => api.get(drivePath(view.id, "/profile")), [view.id, view.model]);
-  const [tab, setTab] = useState(query.tab ?? "trend");
-  useEffect(() => { if (tab !== (query.tab ?? "trend")) replaceQuery({ tab }); }, [tab]);
   const withProfile = (Part) => () => {
     if (profile) return html`<${Part} view=${view} profile=${profile} />`;
     return error ? html`<${Notice} kind="bad">${error.sentence}<//>` : html`<${Loading} />`;
@@ -54,8 +52,8 @@ function Details({ view, query }) {
     ["statistics", t("page.tab_statistics"), () => html`<${StatisticsTab} id=${view.id} />`],
     ["profile", t("page.tab_profile"), withProfile(ProfileTab)],
   ];
-  return html`<section class="panel"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${tab}
-    onChange=${setTab} /></section>`;
+  return html`<section class="panel"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "trend"}
+    onChange=${(tab) => replaceQuery({ tab })} /></section>`;
 }
 
 export function Page({ id, query }) {

@@ -62,7 +62,8 @@ function Tools({ chosen }) {
   return html`<section class="fleettools" aria-label=${t("page.fleet_tools")}><${Kinds} />
     <button type="button" class="button morepicks" aria-expanded=${more.value ? "true" : "false"} onClick=${toggle}>
       ${t("page.fleet_tools")}<${Icon} name="more" /></button>
-    <div class=${`fleetpicks ${more.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input} type="search" value=${search.value}
+    <div class=${`fleetpicks ${more.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input}
+      type="search" value=${search.value}
       onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
     <${GroupPick} chosen=${chosen} />
     <${Pick} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />

@@ -45,7 +45,8 @@ function Blocked({ views }) {
   const blocked = views.filter((view) => view.blocked.length > 0);
   if (blocked.length === 0) return null;
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${blocked.map((view) => html`
-    <li key=${view.id}><b>${titled(view)}</b>${t("page.colon")}${view.blocked.map((one) => both(one.text)).join("; ")}</li>`)}
+    <li key=${view.id}><b>${titled(view)}</b>${t("page.colon")}${view.blocked.map((one) => both(one.text)).join("; ")}
+      </li>`)}
     </ul><//>`;
 }
 
@@ -61,7 +62,8 @@ function Controls({ id, views }) {
   const set = () => run(() => ask("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_in_hand", { n: others })}</span>
-      <${Each} views=${views.filter((view) => !view.lease)} act=${take} text="page.lease_take_all" kind="main" /></div>`}
+      <${Each} views=${views.filter((view) => !view.lease)} act=${take} text="page.lease_take_all" kind="main" />
+        </div>`}
     <${Each} views=${views.filter((view) => view.latched && inHand(view))} act=${release} text="page.release_all" />
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}

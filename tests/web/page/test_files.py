@@ -1,0 +1,124 @@
+"""The page's files: what is vendored is what it says, what is loaded is small, what is shown is in the catalogue."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import i18n, web
+
+HERE = Path(web.__file__).parent
+VENDOR = HERE / "vendor"
+SCRIPTS = sorted((HERE / "static").rglob("*.js"))
+LISTED: list[dict[str, Any]] = json.loads((VENDOR / "VERSIONS.json").read_text())["files"]
+LARGEST = 300 * 1024
+
+
+@pytest.mark.parametrize("entry", LISTED, ids=lambda entry: str(entry["file"]))
+def test_a_vendored_file_is_the_one_that_is_listed(entry: dict[str, Any]) -> None:
+    content = (VENDOR / entry["file"]).read_bytes()
+    assert hashlib.sha256(content).hexdigest() == entry["sha256"]
+    assert (VENDOR / entry["licence_file"]).read_text().strip()
+
+
+def test_nothing_is_vendored_that_is_not_listed() -> None:
+    found = {path.name for path in VENDOR.iterdir() if path.is_file()} - {"VERSIONS.json"}
+    assert found == {entry["file"] for entry in LISTED}
+
+
+def test_every_import_is_relative_and_exists() -> None:
+    """No build, no import map, nothing from elsewhere."""
+    for script in [*SCRIPTS, *VENDOR.glob("*.js")]:
+        for found in re.findall(r"""(?:[}\w*] ?from|\bimport) ?\(?["']([^"'\n]+)["']""", script.read_text("utf-8")):
+            assert found.startswith("."), (script.name, found)
+            assert (script.parent / found).resolve().is_file(), (script.name, found)
+
+
+def test_the_whole_page_is_small_over_the_wire() -> None:
+    """Everything that it can ever load, in the larger language, packed as the server packs it; measured 2026-11."""
+    files = [path for path in [*HERE.glob("static/**/*"), *VENDOR.glob("*.*")] if path.is_file()]
+    sentences = max(len(_packed(json.dumps(i18n.catalogue(language)).encode())) for language in i18n.LANGUAGES)
+    assert sum(len(_packed(path.read_bytes())) for path in files) + sentences <= LARGEST
+
+
+def _packed(content: bytes) -> bytes:
+    return gzip.compress(content, 6, mtime=0)
+
+
+def stripped(text: str) -> str:
+    """Without comments."""
+    return re.sub(r"/\*.*?\*/|(?<![:\"'`])//[^\n]*", "", text, flags=re.DOTALL)
+
+
+KEYS = re.compile(r"""["'`]((?:page|plantpage)\.[a-z0-9_]+)["'`]""")
+BEGINNINGS = re.compile(r"`((?:page|plantpage)\.[a-z0-9_]*)\$\{")
+
+
+def test_every_sentence_that_a_script_names_is_in_the_catalogue() -> None:
+    known = i18n.catalogue("en").keys()
+    named = {(path.name, key) for path in SCRIPTS for key in KEYS.findall(path.read_text("utf-8"))}
+    assert len(named) > 100
+    assert not {(file, key) for file, key in named if key not in known}
+
+
+def test_every_sentence_of_the_page_is_used() -> None:
+    text = "\n".join(stripped(path.read_text("utf-8")) for path in SCRIPTS)
+    starts = {"page.sort_", "page.by_", "page.size_"}  # chosen by a name given to a part
+    used, beginnings = set(KEYS.findall(text)), tuple(starts | set(BEGINNINGS.findall(text)) - {"page.", "plantpage."})
+    mine = {key for key in i18n.catalogue("en") if key.startswith("page.")}
+    fields = {f"page.{name}" for name in ("minimum_hz", "maximum_hz")}
+    assert not {key for key in mine - used - fields if not key.startswith(beginnings)}
+
+
+TEXT = re.compile(r">([^<>{}`$]*[A-Za-z一-鿿]{2,}[^<>{}`$]*)<")
+ATTRIBUTE = re.compile(r"""\s(?:aria-label|title|placeholder|alt)="([^"]*[A-Za-z一-鿿]{2,}[^"]*)\"""")
+SYMBOLS = {"Hz", "drivebus", "A|B"}
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_no_text_stands_in_a_script(script: Path) -> None:
+    """What a user reads is in the catalogue, in both languages; units and the name of the program are not words."""
+    code = stripped(script.read_text("utf-8"))
+    for template in re.findall(r"html`(.*)", code, flags=re.DOTALL):
+        texts = {text.strip() for text in [*TEXT.findall(_markup(template)), *ATTRIBUTE.findall(template)]}
+        assert not {text for text in texts if text not in SYMBOLS}
+
+
+def _markup(template: str) -> str:
+    """Arrows and comparisons are no tags."""
+    return re.sub(r"=>|>=|<=| > | < ", " ", template)
+
+
+CHINESE = re.compile("[一-鿿]")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_no_chinese_stands_in_a_script_but_the_name_of_the_language(script: Path) -> None:
+    code = stripped(script.read_text("utf-8")).replace('zh: "中文"', "")
+    assert not CHINESE.search(code)
+
+
+@pytest.mark.parametrize("path", [*SCRIPTS, *(HERE / "static").rglob("*.css")], ids=lambda path: path.name)
+def test_a_script_keeps_the_policy(path: Path) -> None:
+    """The browser is told to run nothing inline (S17): no handler in text, no HTML from text."""
+    text = path.read_text("utf-8")
+    if path.suffix == ".js":
+        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|dangerouslySet|document\.write|\beval\(", text)
+    assert "http://" not in text and "https://" not in text
+
+
+def test_a_bus_stop_is_never_drawn_or_named_as_more_than_it_is() -> None:
+    """No red, no mushroom, and nowhere the words: it is a convenience over a wire."""
+    for language in i18n.LANGUAGES:
+        for key, sentence in i18n.catalogue(language).items():
+            if key.startswith("page."):
+                assert not re.search(r"emergency[ -]stop|e-stop|紧急停|急停", sentence, re.IGNORECASE), key
+    styles = (HERE / "static/css/shell.css").read_text()
+    looks = re.findall(r"^\.stop \{([^}]*)\}", styles, re.MULTILINE)
+    assert looks and not any(word in looks[0] for word in ("urgent", "50%", "red"))

@@ -1,0 +1,84 @@
+"""A jog goes on only while a hand holds it (T13): before a real plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from pagekit import Stage
+from plantkit import LOCAL
+
+HOLD = "[data-jog=forward]"
+
+
+@pytest.fixture
+def page(stage: Stage, visit: Any) -> Any:
+    """A drive in hand, with a jog enabled."""
+    stage.call("drive.waiver", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1")
+    page.click("[data-do=take]")
+    page.locator(".lease.mine").wait_for()
+    page.click(".control summary")
+    page.click(".jog button:not(.hold)")
+    page.locator(f"{HOLD}:enabled").wait_for()
+    return page
+
+
+def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.partition("pump-1")[2]))
+    page.hover(HOLD)
+    page.mouse.down()
+    for _ in range(3):
+        with page.expect_request("**/jog/renew"):
+            pass
+    with page.expect_response("**/jog/end"):
+        page.mouse.up()
+    assert asked[0] == "/jog" and asked[-1] == "/jog/end" and asked.count("/jog") == 1
+    stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
+
+
+def released_key(page: Any) -> None:
+    page.keyboard.up("Space")
+
+
+def left(page: Any) -> None:
+    page.evaluate("location.hash = '#/fleet'")
+
+
+def blurred(page: Any) -> None:
+    page.evaluate("dispatchEvent(new Event('blur'))")
+
+
+@pytest.mark.parametrize("gone", [released_key, left, blurred])
+def test_whatever_takes_the_hand_away_ends_the_jog(stage: Stage, page: Any, gone: Callable[[Any], None]) -> None:
+    """The key is let go, the page is left, the window is no longer the one in front."""
+    page.focus(HOLD)
+    with page.expect_request("**/jog/renew"):
+        page.keyboard.down("Space")
+    with page.expect_request("**/jog/end"):
+        gone(page)
+    stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
+
+
+def test_a_jog_whose_renewal_fails_is_given_up_and_said_so(stage: Stage, page: Any) -> None:
+    """The page never goes on as if it were turning; a stop goes after it."""
+    page.route("**/jog/renew", lambda route: route.abort())
+    page.focus(HOLD)
+    with page.expect_request("**/drives/pump-1/stop"):
+        page.keyboard.down("Space")
+    page.locator(".jog .notice.bad").wait_for()
+    stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
+
+
+def test_a_hold_without_its_first_step_moves_nothing(stage: Stage, visit: Any) -> None:
+    """Nobody jogs by leaning on the keyboard."""
+    stage.call("drive.waiver", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1")
+    page.click("[data-do=take]")
+    page.locator(".lease.mine").wait_for()
+    page.click(".control summary")
+    assert page.locator(HOLD).is_disabled()
+    assert LOCAL.session not in str(stage.view("pump-1")["lease"])

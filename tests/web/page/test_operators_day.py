@@ -1,0 +1,139 @@
+"""An operator's day in a real browser, before a real plant with simulated drives, in both languages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.sim.plate import Trip
+from pagekit import Stage
+
+
+def take(page: Any) -> None:
+    page.click("[data-do=take]")
+    page.wait_for_selector(".lease.mine")
+
+
+def run_at(page: Any, hertz: str) -> None:
+    """Both steps."""
+    page.fill(".control .frequency input[type=number]", hertz)
+    page.click("[data-step=first]")
+    page.click("[data-step=second]")
+
+
+def running(stage: Stage, drive: str) -> bool:
+    return stage.view(drive)["state"] in ("running", "accelerating")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
+    """Log in, see a trip, acknowledge, reset, run, change the setpoint, see the trend, stop all, lose the server and
+    regain it."""
+
+    def word(key: str, **params: Any) -> str:
+        return i18n.text(key, language, **params)
+
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    page = visit("#/fleet", language=language, role="operator")
+    tile = page.locator(".tile", has=page.locator("[data-drive=fan-1]"))
+    tile.locator(f".state:has-text('{word('drives.state_stopped')}')").wait_for()
+
+    stage.station("fan-1", lambda drive: drive.trip(Trip.OVERHEAT))
+    tile.locator(f".state.alarm:has-text('{word('drives.state_fault')}')").wait_for()
+    page.locator(".banner.alarm.urgent").wait_for()
+    page.click("[data-do=acknowledge]")
+    page.locator(".banner.alarm.urgent").wait_for(state="detached")
+
+    page.click("[data-drive=fan-1]")
+    page.locator(".faultnow").wait_for()
+    take(page)
+    page.click("[data-do=reset]")
+    page.locator(".faultnow").wait_for(state="detached")
+
+    run_at(page, "20")
+    page.locator(f".drivestate:has-text('{word('drives.state_running')}')").wait_for()
+    page.fill(".control .frequency input[type=number]", "30")
+    page.click("[data-do=set]")
+    page.locator(".bigvalues figure:first-child .number:has-text('30.00')").wait_for()
+    page.locator(".trend-plot canvas").wait_for()
+
+    page.click("[data-stop=all]")
+    page.locator(f".told.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
+    assert stage.view("fan-1")["state"] == "stopped"
+
+    stage.lose_server()
+    page.locator(".banner.bad[role=alert]").wait_for()
+    page.locator(f".drivestate:has-text('{word('page.state_was')}')").wait_for()
+    page.locator(".bigvalues .value.bad").first.wait_for()
+    assert page.locator(".control .main:enabled").count() == 0
+    stage.regain_server()
+    page.locator(".line.live").wait_for()
+    page.locator(".bigvalues figure:first-child .value.good").wait_for()
+
+
+def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_back(stage: Stage, visit: Any) -> None:
+    """Stale data and a lost line hinder no stop; what became of it is told (6.5, G17)."""
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1")
+    take(page)
+    run_at(page, "20")
+    stage.wait(lambda: running(stage, "fan-1"), "it does not run")
+    stage.lose_server()
+    page.locator(".banner.bad[role=alert]").wait_for()
+    page.click("[data-stop=drive]")
+    page.locator(f".told.waiting:has-text('{i18n.text('page.stop_trying', 'en', what='Supply fan')}')").wait_for()
+    assert running(stage, "fan-1")
+    stage.regain_server()
+    page.locator(".told.good").wait_for()
+    assert not running(stage, "fan-1")
+
+
+def test_a_stop_needs_no_hand_and_takes_it_from_nobody(stage: Stage, visit: Any) -> None:
+    """6.5: no lease, no second step; the one who has the drive in hand keeps it."""
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    hers, his = visit("#/drive/fan-1"), visit("#/drive/fan-1", role="operator")
+    take(hers)
+    run_at(hers, "20")
+    stage.wait(lambda: running(stage, "fan-1"), "it does not run")
+    assert his.locator("[data-step=first]").is_disabled()
+    assert his.locator(".lease .who").inner_text() == i18n.text("page.lease_other", "en", owner="engineer")
+    his.click("[data-stop=drive]")
+    his.locator(".told.good").wait_for()
+    assert not running(stage, "fan-1")
+    assert stage.view("fan-1")["lease"]["owner"] == "engineer"
+
+
+def test_a_group_is_stopped_from_its_filter(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet?group=water", role="operator")
+    with page.expect_response("**/api/v1/groups/water/stop") as answered:
+        page.click("[data-stop=group]")
+    assert answered.value.json()["outcomes"].keys() == {"pump-1", "pump-2"}
+    page.locator(".told.good").wait_for()
+
+
+def test_a_viewer_is_offered_nothing_that_moves(stage: Stage, visit: Any) -> None:
+    """S08: the server refuses it anyway; the page does not pretend."""
+    page = visit("#/drive/fan-1", role="viewer")
+    page.locator(".control").wait_for()
+    for offered in ("[data-do=take]", "[data-step=first]", "[data-jog]", ".stop", "[data-do=stop]"):
+        assert page.locator(offered).count() == 0
+
+
+def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, visit: Any) -> None:
+    """S16: the first step alone moves nothing, and Escape takes it back."""
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1")
+    take(page)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+    page.fill(".control .frequency input[type=number]", "46")
+    assert page.locator("[data-step=first]").is_disabled()
+    page.fill(".control .frequency input[type=number]", "20")
+    page.click("[data-step=first]")
+    page.locator("[data-step=second]").wait_for()
+    page.keyboard.press("Escape")
+    page.locator("[data-step=first]").wait_for()
+    assert "arm" in asked and "run" not in asked
+    assert stage.view("fan-1")["state"] == "stopped"
