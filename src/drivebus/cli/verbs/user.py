@@ -29,7 +29,7 @@ def _add(plant: str, name: str, role: str) -> None:
 
     user = User(plain(name), Role(role), _hash(name), wall_ms())
     _change(plant, "user.add", name, {"role": role}, lambda register: register.added(user))
-    _said("user.added", name=user.name, role=role)
+    _said("user_verb.added", name=user.name, role=role)
 
 
 def _list(plant: str) -> None:
@@ -38,31 +38,31 @@ def _list(plant: str) -> None:
 
     users = file_of(load(plant)).read().users
     voice.document({"users": [_plain(user) for user in users]})
-    head = [voice.say(f"user.{column}") for column in ("name", "role", "state")]
-    states = [voice.say("user.disabled_state" if user.disabled else "user.enabled_state") for user in users]
-    rows = [[user.name, voice.say(f"user.{user.role}"), state] for user, state in zip(users, states, strict=True)]
-    voice.show(voice.grid(head, rows)) if users else voice.tell("user.none")
+    head = [voice.say(f"user_verb.{column}") for column in ("name", "role", "state")]
+    states = [voice.say("user_verb.disabled_state" if user.disabled else "user_verb.enabled_state") for user in users]
+    rows = [[user.name, voice.say(f"user_verb.{user.role}"), state] for user, state in zip(users, states, strict=True)]
+    voice.show(voice.grid(head, rows)) if users else voice.tell("user_verb.none")
 
 
 def _passwd(plant: str, name: str) -> None:
     hashed = _hash(name)
     _change_user(plant, "password", name, {}, lambda user: replace(user, password=hashed))
-    _said("user.password_changed", name=name)
+    _said("user_verb.password_changed", name=name)
 
 
 def _disable(plant: str, name: str) -> None:
     _change_user(plant, "user.change", name, {"disabled": True}, lambda user: replace(user, disabled=True))
-    _said("user.is_disabled", name=name)
+    _said("user_verb.is_disabled", name=name)
 
 
 def _enable(plant: str, name: str) -> None:
     _change_user(plant, "user.change", name, {"disabled": False}, lambda user: replace(user, disabled=False))
-    _said("user.is_enabled", name=name)
+    _said("user_verb.is_enabled", name=name)
 
 
 def _remove(plant: str, name: str) -> None:
     _change(plant, "user.remove", name, {}, lambda register: register.removed(name))
-    _said("user.removed", name=name)
+    _said("user_verb.removed", name=name)
 
 
 def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
@@ -76,7 +76,7 @@ def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str)
     told = {"user": name, "rights": list(right), "days": days}
     _change(plant, "token.add", made.id, told, lambda register: register.with_token(made))
     voice.document({"token": secret, "id": made.id, "expires_ms": made.expires_ms})
-    voice.note("user.token_once")
+    voice.note("user_verb.token_once")
     voice.show(secret)
 
 
@@ -97,7 +97,7 @@ def _hash(name: str) -> str:
 
     if sys.stdin.isatty():
         said: str = click.prompt(
-            voice.say("user.password"), hide_input=True, confirmation_prompt=voice.say("user.again")
+            voice.say("user_verb.password"), hide_input=True, confirmation_prompt=voice.say("user_verb.again")
         )
     else:
         said = sys.stdin.readline().rstrip("\r\n")
