@@ -151,4 +151,4 @@ def perform(session: Session) -> None:
         run(Street(session, Path(folder)).walk())
 
 
-CAMPAIGN = Campaign("doors", "requests", ("G21", "S01", "S03", "S04"), 100_000, 1_000, perform)
+CAMPAIGN = Campaign("doors", "requests", ("G21", "S01", "S03", "S04"), 120_000, 1_000, perform)
