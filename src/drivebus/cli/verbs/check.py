@@ -79,11 +79,12 @@ def _row(drive: DriveCost) -> list[str]:
 
 
 def _refresh(drive: DriveCost) -> str:
-    """``0.5 s: output_frequency · 1 s: set_frequency, output_current``, the most often first."""
-    alike: dict[float, list[str]] = {}
-    for name, value_s in drive.refresh.items():
-        alike.setdefault(value_s, []).append(name)
-    return " · ".join(f"{seconds(value_s)}: {', '.join(alike[value_s])}" for value_s in sorted(alike))
+    """``500 ms (≤ 1.2 s): output_frequency · 1 s (≤ 1.7 s): set_frequency``, the most often first."""
+    alike: dict[tuple[float, float], list[str]] = {}
+    for name, period_s in drive.periods.items():
+        alike.setdefault((period_s, drive.refresh[name]), []).append(name)
+    groups = (f"{seconds(times[0])} (≤ {seconds(times[1])}): {', '.join(alike[times])}" for times in sorted(alike))
+    return " · ".join(groups)
 
 
 def _document(
@@ -113,6 +114,7 @@ def _bus_document(bus: BusCost) -> dict[str, Any]:
             "load_percent": round(one.load_percent, 3),
             "stop_bound_s": round(one.stop_bound_s, 6),
             "fastest_s": one.fastest_s,
+            "period_s": {name: round(value, 6) for name, value in one.periods.items()},
             "refresh_s": {name: round(value, 6) for name, value in one.refresh.items()},
         }
         for one in bus.drives

@@ -22,8 +22,11 @@ class DriveCost:
     load_percent: float
     stop_bound_s: float
     """From asking for a stop to its last bit on the wire, everybody else alive or not (5.1)."""
+    periods: Mapping[str, float]
+    """Signal → how often it is asked for."""
     refresh: Mapping[str, float]
-    """Signal → longest time between two of its values while everybody answers at its limit."""
+    """Signal → longest time between two of its values while everybody answers at its limit: its period, and once
+    everybody else's question before its own (each waits in the plan at most once)."""
     fastest_s: float
     """No poll of it more often; 0 where nothing holds it back."""
 
@@ -75,6 +78,7 @@ def _drive(drive: DriveSetting, dialect: Dialect, line: LineSettings, whole: Bus
         model=profile.model,
         load_percent=cost([(drive, dialect)], line).load_percent,
         stop_bound_s=whole.drives[drive.address].stop_bound_s,
-        refresh={name: period_s * stretch for name, period_s in periods.items()},
+        periods=periods,
+        refresh={name: period_s * stretch + whole.cycle_s for name, period_s in periods.items()},
         fastest_s=drive.fastest_s,
     )
