@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections.abc import Iterable, Mapping
@@ -24,14 +25,12 @@ class Notify:
         self._fed_at: float | None = None
 
     def say(self, message: str) -> None:
-        """One message; a manager that has gone is nobody's problem here."""
+        """One message. A manager that is gone, or so busy that it takes none, must not hold up a bus."""
         if not self._address:
             return
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as manager:
-            try:
-                manager.sendto(message.encode(), self._address)
-            except OSError:
-                return
+        kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK
+        with socket.socket(socket.AF_UNIX, kind) as manager, contextlib.suppress(OSError):
+            manager.sendto(message.encode(), self._address)
 
     def feed(self, lines: Iterable[Line], now: float) -> None:
         """Feed the watchdog, if the loop of every bus goes on: called from that very loop (6.6)."""
