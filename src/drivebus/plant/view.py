@@ -100,6 +100,8 @@ class DriveView:
     alarms: Mapping[str, int] = field(default_factory=dict)
     """Active alarms by priority."""
     signals: Mapping[str, SignalView] = field(default_factory=dict)
+    state_age_s: float | None = None
+    """How old the oldest reply is that the state rests on; not in topics, where it would change all the time."""
 
     def as_json(self) -> Json:
         plain: tuple[str, ...] = (
@@ -115,6 +117,7 @@ class DriveView:
             "blocked": list(self.blocked),
             "alarms": dict(self.alarms),
             "signals": {name: signal.as_json() for name, signal in self.signals.items()},
+            "state_age_s": None if self.state_age_s is None else round(self.state_age_s, 3),
         }
 
 

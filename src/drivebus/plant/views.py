@@ -34,12 +34,13 @@ def drive_view(plant: Plant, unit: Unit, status: DriveStatus | None = None) -> D
         unit.bus.latched(setting.address), unit.drive.stop_pending, tuple(hindrances(plant, unit)),
         dict(plant.parts.alarms.counts(unit.id)),
         {name: SignalView.of(reading, now) for name, reading in status.readings.items()},
+        None if status.at is None else now - status.at,
     )  # fmt: skip
 
 
 def drive_topic(plant: Plant, view: DriveView, status: DriveStatus) -> Json:
     """The same for the hub, with everything that only grows older as something that counts by itself."""
-    content = view.as_json()
+    content = _without(view.as_json(), "state_age_s")
     lease = plant.leases.get(view.id, plant.now())
     if lease is not None:
         owner = {"owner": lease.actor.name, "session": lease.actor.session}

@@ -124,6 +124,7 @@ class Drive(Answer):
     blocked: list[dict[str, Any]]
     alarms: dict[str, int]
     signals: dict[str, SignalValue]
+    state_age_s: float | None
 
 
 class Drives(Answer):
