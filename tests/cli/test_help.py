@@ -61,7 +61,7 @@ SENDING = [
     for _, command in TREE
     if isinstance(command, Verb) and any(param.name == "dry_run" for param in command.params)
     for example in command.examples
-    if ".dbcap --speed" not in example
+    if ".dbcap --speed" not in example and "--service" not in example
 ]
 
 

@@ -6,7 +6,7 @@ import asyncio
 import threading
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,14 @@ from drivebus.plant.access.rights import RIGHTS, Right, Role
 from drivebus.plant.access.sessions import digest
 from drivebus.plant.client import PlantClient
 from drivebus.plant.model import WebSetting
+from drivebus.plant.socket_server import SocketServer
 from drivebus.web.app import make_app
 from drivebus.web.server import LOOPBACK, Server, bound, config
-from plantkit import Kit, plant
+from plantkit import BUSES, Kit, plant, setting
 
 PASSWORD = "correct horse battery"
 QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+QUICK_BUSES = tuple(replace(bus, link=bus.link.replace("ramp=2", "ramp=1"), baud=19200) for bus in BUSES)
 FAR_MS = 4_000_000_000_000
 
 
@@ -33,6 +35,7 @@ class Served:
     """Where it is, who may come in with which token, and the plant behind it, for its own thread only."""
 
     url: str
+    socket: Path
     kit: Kit
     access: Access
     loop: asyncio.AbstractEventLoop
@@ -66,16 +69,20 @@ def served(directory: Path, client: Callable[[Kit], PlantClient] = lambda kit: k
     access.file.change(lambda _: register())
 
     async def serve() -> None:
-        async with plant() as kit:
+        async with plant(setting(buses=QUICK_BUSES)) as kit:
             listener = bound(LOOPBACK, 0)
             web = WebSetting(port=listener.getsockname()[1])
             server = Server(config(make_app(client(kit), access, web), web))
             serving = asyncio.create_task(server.serve([listener]))
             while not server.started:  # noqa: ASYNC110  uvicorn tells nobody
                 await asyncio.sleep(0.01)
-            begun.append(Served(f"http://{LOOPBACK}:{web.port}", kit, access, asyncio.get_running_loop()))
+            socket = SocketServer(kit.service, directory / "plant.sock")
+            await socket.open()
+            url = f"http://{LOOPBACK}:{web.port}"
+            begun.append(Served(url, socket.path, kit, access, asyncio.get_running_loop()))
             ready.set()
             await ending.wait()
+            await socket.close()
             server.should_exit = True
             await serving
 

@@ -29,6 +29,10 @@ class Target:
     """``--set NAME=VALUE``: open questions of the family, answered for this drive."""
     record: str | None = None
     """``--record FILE``: a capture to write."""
+    service: str | None = None
+    """``--service``: who owns the bus; ``link`` is then its address too."""
+    drive: str = ""
+    """``--drive``: the drive's name in the service's plant."""
 
     def profile(self) -> DriveProfile:
         """Raises ProfileError for a model nobody knows."""
@@ -90,8 +94,13 @@ def open_port(link: str, profile: DriveProfile | None, baud: int | None, format:
 async def drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
     """The open bus with the drive on it, within the user's ``limits``; closed afterwards.
 
-    Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created.
+    Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created. With ``service``
+    the same face over the service that owns the bus; raises what that says.
     """
+    if target.service is not None:
+        async with _served(target) as served:
+            yield served
+        return
     from drivebus.bus import Bus
     from drivebus.cli import voice
     from drivebus.drives import Drive
@@ -110,6 +119,20 @@ async def drive(target: Target, limits: DriveLimits | None = None) -> AsyncItera
                 raise
             finally:
                 found.close()
+
+
+@asynccontextmanager
+async def _served(target: Target) -> AsyncIterator[tuple[Any, Any]]:
+    from drivebus.cli.service.client import opened
+    from drivebus.cli.service.drive import ServedBus, ServedDrive
+
+    assert target.service is not None
+    async with opened(target.service) as client:
+        found = ServedDrive(client, target.drive, target.address, target.profile())
+        try:
+            yield ServedBus(), found
+        finally:
+            await found.close()
 
 
 @contextmanager

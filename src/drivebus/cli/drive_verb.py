@@ -10,6 +10,8 @@ from drivebus.cli import connect, options, voice
 from drivebus.cli.command import Verb
 from drivebus.cli.connect import Target
 from drivebus.cli.exits import Exit
+from drivebus.cli.service import option
+from drivebus.cli.service.option import ServedVerb
 
 if TYPE_CHECKING:
     import click
@@ -19,10 +21,12 @@ if TYPE_CHECKING:
     from drivebus.drives.state import Outcome
 
 
+_OWN = ("link", "model", "address", "baud", "format", "encoding", "set", "record")
+
+
 def target_of(given: dict[str, Any]) -> Target:
     """Take the options of ``options.drive()`` out of a verb's parameters."""
-    names = ("link", "model", "address", "baud", "format", "encoding", "set", "record")
-    return Target(**{name: given.pop(name) for name in names})
+    return Target(**{name: given.pop(name) for name in _OWN})
 
 
 def drive_verb(
@@ -35,8 +39,10 @@ def drive_verb(
 ) -> Verb:
     """A verb on one drive: ``do(target, **extra)`` does it, ``plan(dry, **extra)`` says what it would send."""
 
-    def run(dry_run: bool, **given: Any) -> Exit:
-        target = target_of(given)
+    def run(**given: Any) -> Exit:
+        served = option.target_of(given, _OWN)
+        dry_run = given.pop("dry_run")
+        target = served or target_of(given)
         if dry_run:
             from drivebus.cli.dry import DryRun
 
@@ -46,7 +52,8 @@ def drive_verb(
     first, *rest = options.drive()
     params = [first, *[one for one in extra if one.param_type_name == "argument"], *rest]
     params += [one for one in extra if one.param_type_name != "argument"]
-    return Verb(name, callback=run, params=[*params, options.dry_run()], examples=examples)
+    params += [*option.service_drive(), options.dry_run()]
+    return ServedVerb(name, callback=run, params=params, examples=examples)
 
 
 async def command(target: Target, do: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None) -> Exit:

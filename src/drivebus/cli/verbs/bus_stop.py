@@ -1,4 +1,6 @@
-"""``bus-stop``: every drive on a line; broadcast first, then one by one until each reports stopped."""
+"""``bus-stop``: every drive on a line, or on every line of a service; broadcast first, then one by one until each
+reports stopped.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +8,27 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
-from drivebus.cli.command import Option, Verb
+from drivebus.cli.command import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.exits import Exit
+from drivebus.cli.service import option
+from drivebus.cli.service.option import ServedVerb
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, StopReport
 
 
-def _bus_stop(
-    link: str,
-    model: str,
-    addresses: tuple[int, ...] | None,
-    baud: int | None,
-    format: str | None,
-    encoding: str | None,
-    set: tuple[tuple[str, str], ...],
-    record: str | None,
-    dry_run: bool,
-) -> Exit:
-    target = Target(link, model, 0, baud, format, encoding, set, record)
+_OWN = ("link", "model", "baud", "format", "encoding", "set", "record")
+
+
+def _bus_stop(service: str | None, addresses: tuple[int, ...] | None, dry_run: bool, **line: Any) -> Exit:
+    if service is not None:
+        option.alone({**line, "address": addresses, "dry_run": dry_run}, (*_OWN, "address"))
+        from drivebus.cli.service.stop import stop_everything
+
+        return stop_everything(service)
+    target = Target(address=0, **line)
     wanted = addresses or everybody(target)
     if dry_run:
         return _dry(target, wanted)
@@ -137,7 +139,7 @@ def _dry(target: Target, addresses: tuple[int, ...]) -> Exit:
     return show(planned, target.line(), ["dry.note.confirm"])
 
 
-command = Verb(
+command = ServedVerb(
     "bus-stop",
     callback=_bus_stop,
     params=[
@@ -154,10 +156,12 @@ command = Verb(
         options.encoding(),
         options.setting(),
         options.record(),
+        *option.service(),
         options.dry_run(),
     ],
     examples=(
         "drivebus bus-stop /dev/ttyUSB0 --model c320 --address 1-8",
         "drivebus bus-stop /dev/ttyUSB0 --model dzb100 --dry-run",
+        "drivebus bus-stop --service http://127.0.0.1:8080",
     ),
 )

@@ -27,5 +27,8 @@ command = drive_verb(
     "coast",
     _coast,
     simple("coast", _requests, "dry.note.confirm"),
-    examples=("drivebus coast /dev/ttyUSB0 --model vc660 --address 3",),
+    examples=(
+        "drivebus coast /dev/ttyUSB0 --model vc660 --address 3",
+        "drivebus coast --service http://127.0.0.1:8080 --drive pump-2",
+    ),
 )

@@ -131,5 +131,6 @@ command = drive_verb(
         "drivebus jog /dev/ttyUSB0 --model c320 --address 1",
         "drivebus jog /dev/ttyUSB0 --model c320 --address 1 --frequency 5",
         "drivebus jog /dev/ttyUSB0 --model vc660 --address 3",
+        "drivebus jog --service http://127.0.0.1:8080 --drive fan-1",
     ),
 )

@@ -1,4 +1,4 @@
-"""``monitor``: the live view of a real line, or of a capture. Reads only."""
+"""``monitor``: the live view of a real line, of a capture, or of a service's plant. Reads only."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
-from drivebus.cli.command import Option, Verb
+from drivebus.cli.command import Option
 from drivebus.cli.exits import Exit
+from drivebus.cli.service import option
+from drivebus.cli.service.option import ServedVerb
 from drivebus.cli.verbs.scan import DEFAULT_MODELS
 from drivebus.errors import ConfigurationError
 
@@ -58,13 +60,24 @@ class Asked:
         return show(feed, None, self.plain, self.period, self.duration)
 
 
-def _monitor(dry_run: bool, **given: Any) -> Exit:
+def _monitor(dry_run: bool, service: str | None, **given: Any) -> Exit:
+    if service is not None:
+        return _service(service, {**given, "address": given["addresses"], "dry_run": dry_run})
     asked = Asked(**given)
     if asked.record and asked.of_capture:
         raise ConfigurationError("record.of_capture", file=asked.source)
     if dry_run:
         return _dry(asked)
     return _capture(asked) if asked.of_capture else _line(asked)
+
+
+def _service(service: str, given: dict[str, Any]) -> Exit:
+    """Its whole plant; what is about a line of one's own is refused."""
+    from drivebus.cli.live.start import show
+    from drivebus.cli.service.feed import ServiceFeed
+
+    option.alone(given, ("model", "address", "baud", "format", "encoding", "record"))
+    return show(ServiceFeed(service), None, given["plain"], given["period"], given["duration"])
 
 
 def _capture(asked: Asked) -> Exit:
@@ -152,7 +165,7 @@ async def _scanned(asked: Asked) -> tuple[Known, int | None, str | None]:
     return known, found[0].settings.baud, found[0].settings.format
 
 
-command = Verb(
+command = ServedVerb(
     "monitor",
     callback=_monitor,
     params=[
@@ -171,6 +184,7 @@ command = Verb(
         Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
         Option(["--duration"], type=float, metavar="S", example="--duration 60"),
         options.record(),
+        *option.service(),
         options.dry_run(),
         Option(["--speed"], type=float, default=1.0, metavar="X", key="help.option.fast", example="--speed 10"),
     ],
@@ -180,5 +194,6 @@ command = Verb(
         "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3 --record trip-of-pump-3.dbcap",
         "drivebus monitor trip-of-pump-3.dbcap --speed 10",
         "drivebus monitor sim://vc660@1-4 --model vc660 --address 1-4 --json --duration 10",
+        "drivebus monitor --service http://127.0.0.1:8080",
     ),
 )

@@ -87,5 +87,6 @@ command = drive_verb(
         "drivebus read /dev/ttyUSB0 F0.1 F9.4 output_frequency --model c320 --address 1",
         "drivebus read sim://vc660@3 F00.02 3006H --model vc660 --address 3 --json",
         "drivebus read /dev/ttyUSB0 10 Q01 --model dzb100 --address 5 --dry-run",
+        "drivebus read --service http://127.0.0.1:8080 --drive fan-1 F0.1 F9.4",
     ),
 )

@@ -16,5 +16,8 @@ command = drive_verb(
     "reset",
     _reset,
     simple("reset", lambda dry: [frame.request for frame in dry.dialect.reset()], "dry.note.confirm"),
-    examples=("drivebus reset /dev/ttyUSB0 --model c320 --address 1",),
+    examples=(
+        "drivebus reset /dev/ttyUSB0 --model c320 --address 1",
+        "drivebus reset --service http://127.0.0.1:8080 --drive fan-1",
+    ),
 )

@@ -89,7 +89,10 @@ async def _start(
 
 
 def nothing_moved(error: BaseException) -> bool:
-    """Nothing left the host that may move a motor, or the drive itself said no: there is nothing to stop."""
+    """Nothing left the host that may move a motor, or the drive itself said no: there is nothing to stop.
+
+    A service that says no has sent nothing; one that has lost our lease lets somebody else command the drive.
+    """
     from drivebus import errors
 
     never_sent = (
@@ -101,19 +104,20 @@ def nothing_moved(error: BaseException) -> bool:
         errors.Expired,
         errors.PortUnavailable,
         errors.Refused,
+        errors.PlantError,
     )
     return isinstance(error, never_sent) or (isinstance(error, errors.BusError) and error.outcome is None)
 
 
 async def _watch(bus: Bus, drive: Drive, ending: Ending) -> Exit:
     """Show the drive until the end comes, a fault, or its output is off by somebody else's hand."""
-    from drivebus.errors import BusError
+    from drivebus.errors import BusError, ServiceUnavailable
 
     off = 0
     while not ending.come:
         try:
             status = await ending.race(drive.status())
-        except BusError as error:
+        except (BusError, ServiceUnavailable) as error:
             _show_text(error.text(voice.language()))
             await ending.wait(PERIOD_S)
             continue
@@ -211,5 +215,6 @@ command = drive_verb(
         "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 10 --reverse --wait",
         "drivebus run sim://c320@1 --model c320 --address 1 --frequency 50 --detach",
         "drivebus run /dev/ttyUSB0 --model df800 --address 2 --frequency 5 --dry-run",
+        "drivebus run --service http://127.0.0.1:8080 --drive fan-1 --frequency 25",
     ),
 )

@@ -53,5 +53,6 @@ command = drive_verb(
     examples=(
         "drivebus set-frequency /dev/ttyUSB0 25 --model c320 --address 1",
         "drivebus set-frequency /dev/ttyUSB0 12.5 --model vc660 --address 3 --dry-run",
+        "drivebus set-frequency --service http://127.0.0.1:8080 --drive fan-1 25",
     ),
 )

@@ -30,5 +30,6 @@ command = drive_verb(
     examples=(
         "drivebus stop /dev/ttyUSB0 --model c320 --address 1",
         "drivebus stop sim://vc660@3 --model vc660 --address 3 --json",
+        "drivebus stop --service http://127.0.0.1:8080 --drive fan-1",
     ),
 )
