@@ -10,7 +10,7 @@ import pytest
 from doorkit import PASSWORD, QUICK, Clock
 from drivebus.plant.access.access import Access
 from drivebus.plant.access.passwords import Passwords, check_new
-from drivebus.plant.access.refusals import Conflict, NotLoggedIn, TooManyAttempts, Unfit
+from drivebus.plant.access.refusals import Conflict, Forbidden, NotLoggedIn, TooManyAttempts, Unfit
 from drivebus.plant.access.register import User
 from drivebus.plant.access.rights import RIGHTS, Right, Role
 from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S, PER_USER, digest
@@ -158,7 +158,7 @@ def test_s05_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> 
     access, _ = made(tmp_path)
     _, visitor = login(access)
     for _ in range(10):
-        with pytest.raises(NotLoggedIn):
+        with pytest.raises(Forbidden):
             run(access.new_password(visitor.session, "wrong password", "a quite new pass phrase"))
     with pytest.raises(TooManyAttempts):
         run(access.new_password(visitor.session, PASSWORD, "a quite new pass phrase"))

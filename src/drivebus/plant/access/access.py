@@ -12,7 +12,7 @@ from pathlib import Path
 
 from drivebus.plant.access.kept import Keeper
 from drivebus.plant.access.passwords import Passwords, check_new
-from drivebus.plant.access.refusals import Conflict, NotLoggedIn, TooManyAttempts
+from drivebus.plant.access.refusals import Conflict, Forbidden, NotLoggedIn, TooManyAttempts
 from drivebus.plant.access.register import Once, Register, User, plain
 from drivebus.plant.access.rights import Role
 from drivebus.plant.access.sessions import Session, Sessions, digest
@@ -147,9 +147,13 @@ class Access:
         return ended
 
     async def new_password(self, session: Session, old: str, new: str) -> Opened:
-        """One's own. Ends every session of the user; the new one is the caller's. Raises NotLoggedIn, Unfit."""
+        """One's own. Ends every session of the user; the new one is the caller's. Raises Forbidden where ``old`` is
+        wrong, TooManyAttempts, Unfit."""
         user = self.register.user(session.user)
-        await self._check(user, user.name, old, session.address)
+        try:
+            await self._check(user, user.name, old, session.address)
+        except NotLoggedIn as error:
+            raise Forbidden(error.key) from error
         hashed = await self.passwords.hash(check_new(new, user.name))
         changed = replace(user, password=hashed)
         await self.change(lambda register: register.changed(changed))
