@@ -189,9 +189,8 @@ async def year(historian: Historian, values: Values, days: int) -> Figures:
                 historian.writer._store.seal([_put(block) for block in blocks], START_MS, None)
 
     def _put(block: Block) -> Seal:
-        # From its own number to the same: the tag's samples stay where they are, only the block is put.
-        sealed = historian.writer.unsealed.next(block.tag)
-        return Seal(block.tag, sealed, sealed, [block])
+        # Up to where the tag is sealed already: its samples stay where they are, only the block is put.
+        return Seal(block.tag, historian.writer.unsealed.next(block.tag), [block])
 
     begun = time.perf_counter()
     await historian._write(write)

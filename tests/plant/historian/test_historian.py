@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
+import re
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from drivebus.errors import NotFound, ParamsError
+from drivebus.plant.historian import FLUSH_S, Historian
+from drivebus.plant.model import HistorySetting
 from drivebus.plant.operations import Span, Trend
 from drivebus.plant.view import Sample
 from drivebus.profiles.model import Text
 from drivebus.reading import Quality
+from drivebus.testing import virtual
 from historykit import NOON, Database, samples, sealed, trend
 
 HOUR = 3_600_000
@@ -178,3 +187,43 @@ async def test_an_answer_has_as_many_points_as_asked_for_at_most(database: Datab
                     found = (await historian.trend(asked))["series"]["fan-1.output_frequency"]
                     assert len(found["t"]) <= points
                     assert found["t"] == sorted(set(found["t"]))
+
+
+async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> None:
+    """As docs/how-to/back-up-the-history.md tells: the page's own command, then the copy opened."""
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "back-up-the-history.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r'python3 -c "(.*)"', page)
+    live, copy = tmp_path / "live", tmp_path / "copy"
+    live.mkdir()
+    copy.mkdir()
+    async with Historian(HistorySetting(), live) as historian:
+        historian.append(samples(range(100)))
+        await historian.flush()
+        command = [sys.executable, "-c", program, live / "history.db", copy / "history.db"]
+        await asyncio.to_thread(subprocess.run, command, check=True)
+        historian.append(samples(range(100, 110), start_ms=NOON + 100_000))
+        await historian.flush()
+    async with Historian(HistorySetting(), copy) as restored:
+        assert (await trend(restored, NOON, NOON + 200_000))["mean"] == list(range(100))
+
+
+async def test_a_loaded_past_may_be_larger_than_the_queue(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivebus.plant.historian.historian.PIECE", 500)
+    async with database.historian() as historian:
+        historian.intake._most_samples = 600
+        await historian.load(iter(samples(range(2000))))
+        assert historian.status()["lost_samples"] == 0
+        found = await trend(historian, NOON, NOON + HOUR)
+    assert (found["min"][0], found["max"][-1]) == (0, 1999)
+
+
+def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
+    """A plant in virtual time has no threads: the same historian, on the loop's own thread."""
+
+    async def story() -> list[float]:
+        async with Historian(HistorySetting(), tmp_path) as historian:
+            historian.append(samples([1.0, 2.0]))
+            await asyncio.sleep(FLUSH_S + 0.1)
+            return (await trend(historian, NOON, NOON + 5000))["mean"]  # type: ignore[no-any-return]
+
+    assert virtual.run(story()) == [1.0, 2.0]

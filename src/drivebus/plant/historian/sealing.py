@@ -22,7 +22,7 @@ def seal(tag: int, first: int, samples: Samples, found: Found) -> Seal:
     for level in (Level.SECOND, Level.MINUTE, Level.HOUR):
         points = roll(points, GRAINS[level].width_ms)
         made += _rolled(level, tag, first, points, found)
-    return Seal(tag, first, first + len(samples[0]), made)
+    return Seal(tag, first + len(samples[0]), made)
 
 
 def _raw(tag: int, first: int, samples: Samples) -> Iterator[Block]:

@@ -143,12 +143,11 @@ class SqlStore:
 
     @_translated
     def seal(self, seals: Sequence[Seal], stored_ms: int, keep_from: int | None) -> None:
-        moved = "UPDATE tag SET sealed = ? WHERE id = ? AND sealed = ?"
         with self.door.transaction(writing=True):
             for seal in seals:
-                if self.door.run(moved, seal.to_number, seal.tag, seal.from_number):
-                    rows = ((b.level, b.tag, b.start_ms, b.number, stored_ms, b.data) for b in seal.blocks)
-                    self.door.many(_PUT_BLOCK, rows)
+                self.door.run("UPDATE tag SET sealed = ? WHERE id = ?", seal.to_number, seal.tag)
+                rows = ((b.level, b.tag, b.start_ms, b.number, stored_ms, b.data) for b in seal.blocks)
+                self.door.many(_PUT_BLOCK, rows)
             if keep_from is None:
                 self.door.run("DELETE FROM journal")
             else:

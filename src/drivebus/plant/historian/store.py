@@ -1,7 +1,7 @@
 """What the historian needs of a database. ``sqlite`` and ``postgres`` are two of them, with the same tests.
 
-A store is used by one thread. Every writing method is one transaction and durable on return; done again after an
-uncertain end (a connection lost during its commit) it changes nothing more.
+A store is used by one thread. Every writing method is one transaction and durable on return. After StoreError nobody
+knows whether it was done: the store is opened again, and tells.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ class Seal:
     """Samples of one tag moved from the journal into blocks."""
 
     tag: int
-    from_number: int
     to_number: int
+    """Of the first that stays in the journal."""
     blocks: Sequence[Block]
 
 
@@ -130,10 +130,7 @@ class Store(Protocol):
         ...
 
     def seal(self, seals: Sequence[Seal], stored_ms: int, keep_from: int | None) -> None:
-        """Put blocks (in place of one at the same place) and forget journal rows before ``keep_from`` (all: None).
-
-        A seal that is already done is passed over.
-        """
+        """Put blocks (in place of one at the same place) and forget journal rows before ``keep_from`` (all: None)."""
         ...
 
     def block(self, level: Level, tag: int, start_ms: int) -> bytes | None:
