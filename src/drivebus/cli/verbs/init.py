@@ -208,7 +208,11 @@ command = Verb(
             ["--listen"], type=float, default=2.0, metavar="S", key="help.option.listen_first", example="--listen 5"
         ),
         Option(
-            ["-o", "--output"], default="plant.toml", metavar="FILE", key="help.option.output", example="-o plant.toml"
+            ["-o", "--output"],
+            default="plant.toml",
+            metavar="FILE",
+            key="help.option.init_output",
+            example="-o plant.toml",
         ),
         Option(["--force"], is_flag=True, key="help.option.force"),
     ],
