@@ -214,7 +214,7 @@ command = Verb(
             key="help.option.init_output",
             example="-o plant.toml",
         ),
-        Option(["--force"], is_flag=True, key="help.option.force"),
+        Option(["--force"], is_flag=True, key="help.option.init_force"),
     ],
     examples=(
         "drivebus init",
