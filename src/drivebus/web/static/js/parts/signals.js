@@ -1,14 +1,17 @@
 // To choose signals: by drive, by name, and whole kinds at once.
 import { html, useState } from "../lib.js";
-import { t, titled } from "../i18n.js";
+import { both, known, t, titled } from "../i18n.js";
 import { signalName } from "../format.js";
 import { drive } from "../store.js";
 import { Button, Field } from "../ui.js";
 
 const driveName = (id) => titled(drive(id).value ?? { id });
 
+/** A signal as the catalogue calls it, else as its profile does. */
+export const nameOf = (tag) => (known(`signal.${tag.signal}`) ? signalName(tag.signal) : both(tag.text) || signalName(tag.signal));
+
 /** "Fan 1 · output frequency". */
-export const labelOf = (tag) => `${driveName(tag.drive)} · ${signalName(tag.signal)}`;
+export const labelOf = (tag) => `${driveName(tag.drive)} · ${nameOf(tag)}`;
 
 export function SignalPicker({ tags, picked, most, onChange }) {
   const [sought, setSought] = useState("");
@@ -29,7 +32,7 @@ export function SignalPicker({ tags, picked, most, onChange }) {
     <div class="pickdrives">${[...byDrive].map(([id, some]) => html`<fieldset key=${id}><legend>${driveName(id)}</legend>
       ${some.map((tag) => html`<label class="check" key=${tag.tag}><input type="checkbox" checked=${picked.includes(tag.tag)}
         disabled=${full && !picked.includes(tag.tag)} onChange=${() => toggle(tag.tag)} />
-        <span>${signalName(tag.signal)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span></label>`)}</fieldset>`)}</div>
+        <span>${nameOf(tag)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span></label>`)}</fieldset>`)}</div>
     ${byDrive.size === 0 && html`<p class="help">${t("page.nothing")}</p>`}</details>`;
 }
 

@@ -1,0 +1,232 @@
+"""Buses, alarms, cases, audit and settings in a real browser, before a real plant with simulated drives."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from doorkit import PASSWORD
+from drivebus import i18n
+from pagehands import expecting, trip, unplugged
+from pagekit import Stage
+
+
+def word(key: str, **params: Any) -> str:
+    return i18n.text(f"plantpage.{key}", "en", **params)
+
+
+@pytest.fixture
+def expect() -> Any:
+    return expecting()
+
+
+# --- buses --------------------------------------------------------------------------------------------------------
+
+
+def test_a_bus_shows_its_stations_in_cable_order_and_how_they_answer(visit: Any, expect: Any) -> None:
+    page = visit("#/buses/fans")
+    rows = page.locator(".wide-table tbody tr")
+    expect(rows).to_have_count(3)
+    assert [row.locator("td").nth(1).inner_text() for row in rows.all()] == [
+        "Supply fan",
+        "Extract fan",
+        "Flue gas fan",
+    ]
+    expect(rows.first.locator(".replybar .number")).to_have_text(re.compile(r"^[\d.]+ ms / [\d.]+ ms$"))
+    names = page.locator(".cable .name").all_inner_texts()
+    assert names == [word("host"), "Supply fan", "Extract fan", "Flue gas fan"]
+
+
+def test_frames_go_by_decoded_until_somebody_holds_them(visit: Any, expect: Any) -> None:
+    page = visit("#/buses/pumps")
+    frames = page.locator(".frames-box .frame")
+    expect(frames.nth(10)).to_be_visible()
+    assert re.fullmatch(r"([0-9A-F]{2} )+[0-9A-F]{2}", frames.locator(".hex").nth(0).inner_text())
+    assert page.locator(".frames-box .frame .said").first.inner_text() != ""
+    page.click("[data-frames=pause]")
+    held = frames.last.inner_text()
+    expect(page.locator(".framelog [role=status]")).not_to_have_text(word("paused", n=0))
+    assert frames.last.inner_text() == held
+    page.click("[data-frames=pause]")
+    expect(frames.last).not_to_have_text(held)
+
+
+def test_frames_are_filtered_by_direction_station_and_content(visit: Any, expect: Any) -> None:
+    page = visit("#/buses/pumps")
+    page.get_by_role("button", name=word("frames_sent"), exact=True).click()
+    page.select_option(".framelog select", "2")
+    expect(page.locator(".frame.sent .station").first).to_have_text("2")
+    assert set(page.locator(".frame .station").all_inner_texts()) == {"2"}
+    assert page.locator(".frame:not(.sent)").count() == 0
+    page.fill(".framelog input[type=search]", "02 03")
+    expect(page.locator(".frame .hex").first).to_contain_text("02 03")
+    page.fill(".framelog input[type=search]", "no frame says this")
+    expect(page.locator(".frames-box .help")).to_have_text(word("no_frames"))
+
+
+def test_f12_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
+    page = visit("#/buses/pumps")
+    card = page.locator(".buscard[aria-current]")
+    expect(card).to_contain_text(word("bus_open"))
+    with unplugged(stage, "pumps"):
+        expect(card).to_contain_text(word("bus_closed"))
+        expect(page.locator(".notice.bad").first).to_contain_text(word("bus_closed_why", link="sim://vc660@1,2?ramp=2"))
+    expect(card).to_contain_text(word("bus_open"))
+
+
+# --- alarms -------------------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_is_acknowledged_and_its_case_opened(stage: Stage, visit: Any, expect: Any) -> None:
+    trip(stage, "fan-3")
+    page = visit("#/alarms", role="operator")
+    row = page.locator(".alarmrow", has_text="Flue gas fan").first
+    expect(row.locator(".alarmstate")).to_have_text(word("alarm_unseen"))
+    row.locator("[data-alarm=acknowledge]").click()
+    expect(row.locator(".alarmstate")).to_have_text(word("alarm_seen"))
+    row.get_by_role("link", name=word("open_case")).click()
+    expect(page.locator("h1")).to_contain_text("Flue gas fan")
+    expect(page.locator(".notice.bad").first).to_contain_text("Flue gas fan")
+    expect(page.locator(".trend-plot canvas")).to_be_visible()
+    expect(page.locator(".trend-readout tbody tr").first).to_contain_text("output frequency")
+    frames = page.get_by_role("region", name=word("frames"))
+    assert frames.locator("tbody tr").count() > 20
+    with page.expect_download() as saved:
+        page.get_by_role("button", name=word("save_capture")).click()
+    assert saved.value.suggested_filename.endswith(".dbcap") and saved.value.path().stat().st_size > 200
+
+
+def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: Any, expect: Any) -> None:
+    trip(stage, "pump-2")
+    page = visit("#/alarms")
+    row = page.locator(".alarmrow", has_text="Feed pump").first
+    row.get_by_role("button", name=word("shelve")).click()
+    send = page.locator("dialog button[type=submit]")
+    expect(send).to_be_disabled()
+    page.fill("dialog input", "ok")
+    expect(send).to_be_disabled()
+    page.fill("dialog input", "fan is being repaired")
+    send.click()
+    page.get_by_role("tab").nth(1).click()
+    shelved = page.locator(".alarmrow", has_text="Feed pump").first
+    expect(shelved).to_contain_text("shelved until")
+    shelved.get_by_role("button", name=word("unshelve")).click()
+    page.get_by_role("tab").first.click()
+    expect(page.locator(".alarmrow", has_text="Feed pump").first).to_be_visible()
+
+
+def test_what_was_wrong_before_is_listed_by_drive(stage: Stage, visit: Any, expect: Any) -> None:
+    trip(stage, "pump-2")
+    page = visit("#/alarms?tab=history", role="viewer")
+    rows = page.locator(".alarms.past .alarmrow")
+    expect(rows.first).to_be_visible()
+    page.select_option(".filters select >> nth=1", "pump-2")
+    expect(rows.first).to_contain_text("Feed pump")
+    page.select_option(".filters select >> nth=1", "fan-2")
+    expect(rows.filter(has_text="Feed pump")).to_have_count(0)
+
+
+def test_s08_a_viewer_may_neither_acknowledge_nor_shelve(stage: Stage, visit: Any, expect: Any) -> None:
+    trip(stage, "pump-2")
+    page = visit("#/alarms", role="viewer")
+    expect(page.locator(".alarmrow").first).to_be_visible()
+    assert page.locator(".alarmrow button").count() == 0
+
+
+# --- audit --------------------------------------------------------------------------------------------------------
+
+
+def test_the_trail_tells_who_did_what_with_which_frames(stage: Stage, visit: Any, expect: Any) -> None:
+    stage.call("drive.stop", drive="pump-1")
+    page = visit("#/audit")
+    page.fill(".filters input[type=search]", "drive.stop")
+    entry = page.locator(".entry", has_text=word("outcome_confirmed")).filter(has_text="Circulation pump").first
+    expect(entry.locator(".what")).to_have_text(f"{word('did_drive_stop')} Circulation pump")
+    expect(entry.locator(".who")).to_have_text("tester")
+    entry.locator("summary").click()
+    expect(entry.locator("ol code").first).to_have_text(re.compile(r"([0-9A-F]{2} )+.* → ([0-9A-F]{2} ?)+"))
+
+
+def test_s12_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:
+    page = visit("#/audit")
+    page.click("[data-audit=verify]")
+    expect(page.locator(".notice.good")).to_contain_text(word("audit_whole", n="").split(":")[0])
+
+
+def test_s08_an_operator_is_not_shown_the_trail(visit: Any, expect: Any) -> None:
+    page = visit("#/audit", role="operator")
+    expect(page.locator("main .notice")).to_have_text(word("no_right"))
+
+
+# --- settings -----------------------------------------------------------------------------------------------------
+
+
+def test_language_and_theme_are_chosen_and_kept(visit: Any, expect: Any) -> None:
+    page = visit("#/settings", role="viewer")
+    page.get_by_role("button", name="中文").last.click()
+    expect(page.locator("h1")).to_have_text(i18n.text("page.way_settings", "zh"))
+    page.get_by_role("button", name=i18n.text("page.theme_dark", "zh"), exact=True).last.click()
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+    page.reload()
+    expect(page.locator("html")).to_have_attribute("lang", "zh-CN")
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+
+
+def test_an_administrator_makes_changes_and_removes_a_user(visit: Any, expect: Any) -> None:
+    page = visit("#/settings?tab=users", role="administrator")
+    page.get_by_role("button", name=word("add_user")).click()
+    fields = page.locator("dialog input")
+    fields.nth(0).fill("nightshift")
+    fields.nth(1).fill("a long enough pass phrase")
+    page.locator("dialog button[type=submit]").click()
+    row = page.locator("tr", has_text="nightshift")
+    expect(row).to_contain_text(word("role_operator"))
+    row.get_by_role("button").click()
+    page.select_option("dialog select", "viewer")
+    page.get_by_role("button", name=word("save_role")).click()
+    expect(row).to_contain_text(word("role_viewer"))
+    row.get_by_role("button").click()
+    page.check("dialog input[type=checkbox]")
+    page.get_by_role("button", name=word("remove_user"), exact=True).click()
+    expect(row).to_have_count(0)
+
+
+def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expect: Any) -> None:
+    page = visit("#/settings?tab=tokens", role="engineer")
+    page.get_by_role("button", name=word("add_token")).click()
+    page.fill("dialog input >> nth=0", "trend reader")
+    page.locator("dialog button[type=submit]").click()
+    secret = page.locator("code.secret").inner_text()
+    bearer = {"Authorization": f"Bearer {secret}"}
+    apart = page.context.browser.new_context()
+    try:
+        assert apart.request.get(f"{stage.at}/api/v1/drives", headers=bearer).ok
+        page.reload()
+        row = page.locator("tr", has_text="trend reader")
+        expect(row).to_be_visible()
+        assert page.locator("code.secret").count() == 0
+        row.get_by_role("button").click()
+        row.get_by_role("button").click()
+        expect(row).to_have_count(0)
+        assert apart.request.get(f"{stage.at}/api/v1/drives", headers=bearer).status == 401
+    finally:
+        apart.close()
+
+
+def test_a_password_is_changed_by_who_knows_it(visit: Any, expect: Any) -> None:
+    page = visit("#/settings", role="viewer")
+    old, new, again = (page.locator("input[type=password]").nth(n) for n in range(3))
+    old.fill(PASSWORD)
+    new.fill("another correct horse")
+    again.fill("another correct hoarse")
+    button = page.get_by_role("button", name=word("change_password"))
+    expect(button).to_be_disabled()
+    again.fill("another correct horse")
+    button.click()
+    expect(page.locator(".notice.good")).to_have_text(word("password_changed"))
+    for field, text in ((old, "another correct horse"), (new, PASSWORD), (again, PASSWORD)):
+        field.fill(text)
+    button.click()
+    expect(old).to_have_value("")

@@ -1,0 +1,268 @@
+"""A trend: what its samples become on the screen, and what hands do with it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from pagehands import expecting, unplugged
+from pagekit import Stage
+
+NOTHING = "–"
+MODULES = "/static/js/trend/"
+
+
+def module(page: Any, name: str, call: str) -> Any:
+    """What a pure function of the page gives."""
+    return page.evaluate(f"async () => {{ const m = await import('{MODULES}{name}.js'); return {call}; }}")
+
+
+@pytest.fixture(scope="module")
+def page(browser: Any, plant: Stage) -> Iterator[Any]:
+    """The page's origin, for its modules; nobody logs in."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(plant.at)
+    yield page
+    context.close()
+
+
+SERIES = {
+    "t": [0, 1000, 2000, 3000, 4000, 5000],
+    "min": [9, 9, None, 11, 12, 12],
+    "mean": [10, 10, None, 12, 13, 13],
+    "max": [11, 11, None, 13, 14, 14],
+    "q": [0, 0, 2, 1, 0, 2],
+}
+
+
+def test_g17_nothing_is_drawn_where_nothing_is_known(page: Any) -> None:
+    """A gap is null in every column, and so is a value that is bad though it came."""
+    found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
+    assert [value is None for value in found["high"]] == [False, False, True, False, False, True]
+    assert found["good"] == [10, 10, None, None, 13, None]
+    assert found["low"][5] is None and found["high"][5] is None
+
+
+def test_an_uncertain_stretch_is_a_line_of_its_own_that_reaches_its_good_neighbours(page: Any) -> None:
+    found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
+    assert found["uncertain"] == [None, None, None, 12, 13, None]
+
+
+def test_two_tags_keep_their_own_moments_and_gaps(page: Any) -> None:
+    """What one tag lacks because another was read then is no gap (undefined); a gap stays null."""
+    one = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
+    other = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
+    call = (
+        f"m.table(['a', 'b'], {json.dumps({'a': one, 'b': other})}).map(c => c.map(v => v === undefined ? 'none' : v))"
+    )
+    found = module(page, "columns", call)
+    assert found[0] == [0, 1000, 2000]
+    assert found[3] == [1, "none", 2] and found[7] == ["none", None, 5]
+
+
+def test_live_values_follow_the_last_stored_sample_and_a_lost_line_is_a_gap(page: Any) -> None:
+    live = [{"t": 4500, "v": 99, "q": 0}, {"t": 6000, "v": 14, "q": 0}, {"t": 6500, "v": None, "q": 2}]
+    found = module(page, "columns", f"m.extended({json.dumps(SERIES)}, {json.dumps(live)})")
+    assert found["t"][-3:] == [5000, 6000, 6500] and found["mean"][-2:] == [14, None]
+
+
+def test_figures_of_a_window_leave_out_what_is_not_usable(page: Any) -> None:
+    found = module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 1000, to: 5000}})")
+    assert found == {"low": 9, "mean": pytest.approx((10 + 12 + 13) / 3), "high": 14}
+    assert module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 5000, to: 9000}})") is None
+
+
+@pytest.mark.parametrize(
+    ("moment", "value", "quality"), [(1400, 10, 0), (2100, None, 2), (3300, 12, 1), (4900, None, 2)]
+)
+def test_a_ruler_reads_the_nearest_sample_with_its_quality(page: Any, moment: int, value: Any, quality: int) -> None:
+    found = module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, {moment}, 1500)")
+    assert (found["value"], found["q"]) == (value, quality)
+
+
+def test_a_ruler_far_from_any_sample_reads_nothing(page: Any) -> None:
+    assert module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, 9000, 1500)") is None
+
+
+def test_stretches_of_doubt_are_shown_below(page: Any) -> None:
+    found = module(page, "columns", f"m.stretches({json.dumps(SERIES)})")
+    assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 5000, 2)]
+
+
+def test_zooming_keeps_the_moment_under_the_pointer_and_stays_between_5_s_and_11_years(page: Any) -> None:
+    found = module(page, "window", "m.zoomed({from: 0, to: 100000}, 0.5, 25000)")
+    assert found == {"from": 12500, "to": 62500}
+    tiny = module(page, "window", "m.zoomed({from: 0, to: 6000}, 0.01, 3000)")
+    assert tiny["to"] - tiny["from"] == 5000 and tiny["from"] < 3000 < tiny["to"]
+    huge = module(page, "window", "m.zoomed({from: 0, to: 300 * 86400000}, 1000)")
+    assert huge["to"] - huge["from"] == 4000 * 86_400_000
+
+
+def test_more_is_fetched_than_shown_but_nothing_of_the_future(page: Any) -> None:
+    assert module(page, "window", "m.padded({from: 1000000, to: 1100000}, 1110000)") == {"from": 975000, "to": 1110000}
+
+
+@pytest.mark.parametrize(
+    ("window", "is_covered"),
+    [
+        ("{from: 10, to: 90}", True),
+        ("{from: -1, to: 90}", False),
+        ("{from: 10, to: 130}", False),
+        ("{from: 40, to: 60}", False),
+    ],
+)
+def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
+    page: Any, window: str, is_covered: bool
+) -> None:
+    """The last one asks for a fifth of what was fetched: finer points exist."""
+    assert module(page, "window", f"m.covers({{from: 0, to: 100}}, {window}, 1000)") is is_covered
+
+
+@pytest.mark.parametrize(
+    ("span", "told"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
+)
+def test_a_duration_is_told_by_its_two_biggest_parts(page: Any, span: int, told: str) -> None:
+    assert module(page, "labels", f"m.duration({span}, name => name)") == told
+
+
+# --- on the screen ------------------------------------------------------------------------------------------------
+
+STEADY = "fan-1.output_frequency"
+
+
+def answer(route: Any) -> None:
+    """A year of history at 20 Hz: good, then bad from a third on, then uncertain from two thirds on."""
+    asked = dict(part.split("=") for part in route.request.url.partition("?")[2].split("&"))
+    begin, end = int(asked["from_ms"]), int(asked["to_ms"])
+    at = [begin + (end - begin) * n // 600 for n in range(600)]
+    third = [0 if n < 200 else 2 if n < 400 else 1 for n in range(600)]
+    mean = [None if quality == 2 else 20.0 for quality in third]
+    series = {"t": at, "min": mean, "mean": mean, "max": mean, "q": third}
+    route.fulfill(json={"resolution": "1s", "series": {STEADY: series}})
+
+
+COLOURED = """([x0, x1]) => {
+  const canvas = document.querySelector('.trend-plot canvas');
+  const over = document.querySelector('.u-over').getBoundingClientRect(), box = canvas.getBoundingClientRect();
+  const [from, to] = [x0, x1].map((share) => Math.round(over.left - box.left + share * over.width));
+  const probe = document.createElement('canvas').getContext('2d');
+  probe.fillStyle = getComputedStyle(canvas).getPropertyValue('--trace-1'); probe.fillRect(0, 0, 1, 1);
+  const want = probe.getImageData(0, 0, 1, 1).data;
+  const height = Math.round(over.height) - 12;
+  const data = canvas.getContext('2d').getImageData(from, Math.round(over.top - box.top), to - from, height).data;
+  const columns = new Set();
+  for (let at = 0; at < data.length; at += 4)
+    if (data[at + 3] > 200 && [0, 1, 2].every((c) => Math.abs(data[at + c] - want[c]) < 60))
+      columns.add((at / 4) % (to - from));
+  return columns.size / (to - from);
+}"""
+"""The share of a stretch's columns of pixels in which the line is, without the strips at the foot."""
+
+
+def test_g17_on_the_screen_a_bad_stretch_is_empty_and_an_uncertain_one_dashed(visit: Any) -> None:
+    page = visit("#/fleet")
+    page.route("**/api/v1/history/trend?*", answer)
+    begin = 1_700_000_000_000
+    page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
+    page.locator(".trend-window:has-text('14/11/2023')").wait_for()
+    page.wait_for_timeout(500)
+    # What is fetched begins and ends a quarter of the window beyond it: bad from 1/4 to 3/4 of what is shown.
+    assert page.evaluate(COLOURED, [0.02, 0.2]) > 0.9
+    assert page.evaluate(COLOURED, [0.3, 0.7]) == 0
+    assert 0.2 < page.evaluate(COLOURED, [0.8, 0.98]) < 0.9
+
+
+HALF = re.compile(r"· (2[6-9]|3[0-4]) min")
+
+
+def window_of(page: Any) -> Any:
+    return page.locator(".trend-window")
+
+
+def test_hands_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
+    """Drag, wheel, keys and rulers; whatever shows the past follows the present no more."""
+    expect = expecting()
+    page = visit(f"#/history?tags={STEADY},fan-1.output_current")
+    over, following, window = page.locator(".u-over"), page.locator("[data-trend=live]"), window_of(page)
+    expect(following).to_have_attribute("aria-pressed", "true")
+    expect(window).to_have_text(re.compile("· 1 h$"))
+    box = over.bounding_box()
+    page.mouse.move(box["x"] + 100, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 100 + box["width"] / 2, box["y"] + 60, steps=3)
+    page.mouse.up()
+    expect(window).to_have_text(HALF)
+    expect(following).to_have_attribute("aria-pressed", "false")
+    before = window.inner_text()
+    page.keyboard.down("Shift")
+    page.mouse.wheel(0, -200)
+    page.keyboard.up("Shift")
+    expect(window).not_to_have_text(before)
+    expect(window).to_have_text(HALF)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -200)
+    page.keyboard.up("Control")
+    expect(window).to_have_text(re.compile("· 1\\d min"))
+    before = window.inner_text()
+    page.locator(".trend-plot").press("ArrowLeft")
+    expect(window).not_to_have_text(before)
+    page.locator(".trend-plot").press("Backspace")
+    expect(window).to_have_text(re.compile("· 1 h$"))
+    expect(following).to_have_attribute("aria-pressed", "true")
+
+
+def test_two_rulers_tell_how_far_apart_two_moments_are(stage: Stage, visit: Any) -> None:
+    expect = expecting()
+    page = visit(f"#/history?tags={STEADY}")
+    span = page.get_by_role("group", name=i18n.text("plantpage.span", "en"))
+    span.get_by_role("button", name=i18n.text("plantpage.span_60", "en"), exact=True).click()
+    expect(window_of(page)).to_have_text(re.compile("· 1 min$"))
+    page.click("[data-trend=rulers]")
+    head = page.locator(".trend-readout caption")
+    expect(head).to_contain_text("20 s")
+    page.locator(".trend-ruler[data-name=B]").press("Shift+ArrowRight")
+    expect(head).to_contain_text("23 s")
+
+
+def test_what_was_done_to_a_drive_stands_beside_its_values(stage: Stage, visit: Any) -> None:
+    """The trend on the drive's page follows; the stop is marked, listed, and leads to its moment."""
+    expect = expecting()
+    stage.call("drive.stop", drive="pump-1")
+    page = visit("#/drive/pump-1", language="zh")
+    row = page.locator(".trend-readout tbody tr").first
+    expect(row.locator("td .number")).to_have_text("0.00")
+    expect(row.locator("td.more").nth(2)).to_have_text(re.compile(r"\d"))
+    page.click(".trend-events summary")
+    event = page.locator(".trend-events .event.stop").first
+    expect(event).to_contain_text("循环泵")
+    before = window_of(page).inner_text()
+    event.click()
+    expect(window_of(page)).not_to_have_text(before)
+
+
+def test_signals_are_chosen_kept_in_the_address_and_saved_as_a_file(stage: Stage, visit: Any) -> None:
+    page = visit("#/history?tags=fan-1.output_frequency")
+    page.locator(".trend-plot canvas").wait_for()
+    page.click(".picker summary")
+    page.fill(".picker input[type=search]", "feed pump output current")
+    page.locator(".pickdrives label").first.click()
+    page.wait_for_url("**pump-2.output_current**")
+    page.locator(".trend-readout tbody tr .button").first.click()
+    page.wait_for_url(lambda url: "fan-1" not in url)
+    with page.expect_download() as saved:
+        page.click("[data-export=save]")
+    assert saved.value.suggested_filename.endswith(".csv")
+    assert "pump-2.output_current" in saved.value.path().read_text()
+
+
+def test_g17_a_value_of_a_lost_line_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
+    page = visit("#/history?tags=pump-1.output_frequency")
+    page.locator(".trend-readout td .value.good").wait_for()
+    with unplugged(stage, "pumps"):
+        page.locator(".trend-readout td .value:not(.good)").wait_for()
