@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import peers
-from pagekit import PASSWORD, Stage, staged
+from pagekit import Stage, log_in, staged
 
 ALLOWED_NOISE = (
     "ERR_CONNECTION_REFUSED",
@@ -84,13 +84,6 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
     for context in contexts:
         context.close()
     assert wrong == []
-
-
-def log_in(page: Any, role: str) -> None:
-    page.fill("input[name=name]", role)
-    page.fill("input[name=password]", PASSWORD)
-    page.click("button[type=submit]")
-    page.wait_for_selector(".line.live")
 
 
 def _note(said: Any, wrong: list[str]) -> None:

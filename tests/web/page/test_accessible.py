@@ -1,0 +1,101 @@
+"""Every page, for whoever hears it, has no mouse, sits before a phone, or stands three metres away."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import peers
+from drivebus import i18n
+from pagekit import Stage, log_in
+
+WAYS = {
+    "fleet": ".tile", "fleet?group=air": ".grouppanel", "drive/fan-1": ".control", "buses/fans": "main h1",
+    "drive/fan-1?tab=parameters": "[role=tabpanel] table", "drive/fan-1?tab=profile": "[role=tabpanel] .facts",
+    "drive/fan-1?tab=faults": "[role=tabpanel] table", "drive/fan-1?tab=statistics": "[role=tabpanel]",
+    "alarms": "main h1", "history": "main h1", "audit": "main h1", "settings": "main h1",
+}  # fmt: skip
+
+
+def walk(page: Any, way: str) -> None:
+    page.evaluate("way => { location.hash = '#/' + way; }", way)
+    page.locator(WAYS[way]).first.wait_for()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_axe_finds_nothing_serious_on_any_page(stage: Stage, visit: Any, theme: str) -> None:
+    """WCAG 2.1 AA as far as a program can tell; a theme changes colours only, so the second asks for contrast alone."""
+    peers.need_module("axe_playwright_python", "axe-playwright-python")
+    from axe_playwright_python.sync_playwright import Axe
+
+    everything = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
+    rules = {"runOnly": everything if theme == "light" else ["color-contrast"]}
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    page = visit("#/fleet", role=None, theme=theme, bypass_csp=True)
+    page.locator("input[name=name]").wait_for()
+    found = {"login": _serious(Axe().run(page, options=rules))}
+    log_in(page, "administrator")
+    for way in WAYS:
+        walk(page, way)
+        found[way] = _serious(Axe().run(page, options=rules))
+    assert {way: wrong for way, wrong in found.items() if wrong} == {}
+
+
+def _serious(results: Any) -> list[str]:
+    violations = results.response["violations"]
+    return [
+        f"{one['id']}: {one['nodes'][0]['html'][:160]} {one['nodes'][0]['any'][:1]}"
+        for one in violations if one["impact"] in ("serious", "critical")
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_nothing_is_wider_than_a_phone_of_360_pixels(stage: Stage, visit: Any, language: str) -> None:
+    page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
+    wide = {}
+    for way in WAYS:
+        walk(page, way)
+        wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        bar = page.locator(".stopbar").bounding_box()
+        assert bar["y"] + bar["height"] <= 740.5 and bar["x"] >= 0 and bar["width"] <= 360
+        assert page.locator("[data-stop=all]").is_visible()
+    assert {way: over for way, over in wide.items() if over > 0} == {}
+
+
+def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
+    """A capital is 0.7 of its type: 15 mm of number and 7 mm of word at 96 to the inch, on a wall's 24 inch screen."""
+    page = visit("#/fleet")
+    page.select_option("select >> nth=-1", "wall")
+    size = "element => parseFloat(getComputedStyle(element).fontSize)"
+    mm = 0.7 * 25.4 / 96
+    assert page.locator(".tile .value.big .number").first.evaluate(size) * mm > 13
+    assert page.locator(".tile .state").first.evaluate(size) * mm > 6.5
+
+
+def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet")
+    page.locator(".tilelink").first.wait_for()
+    page.keyboard.press("/")
+    assert page.evaluate("document.activeElement.type") == "search"
+    page.keyboard.type("extract")
+    page.locator(".tile").nth(1).wait_for(state="detached")
+    page.focus(".tilelink")
+    page.keyboard.press("Enter")
+    page.locator(".control").wait_for()
+    page.focus("[data-stop=drive]")
+    page.keyboard.press("Enter")
+    page.locator(".told.good").wait_for()
+
+
+def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet")
+    page.click("text=中文")
+    page.locator(f"nav >> text={i18n.text('page.way_fleet', 'zh')}").wait_for()
+    assert page.evaluate("document.documentElement.lang") == "zh-CN"
+    page.click(f"text={i18n.text('page.theme_auto', 'zh')}")
+    page.click(f"text={i18n.text('page.theme_light', 'zh')}")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.reload()
+    page.locator(f"nav >> text={i18n.text('page.way_fleet', 'zh')}").wait_for()
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
