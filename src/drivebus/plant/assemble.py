@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
-from drivebus.plant.alarms import AlarmBook
+from drivebus.plant.alarms import AlarmBook, Own
 from drivebus.plant.alarms.log import AlarmLog
 from drivebus.plant.audit import AuditTrail
 from drivebus.plant.cases import CaseStore
@@ -21,6 +23,7 @@ from drivebus.plant.logs import happened
 from drivebus.plant.model import PlantSetting
 from drivebus.plant.parts import Handler, Parts
 from drivebus.plant.runbook import RunBook
+from drivebus.plant.state import Plant
 from drivebus.plant.view import DriveView, Sample
 from drivebus.profiles.model import Text
 
@@ -68,7 +71,7 @@ class Rooms:
         interlocks = Interlocks(self.setting.interlocks)
         return Parts(
             self.trail, Heard(self.history, self.keeping), self.alarms, interlocks, self.handlers(), self._event,
-            self.disk, self._view, self.keeping.bind, self._setting,
+            self.disk, self._view, self._plant, self._setting,
         )  # fmt: skip
 
     async def close(self) -> None:
@@ -77,6 +80,11 @@ class Rooms:
         await self.runs.close()
         await self.history.close()
         await self.trail.close()
+
+    def _plant(self, plant: Plant) -> None:
+        self.keeping.bind(plant)
+        if self.trail.cut:
+            asyncio.get_running_loop().call_soon(partial(plant.alarm, Own.AUDIT, about="audit.jsonl"))
 
     def _view(self, view: DriveView, now: float, now_ms: int) -> None:
         self.keeping.view(view, now, now_ms)

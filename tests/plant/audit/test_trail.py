@@ -277,6 +277,28 @@ def test_an_end_that_was_cut_off_is_still_seen_after_the_service_went_on(tmp_pat
     assert set(kinds(again)) == {"rewritten", "mark_broken"}
 
 
+def test_the_service_can_tell_that_an_end_was_cut_off(tmp_path: Path) -> None:
+    async def opened() -> bool:
+        made = trail(tmp_path)
+        await made.open()
+        await made.close()
+        return made.cut
+
+    made = written(tmp_path)
+    assert asyncio.run(opened()) is False
+    made.places.current.write_bytes(b"".join(made.places.current.read_bytes().splitlines(True)[:4]))
+    assert asyncio.run(opened()) is True
+
+
+def test_a_trail_that_can_not_be_read_is_no_good_trail(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    made.places.current.unlink()
+    made.places.current.mkdir()
+    with pytest.raises(AuditUnavailable) as refused:
+        asyncio.run(made.verify())
+    assert "Is a directory" in str(refused.value)
+
+
 def test_a_trail_that_was_taken_away_is_begun_again_and_the_gap_is_seen(tmp_path: Path) -> None:
     async def go() -> None:
         made = trail(tmp_path)

@@ -25,6 +25,8 @@ class Own(StrEnum):
     """An interlock stopped it."""
     STORE = "store"
     """The audit trail or the history can't be written (G14)."""
+    AUDIT = "audit"
+    """Records of the audit trail were missing when the service started (S12)."""
     PORT = "port"
     """A bus has lost its port (F12)."""
     FOREIGN_MASTER = "foreign_master"
@@ -37,6 +39,7 @@ PRIORITIES: Mapping[Own, Priority] = {
     Own.NO_OWNER: Priority.HIGH,
     Own.INTERLOCK: Priority.URGENT,
     Own.STORE: Priority.URGENT,
+    Own.AUDIT: Priority.HIGH,
     Own.PORT: Priority.URGENT,
     Own.FOREIGN_MASTER: Priority.URGENT,
 }

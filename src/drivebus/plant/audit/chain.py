@@ -18,6 +18,8 @@ from drivebus.plant.audit.tails import Tail, tail_of, unfinished
 from drivebus.plant.journal import Journal, sync_folder, write_whole
 from drivebus.plant.view import Json
 
+CUT: Final = "audit.cut"
+"""What is recorded where records are missing at the start."""
 FULL_AT: Final = 16 * 1024 * 1024
 """Octets; then the file is put aside under its number, and the chain goes on in a new one."""
 
@@ -51,7 +53,7 @@ class Chain:
         self._go_on(files)
         self._journal.open()
         if self._n < self._marked:
-            self._found.append(Entry("audit.cut", params={"last": self._n, "checkpoint": self._marked}))
+            self._found.append(Entry(CUT, params={"last": self._n, "checkpoint": self._marked}))
         self._opened = True
         found, self._found = self._found, []
         return found

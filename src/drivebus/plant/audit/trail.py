@@ -7,6 +7,9 @@ does not: a stop goes first and is noted afterwards, if need be when the disk wo
 from __future__ import annotations
 
 import asyncio
+import json
+import sys
+from asyncio.subprocess import PIPE
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,11 +18,10 @@ from pathlib import Path
 
 from drivebus import seams
 from drivebus.errors import AuditUnavailable
-from drivebus.plant.audit.chain import FULL_AT, Chain
+from drivebus.plant.audit.chain import CUT, FULL_AT, Chain
 from drivebus.plant.audit.entry import Entry, told
 from drivebus.plant.audit.files import Places
 from drivebus.plant.audit.listing import listed
-from drivebus.plant.audit.verify import verify
 from drivebus.plant.grouped import Grouped
 from drivebus.plant.view import Json
 
@@ -47,6 +49,8 @@ class AuditTrail:
         self._writing: Grouped[Json, int] = Grouped("audit", self._keep)
         self._timer: asyncio.Task[None] | None = None
         self._lost = 0
+        self.cut = False
+        """When it was opened, records were missing that a checkpoint vouches for: somebody cut them off."""
         self.mark_error: OSError | None = None
         """Why the last checkpoint was not written; starts are not refused for it."""
 
@@ -90,8 +94,22 @@ class AuditTrail:
         return await self._aside(lambda: listed(self.places, from_ms, to_ms, drive, cursor, limit))
 
     async def verify(self) -> Json:
-        """``audit.verify``: what the files say about themselves now."""
-        return await self._aside(lambda: verify(self.places).as_json())
+        """``audit.verify``: what the files say about themselves now. Raises AuditUnavailable where they can't be read.
+
+        Another process reads them, so that a long trail delays no bus.
+        """
+        places = (self.places.folder, self.places.checkpoints, self.places.key)
+        command = (sys.executable, "-m", "drivebus.plant.audit", *map(str, places))
+        child = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
+        try:
+            told, failed = await child.communicate()
+        finally:
+            if child.returncode is None:
+                child.kill()
+        if child.returncode != 0:
+            raise self._unavailable(failed.decode("utf-8", "replace").strip().rpartition("\n")[2])
+        found: Json = json.loads(told)
+        return found
 
     async def checkpoint(self) -> None:
         """Write one now. Never fails: ``mark_error`` tells."""
@@ -133,11 +151,15 @@ class AuditTrail:
     def _keep(self, bodies: Sequence[Json]) -> list[int]:
         """In the thread. What was found when the files were opened is told before everything else."""
         try:
-            found = [told(entry, self._now_ms()) for entry in self._chain.open()]
+            entries = self._chain.open()
+            self.cut = self.cut or any(entry.what == CUT for entry in entries)
+            found = [told(entry, self._now_ms()) for entry in entries]
             return self._chain.append([*found, *bodies])[len(found) :]
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise AuditUnavailable("audit.unavailable", file=str(self.places.current), reason=reason) from error
+            raise self._unavailable(error.strerror or str(error)) from error
+
+    def _unavailable(self, reason: str) -> AuditUnavailable:
+        return AuditUnavailable("audit.unavailable", file=str(self.places.current), reason=reason)
 
     def _now_ms(self) -> int:
         return int(self._wall().timestamp() * 1000)
