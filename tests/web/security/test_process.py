@@ -1,0 +1,122 @@
+"""The web process itself: ``python -m drivebus.web``, with the plant there, away and back (6.6, S06)."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from pydantic import TypeAdapter
+
+from doorkit import PASSWORD
+from drivebus.drives import MemoryStore
+from drivebus.plant.access.child import Child
+from drivebus.plant.access.setup import FILE
+from drivebus.plant.model import WebSetting
+from drivebus.plant.service import Service
+from drivebus.plant.socket_server import SocketServer
+from drivebus.sim.port import forget_benches
+from plantkit import PaperHistory, PaperTrail, parts_of, setting
+
+PATIENCE_S = 30.0
+
+
+@contextmanager
+def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The process and its address. ``shell``: somebody stands between, who can be killed."""
+    child = TypeAdapter(Child).dump_json(Child(directory, directory / "access.json", WebSetting(port=0))).decode()
+    command = [sys.executable, "-m", "drivebus.web", str(directory / "plant.sock"), child]
+    if shell:
+        between = "import subprocess, sys; subprocess.run(sys.argv[1:])"
+        command = [sys.executable, "-c", between, *command]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "DRIVEBUS_LANG": "en"}
+    )
+    assert process.stdout is not None
+    try:
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def answered(client: httpx.AsyncClient, method: str, path: str, status: int, **more: Any) -> httpx.Response:
+    """The answer, asked for until it has this status."""
+    async with asyncio.timeout(PATIENCE_S):
+        while (answer := await client.request(method, path, **more)).status_code != status:  # noqa: ASYNC110
+            await asyncio.sleep(0.1)
+    return answer
+
+
+async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None:
+    """Without it: a clear 503, and logging in works; with it: its drives, without anybody logging in again."""
+    with web(tmp_path) as (process, at):
+        async with httpx.AsyncClient(base_url=at) as client:
+            secret = (tmp_path / FILE).read_text().strip()
+            body = {"secret": secret, "name": "ann", "password": PASSWORD}
+            done = await client.post("/api/v1/setup", json=body)
+            assert done.status_code == 200, done.text
+            client.headers["X-Drivebus-CSRF"] = done.json()["csrf"]
+            for method, path in (("GET", "/api/v1/drives"), ("POST", "/api/v1/stop")):
+                away = await client.request(method, path)
+                assert (away.status_code, away.json()["error"]["kind"]) == (503, "ServiceUnavailable")
+            for _ in range(2):
+                parts = parts_of(setting(), PaperTrail(), PaperHistory())
+                async with Service(setting(), parts, store=MemoryStore(), drive_store=MemoryStore()) as service:
+                    server = SocketServer(service, tmp_path / "plant.sock")
+                    await server.open()
+                    there = await answered(client, "GET", "/api/v1/drives", 200)
+                    assert [drive["id"] for drive in there.json()["drives"]][:2] == ["fan-1", "fan-2"]
+                    assert (await client.post("/api/v1/stop")).status_code in (200, 504)
+                    await server.close()
+                forget_benches()
+                await answered(client, "GET", "/api/v1/drives", 503)
+        process.send_signal(signal.SIGTERM)
+        assert await asyncio.to_thread(process.wait, PATIENCE_S) == 0
+        assert process.stderr is not None
+        said = process.stderr.read()
+        assert secret in said and "Traceback" not in said
+
+
+async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_path: Path) -> None:
+    with web(tmp_path) as (process, at):
+        async with httpx.AsyncClient(base_url=at) as client:
+            secret = (tmp_path / FILE).read_text().strip()
+            done = await client.post("/api/v1/setup", json={"secret": secret, "name": "ann", "password": PASSWORD})
+            cookies, csrf = dict(client.cookies), done.json()["csrf"]
+        process.kill()
+        process.wait()
+    with web(tmp_path) as (_, at):
+        async with httpx.AsyncClient(base_url=at, cookies=cookies) as client:
+            answer = (await client.get("/api/v1/session")).json()
+            assert (answer["user"], answer["csrf"], answer["setup"]) == ("ann", csrf, False)
+    assert not (tmp_path / FILE).exists()
+
+
+async def test_it_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None:
+    """A plant that starts again starts one of its own, at the same address."""
+    with web(tmp_path, shell=True) as (process, at):
+        async with httpx.AsyncClient(base_url=at) as client:
+            assert (await client.get("/api/v1/health")).json() == {"ok": True}
+            process.kill()
+            with pytest.raises(httpx.TransportError):
+                async with asyncio.timeout(PATIENCE_S):
+                    while True:
+                        await client.get("/api/v1/health")
+                        await asyncio.sleep(0.1)
+
+
+def test_what_it_does_not_understand_is_told_with_exit_code_2(tmp_path: Path) -> None:
+    for words in ([], ["a", "b"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "drivebus.web", *words], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2 and "Traceback" not in done.stderr
