@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from drivebus.plant.actor import Actor, local
 from drivebus.plant.alarms import Alarm, AlarmBook
 from drivebus.plant.audit import Entry
 from drivebus.plant.interlocks import Interlocks
+from drivebus.plant.logs import LOG
 from drivebus.plant.model import BusSetting, DriveSetting, GroupSetting, PlantSetting
 from drivebus.plant.parts import Parts
 from drivebus.plant.service import Service
@@ -135,8 +137,12 @@ async def plant(chosen: PlantSetting | None = None, *, store: MemoryStore | None
     chosen = chosen or setting()
     trail, history, kept = PaperTrail(), PaperHistory(), store or MemoryStore()
     service = Service(chosen, parts_of(chosen, trail, history), store=kept, drive_store=MemoryStore())
+    failures: list[logging.LogRecord] = []
+    LOG.addFilter(noted := lambda record: not record.exc_info or failures.append(record) or True)
     try:
         async with service:
             yield Kit(service, trail, history, kept)
     finally:
+        LOG.removeFilter(noted)
         forget_benches()
+    assert not failures, failures

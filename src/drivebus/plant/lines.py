@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from drivebus import open_bus
 from drivebus.bus import Bus
+from drivebus.bus.planner import arithmetic
 from drivebus.bus.trace import TraceEvent
 from drivebus.errors import DrivebusError
 from drivebus.plant.config.polling import line_of
@@ -53,6 +54,8 @@ class Line:
         self.problem: DrivebusError | None = None
         """Why it could not be opened, None where it was."""
         self.frames: deque[Seen] = deque(maxlen=KEPT_FRAMES)
+        self._bound: tuple[Any, float | None] = ((), None)
+        """For which polls, and the bound: computed anew only when they change."""
         self.count = 0
         self.progress_at: float | None = None
         """When the loop of this bus last did something: what the watchdog is fed by."""
@@ -60,6 +63,14 @@ class Line:
         self._now = now
         self._opening: asyncio.Task[None] | None = None
         self._untrace = self.bus.trace(self._traced)
+
+    def stop_bound_s(self) -> float | None:
+        """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
+        polled = tuple((unit.drive.dialect.link, tuple(unit.polls)) for unit in self.units.values())
+        if polled != self._bound[0]:
+            drives = arithmetic(polled, self.bus.line).drives
+            self._bound = polled, max((drive.stop_bound_s for drive in drives.values()), default=None)
+        return self._bound[1]
 
     def add(
         self, setting: DriveSetting, samples: Callable[[Unit, list[Sample]], None], store: Store | None = None

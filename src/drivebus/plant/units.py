@@ -12,7 +12,7 @@ from drivebus.drives.commloss import CommLossReport
 from drivebus.drives.memory import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.statusread import complete
-from drivebus.plant.config.polling import names_of, profile_of
+from drivebus.plant.config.polling import names_of, polls_of, profile_of
 from drivebus.plant.failure import both
 from drivebus.plant.model import DriveSetting
 from drivebus.plant.view import HostDies, Sample
@@ -38,6 +38,7 @@ class Unit:
             bus, self.profile, setting.address,
             encoding=setting.encoding, limits=setting.limits, settings=setting.settings, store=store,
         )  # fmt: skip
+        self.polls = polls_of(setting, self.drive.dialect)
         self.monitor: Monitor | None = None
         self.host_dies = HostDies("unknown", None, NOT_READ)
         self.host_dies_read_at: float | None = None
@@ -71,6 +72,7 @@ class Unit:
             self.profile, watched = profile_of(setting), self.monitor is not None
             self.signals = names_of(setting, self.profile)
             self.drive.repace(self.profile)
+            self.polls = polls_of(setting, self.drive.dialect)
             self._unwatch()
             if watched:
                 self.watch()

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-from drivebus.bus.planner import arithmetic
 from drivebus.drives.state import DriveStatus, Fault
-from drivebus.plant.config.polling import polls_of
 from drivebus.plant.failure import both
 from drivebus.plant.lines import Line
 from drivebus.plant.starting import hindrances
@@ -71,7 +69,6 @@ def bus_view(plant: Plant, line: Line) -> Json:
     found = bus.statistics()
     own = [_station(line, unit, found.stations[unit.setting.address]) for unit in line.units.values()]
     stations = tuple(found.stations.values())
-    bound = stop_bound_s(line)
     return {
         "id": setting.id, "title": text_json(setting.title), "link": setting.link, "line": str(bus.line),
         "is_open": bus.is_open and not bus.is_closed,
@@ -81,14 +78,15 @@ def bus_view(plant: Plant, line: Line) -> Json:
         "errors": _sums([found.errors, *(one.errors for one in stations)]),
         "counters": _sums([found.counters, *(one.counters for one in stations)]),
         "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s, "reply_p99_s": found.reply_p99_s,
-        "foreign_master": bus.core.listener.foreign_master(plant.now()), "stop_bound_s": bound, "stations": own,
+        "foreign_master": bus.core.listener.foreign_master(plant.now()),
+        "stop_bound_s": line.stop_bound_s(), "stations": own,
     }  # fmt: skip
 
 
 def _station(line: Line, unit: Unit, found: Any) -> Json:
     return {
         "address": unit.setting.address, "drive": unit.id, "presence": str(unit.bus.presence(unit.setting.address)),
-        "refresh_s": max((poll.period_s for poll in polls_of(unit.setting, unit.drive.dialect)), default=None),
+        "refresh_s": max((poll.period_s for poll in unit.polls), default=None),
         "error_rate": round(found.error_rate, 4), "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s,
         "errors": dict(found.errors), "counters": dict(found.counters), "load_percent": round(found.load_percent, 2),
     }  # fmt: skip
@@ -100,13 +98,6 @@ def _sums(many: list[Mapping[str, int]]) -> dict[str, int]:
         for name, count in one.items():
             found[name] = found.get(name, 0) + count
     return found
-
-
-def stop_bound_s(line: Line) -> float | None:
-    """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
-    polls = [(unit.drive.dialect.link, polls_of(unit.setting, unit.drive.dialect)) for unit in line.units.values()]
-    drives = arithmetic(polls, line.bus.line).drives
-    return max((drive.stop_bound_s for drive in drives.values()), default=None)
 
 
 def plant_topic(plant: Plant) -> Json:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from drivebus.bus.stations import Presence
 from drivebus.drives.state import DriveStatus
@@ -14,6 +15,7 @@ from drivebus.plant.failure import both
 from drivebus.plant.groups import Groups
 from drivebus.plant.jogs import Jogs
 from drivebus.plant.lines import Line
+from drivebus.plant.model import GroupSetting
 from drivebus.plant.policies import Policies
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
@@ -23,7 +25,9 @@ from drivebus.profiles.model import Text
 
 LOOK_S = 0.25
 SLOW_LOOKS = 4
-"""Buses, and the plant itself, are looked at every so many looks."""
+"""Buses are looked at every so many looks."""
+DISK_LOOKS = 40
+Step = Callable[[], None]
 BADGE_S = 3600.0
 """What a drive does when its host dies is read from it again after so long: it costs bus time."""
 BADGE_AGAIN_S = 60.0
@@ -46,34 +50,57 @@ class Watching:
         self._asked: dict[str, float] = {}
 
     async def run(self) -> None:
-        """Until cancelled. One look that fails is told and does not end the next (a motor may be turning)."""
+        """Until cancelled. In steps, so that no bus waits for a whole look; a step that fails is told and ends no other
+        (a motor may be turning)."""
         while True:
-            try:
-                self.look()
-            except Exception:
-                LOG.exception("a look at the plant failed")
-            await asyncio.sleep(LOOK_S)
+            due = self.plant.now() + LOOK_S
+            for step in self._steps():
+                self._safely(step)
+                await asyncio.sleep(0)
+            await asyncio.sleep(max(0.0, due - self.plant.now()))
 
     def look(self) -> None:
-        """Once."""
-        plant, now, now_ms = self.plant, self.plant.now(), self.plant.wall_ms()
-        for unit in plant.units.values():
-            self._drive(unit, now, now_ms)
-        self.policies.interlocks(self.views, now)
-        self.policies.leases(now)
-        self.jogs.sweep()
+        """Once, all of it."""
+        for step in self._steps():
+            self._safely(step)
+
+    def _safely(self, step: Step) -> None:
+        try:
+            step()
+        except Exception:
+            LOG.exception("a look at the plant failed")
+
+    def _steps(self) -> Iterator[Step]:
+        plant, now_ms = self.plant, self.plant.wall_ms()
+        for unit in tuple(plant.units.values()):
+            yield partial(self._drive, unit)
+        yield lambda: self.policies.interlocks(self.views, plant.now())
+        yield lambda: self.policies.leases(plant.now())
+        yield self.jogs.sweep
         for group in plant.setting.groups:
-            plant.hub.publish(f"groups/{group.id}", self.groups.view(group))
-        if self._looks % SLOW_LOOKS == 0:
-            for line in plant.lines.values():
-                self._port(line, now)
-                plant.hub.publish(f"buses/{line.setting.id}", bus_view(plant, line))
+            yield partial(self._group, group)
+        for line in tuple(plant.lines.values()) if self._looks % SLOW_LOOKS == 0 else ():
+            yield partial(self._line, line)
+        yield partial(self._whole, now_ms)
+        self._looks += 1
+        yield partial(self.after_look, plant.now())
+
+    def _line(self, line: Line) -> None:
+        if self.plant.lines.get(line.setting.id) is line:
+            self._port(line, self.plant.now())
+            self.plant.hub.publish(f"buses/{line.setting.id}", bus_view(self.plant, line))
+
+    def _group(self, group: GroupSetting) -> None:
+        if group in self.plant.setting.groups:
+            self.plant.hub.publish(f"groups/{group.id}", self.groups.view(group))
+
+    def _whole(self, now_ms: int) -> None:
+        plant = self.plant
+        if self._looks % DISK_LOOKS == 0:
             plant.disk = plant.parts.disk()
-        plant.alarmed(plant.parts.alarms.tick(now, now_ms))
+        plant.alarmed(plant.parts.alarms.tick(plant.now(), now_ms))
         plant.hub.publish("alarms", plant.parts.alarms.topic())
         plant.hub.publish("plant", plant_topic(plant))
-        self._looks += 1
-        self.after_look(now)
 
     def ask_again(self, drive: str) -> None:
         """It is another drive now: nothing is known of it."""
@@ -86,7 +113,10 @@ class Watching:
         self.views.pop(drive, None)
         self.plant.hub.remove(f"drives/{drive}")
 
-    def _drive(self, unit: Unit, now: float, now_ms: int) -> None:
+    def _drive(self, unit: Unit) -> None:
+        if self.plant.units.get(unit.id) is not unit:
+            return
+        now, now_ms = self.plant.now(), self.plant.wall_ms()
         status = unit.status()
         unit.feed(status.readings)
         view = self.views[unit.id] = drive_view(self.plant, unit, status)
