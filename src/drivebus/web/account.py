@@ -32,6 +32,12 @@ def account_router(desk: Desk) -> APIRouter:
         """The page tells that somebody is there (the door has noted it)."""
         return JSONResponse(desk.session_json(request.state.visitor))
 
+    @router.post("/session/wake")
+    async def wake(request: Request, body: given.Wake) -> JSONResponse:
+        """The password again after idle minutes: the same session, with a new cookie and CSRF token."""
+        mine = _mine(request)
+        return await desk.let_in(request, "wake", access.wake(mine.session, body.password), mine.session.user)
+
     @router.post("/setup")
     async def setup(request: Request, body: given.SetUp) -> JSONResponse:
         opening = access.set_up(body.secret, body.name, body.password, address(request.scope))

@@ -58,7 +58,7 @@ class Desk:
             await self.refusals.refused(how, name, error.key, stranger)
             raise
         before: Visitor | None = request.state.visitor
-        if isinstance(before, BySession):
+        if isinstance(before, BySession) and before.session is not opened.session:
             before.session.end("replaced")
             await self.access.keep()
         visitor = BySession(opened.session, self.access.around)

@@ -37,6 +37,10 @@ class SetUp(Given):
     password: Secret
 
 
+class Wake(Given):
+    password: Secret
+
+
 class NewPassword(Given):
     old: Secret
     new: Secret

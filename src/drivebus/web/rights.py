@@ -67,6 +67,7 @@ TABLE: tuple[Entry, ...] = (
         "POST /logout",
         "POST /logout-everywhere",
         "POST /session/active",
+        "POST /session/wake",
         "POST /password",
         "GET /tokens",
         "POST /tokens",

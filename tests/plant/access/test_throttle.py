@@ -65,6 +65,15 @@ def test_s05_nobody_is_locked_out_for_ever() -> None:
     assert throttle.wait_s(("user:li",), 8 * HOUR_S + WINDOW_S) == 0.0
 
 
+def test_s05_a_failure_counts_for_a_quarter_of_an_hour() -> None:
+    throttle = Throttle()
+    for _ in range(FREE):
+        throttle.tried(("a",), 100.0)
+    throttle.tried(("a",), 999.0)
+    assert throttle.wait_s(("a",), 999.5) > 0.0
+    assert throttle.wait_s(("a",), 100.0 + WINDOW_S) == 0.0
+
+
 def test_s05_a_right_password_does_not_wipe_the_guesses_of_others() -> None:
     throttle = Throttle()
     for n in range(FREE):

@@ -51,6 +51,20 @@ def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
     run(story())
 
 
+def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("engineer")
+        body = json.dumps({"text": ""}).encode()
+        for more in ({}, {"content-length": str(LARGEST)}):
+            whole = body + b" " * (LARGEST - len(body))
+            answer = await client.post("/api/v1/configuration/check", content=whole, headers={**JSON, **more})
+            assert answer.status_code == 200, answer.text
+
+    run(story())
+
+
 async def told(house: House, headers: dict[str, str], parts: Any) -> int:
     """The status that a request gets whose body comes in ``parts``: (octets, seconds before them)."""
     statuses: list[int] = []

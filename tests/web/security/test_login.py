@@ -187,6 +187,45 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
     run(story())
 
 
+def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
+    """Its leases belong to it; its secrets are new ones; a wrong password takes nothing away and is counted (S05)."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        old, before = client.cookies["drivebus_session"], (await client.get("/api/v1/session")).json()
+        house.clock.now += IDLE_S
+        assert (await client.post("/api/v1/session/wake", json={"password": "wrong password"})).status_code == 403
+        assert (await client.post("/api/v1/stop")).status_code == 200
+        woken = await client.post("/api/v1/session/wake", json={"password": PASSWORD})
+        after = woken.json()
+        assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
+        assert after["csrf"] != before["csrf"] and house.access.by_cookie(old) is None
+        assert (await client.post("/api/v1/stop")).status_code == 403, "the old CSRF token"
+        client.headers["X-Drivebus-CSRF"] = after["csrf"]
+        answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
+        assert answer.status_code == 200 and house.plant.calls[-1][2].session == before["session"]
+        house.clock.now += 12 * 3600.0 - IDLE_S
+        assert (await client.get("/api/v1/drives")).status_code == 401, "twelve hours are twelve hours"
+        told = [(entry["what"], entry["outcome"]) for entry, _ in house.plant.records if entry["what"] == "wake"]
+        assert told == [("wake", "done")]
+
+    run(story())
+
+
+def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        house.clock.now += IDLE_S
+        guesses = [await client.post("/api/v1/session/wake", json={"password": f"wrong {n}"}) for n in range(15)]
+        assert [answer.status_code for answer in guesses] == [403] * 10 + [429] * 5
+        assert (await client.post("/api/v1/stop")).status_code == 200
+
+    run(story())
+
+
 def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
     house = House(tmp_path)
 

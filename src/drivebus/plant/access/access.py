@@ -149,16 +149,31 @@ class Access:
     async def new_password(self, session: Session, old: str, new: str) -> Opened:
         """One's own. Ends every session of the user; the new one is the caller's. Raises Forbidden where ``old`` is
         wrong, TooManyAttempts, Unfit."""
-        user = self.register.user(session.user)
-        try:
-            await self._check(user, user.name, old, session.address)
-        except NotLoggedIn as error:
-            raise Forbidden(error.key) from error
+        user = await self._own(session, old)
         hashed = await self.passwords.hash(check_new(new, user.name))
         changed = replace(user, password=hashed)
         await self.change(lambda register: register.changed(changed))
         self.sessions.end_all(user.name, "rights")
         return await self._open(changed, session.address)
+
+    async def wake(self, session: Session, password: str) -> Opened:
+        """An idle session gets its rights back; it stays the same one, so that its leases go on (S07).
+
+        Raises Forbidden for a wrong password, TooManyAttempts.
+        """
+        await self._own(session, password)
+        secret = self.sessions.wake(session, self.clock())
+        await self.keep()
+        return Opened(secret, session)
+
+    async def _own(self, session: Session, password: str) -> User:
+        """The session's user, by the password. Not NotLoggedIn: the session goes on, and with it the right to stop."""
+        user = self.register.user(session.user)
+        try:
+            await self._check(user, user.name, password, session.address)
+        except NotLoggedIn as error:
+            raise Forbidden(error.key) from error
+        return user
 
     def by_cookie(self, secret: str) -> BySession | None:
         session = self.sessions.find(secret, self.clock())

@@ -48,7 +48,7 @@ class Session:
         return now - self.active >= IDLE_S
 
     def touch(self, now: float) -> None:
-        """The person did something. An idle session stays idle: only a password wakes it."""
+        """The person did something. An idle session stays idle: only a password wakes it (``Sessions.wake``)."""
         if not self.is_idle(now):
             self.active = now
 
@@ -68,6 +68,14 @@ class Sessions:
         )
         self._by_digest[digest(secret)] = session
         return secret, session
+
+    def wake(self, session: Session, now: float) -> str:
+        """A password was given again: a new secret for the same session, whose leases stay its own."""
+        self._by_digest = {key: one for key, one in self._by_digest.items() if one is not session}
+        secret = secrets.token_urlsafe(32)
+        session.active, session.csrf = now, secrets.token_urlsafe(24)
+        self._by_digest[digest(secret)] = session
+        return secret
 
     def find(self, secret: str, now: float) -> Session | None:
         session = self._by_digest.get(digest(secret))
