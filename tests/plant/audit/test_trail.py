@@ -214,19 +214,23 @@ def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path
     run(go())
 
 
-def test_s12_a_checkpoint_is_written_each_minute_and_at_the_end(tmp_path: Path) -> None:
+def test_s12_a_checkpoint_is_written_at_the_start_each_minute_and_at_the_end(tmp_path: Path) -> None:
     from drivebus.testing.virtual import run
 
     async def go() -> None:
         made = trail(tmp_path)
         await made.open()
-        await asyncio.sleep(61.0)
         assert [one["n"] for one in lines(made.places.checkpoints)] == [1]
+        await made.record(entry(1))
+        await asyncio.sleep(59.0)
+        assert len(lines(made.places.checkpoints)) == 1
+        await asyncio.sleep(2.0)
+        assert [one["n"] for one in lines(made.places.checkpoints)] == [1, 2]
         await asyncio.sleep(120.0)
         await made.record(entry(1))
-        assert len(lines(made.places.checkpoints)) == 1, "none where nothing happened"
+        assert len(lines(made.places.checkpoints)) == 2, "none where nothing happened"
         await made.close()
-        assert [one["n"] for one in lines(made.places.checkpoints)] == [1, 2]
+        assert [one["n"] for one in lines(made.places.checkpoints)] == [1, 2, 3]
 
     run(go())
 

@@ -65,10 +65,12 @@ class AuditTrail:
         return self._writing.error
 
     async def open(self) -> None:
-        """Make ready, and begin to write checkpoints. Never fails: ``ok`` tells, and it is tried again."""
+        """Make ready, and begin to write checkpoints, the first one for what an earlier life left. Never fails: ``ok``
+        tells, and it is tried again."""
         self._timer = asyncio.get_running_loop().create_task(self._run(), name="audit checkpoints")
         with suppress(AuditUnavailable):
             await self.record(Entry("audit.opened"))
+            await self.checkpoint()
 
     async def record(self, entry: Entry) -> int:
         """Its number; it is durable when this returns. Raises AuditUnavailable."""

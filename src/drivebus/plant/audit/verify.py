@@ -73,7 +73,9 @@ class _Walk:
 
     def __init__(self, places: Places, report: Report, marks: list[Checkpoint]) -> None:
         self._places, self._report, self._marks = places, report, marks
-        self._wanted = {mark.n: mark.hash for mark in marks}
+        self._wanted: dict[int, set[str]] = {}
+        for mark in marks:
+            self._wanted.setdefault(mark.n, set()).add(mark.hash)
         self._n = 0
         self._hash: str | None = seal.FIRST
         """None: the line before is spoilt, so that nobody can tell what must come next."""
@@ -113,7 +115,7 @@ class _Walk:
         if found.n != self._n + 1 or self._hash not in (None, found.prev):
             self._report.problem("broken", path, number, expected=self._n + 1, n=found.n)
         self._n, self._hash, self._told = found.n, found.hash, max(self._told, found.checkpoints)
-        if self._wanted.get(found.n, found.hash) != found.hash:
+        if self._wanted.get(found.n, {found.hash}) != {found.hash}:
             self._report.problem("rewritten", path, number, n=found.n)
 
 
