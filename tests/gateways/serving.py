@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from argon2 import PasswordHasher
 
+from drivebus.drives import MemoryStore
 from drivebus.plant.access.access import Access
 from drivebus.plant.access.passwords import Passwords
 from drivebus.plant.access.register import Register, Token, User
 from drivebus.plant.access.rights import RIGHTS, Right, Role
 from drivebus.plant.access.sessions import digest
+from drivebus.plant.assemble import Rooms
 from drivebus.plant.client import PlantClient
 from drivebus.plant.model import WebSetting
+from drivebus.plant.service import Service, utc_ms
 from drivebus.plant.socket_server import SocketServer
+from drivebus.sim.port import forget_benches
 from drivebus.web.app import make_app
 from drivebus.web.server import LOOPBACK, Server, bound, config
-from plantkit import BUSES, Kit, plant, setting
+from plantkit import BUSES, Kit, PaperHistory, PaperTrail, setting
 
 PASSWORD = "correct horse battery"
 QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
@@ -60,6 +64,19 @@ def register() -> Register:
     return found
 
 
+@asynccontextmanager
+async def whole(directory: Path) -> AsyncIterator[Kit]:
+    """A plant over simulated drives with its real trail, history, alarms and cases on disk."""
+    chosen, store = setting(buses=QUICK_BUSES, directory=directory), MemoryStore()
+    rooms = Rooms(chosen, asyncio.get_running_loop().time, utc_ms)
+    try:
+        async with Service(chosen, await rooms.open(), store=store, drive_store=MemoryStore()) as service:
+            yield Kit(service, PaperTrail(), PaperHistory(), store)
+    finally:
+        await rooms.close()
+        forget_benches()
+
+
 @contextmanager
 def served(directory: Path, client: Callable[[Kit], PlantClient] = lambda kit: kit.service) -> Iterator[Served]:
     """``client`` puts another ``PlantClient`` between the web part and the plant."""
@@ -69,7 +86,7 @@ def served(directory: Path, client: Callable[[Kit], PlantClient] = lambda kit: k
     access.file.change(lambda _: register())
 
     async def serve() -> None:
-        async with plant(setting(buses=QUICK_BUSES)) as kit:
+        async with whole(directory) as kit:
             listener = bound(LOOPBACK, 0)
             web = WebSetting(port=listener.getsockname()[1])
             server = Server(config(make_app(client(kit), access, web), web))

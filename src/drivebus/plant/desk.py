@@ -60,7 +60,10 @@ class Desk:
             return await self._stop_first(operation, parsed, actor, handler)
         if operation.changes:
             return await self._recorded(operation, parsed, actor, handler)
-        return await handler(parsed, actor)
+        try:
+            return await handler(parsed, actor)
+        except ParamsError as error:
+            raise wrong(operation, error.params["faults"]) from error
 
     def may_look(self, actor: Actor) -> None:
         """Raises Forbidden."""
@@ -161,8 +164,13 @@ def checked(operation: Operation, params: Json) -> Params:
             {"path": ".".join(map(str, one["loc"])), "found": _short(one["input"]), "expected": one["msg"]}
             for one in error.errors(include_url=False, include_context=False)
         ]
-        text = "; ".join(f"{fault['path']}: {fault['expected']}" for fault in faults)
-        raise ParamsError("plant.params", operation=operation.name, problems=text, faults=faults) from error
+        raise wrong(operation, faults) from error
+
+
+def wrong(operation: Operation, faults: list[Json]) -> ParamsError:
+    """The error that names each fault in its sentence too, whichever room found it."""
+    text = "; ".join(f"{fault['path']}: {fault['expected']}" for fault in faults)
+    return ParamsError("plant.params", operation=operation.name, problems=text, faults=faults)
 
 
 def _short(value: Any) -> str:
