@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
@@ -159,14 +160,18 @@ class Commands:
     async def waive(self, params: ask.Waiver, actor: Actor) -> Json:
         unit = self.plant.unit(params.drive)
         text = f"{params.reason} ({actor.name})"
-        self.plant.store.put(f"waiver/{unit.id}", json.dumps(text))
+        await self._keep(f"waiver/{unit.id}", json.dumps(text))
         unit.waiver = text
         self.plant.tell("waiver", unit.id, "plant.waived", actor=actor.name, reason=params.reason)
         return {"waiver": text}
 
+    async def _keep(self, key: str, value: str) -> None:
+        """Durable on return; the bus does not wait for the disk. Raises ConfigurationError."""
+        await asyncio.to_thread(self.plant.store.put, key, value)
+
     async def unwaive(self, params: ask.OfDrive, actor: Actor) -> Json:
         unit = self.plant.unit(params.drive)
-        self.plant.store.put(f"waiver/{unit.id}", "")
+        await self._keep(f"waiver/{unit.id}", "")
         unit.waiver = None
         self.plant.tell("waiver", unit.id, "plant.unwaived", actor=actor.name)
         return {}
@@ -179,7 +184,7 @@ class Commands:
         wanted = highest if own.maximum_hz is None else own.maximum_hz
         if wanted > highest or own.minimum_hz > wanted or lowest > wanted:
             raise LimitError("plant.limits", drive=unit.id, minimum_hz=unit.file_range_hz[0], maximum_hz=highest)
-        self.plant.store.put(f"limits/{unit.id}", json.dumps(asdict(own)))
+        await self._keep(f"limits/{unit.id}", json.dumps(asdict(own)))
         unit.limit(narrower(own, unit.setting.limits))
         self.plant.tell("configuration", unit.id, "plant.limited", actor=actor.name)
         low, high = unit.drive.range_hz

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from drivebus import i18n
@@ -14,6 +15,8 @@ from drivebus.plant.lines import Line, Seen
 from drivebus.protocols.describe import Description
 
 Json = dict[str, Any]
+KEPT = 4096
+"""So many meanings are remembered."""
 EXPLAINED = (Kind.SENT, Kind.REPLY)
 
 
@@ -49,9 +52,14 @@ def _text(line: Line, seen: Seen) -> Json:
     profile = next((unit.profile for unit in line.units.values() if unit.setting.address == event.station), None)
     if profile is None or not event.data or event.kind not in EXPLAINED:
         return both(f"plant.frame_{event.kind.value}")
-    direction = "request" if event.kind is Kind.SENT else "response"
+    return dict(_told(profile.source or profile.model, event.data, event.kind is Kind.SENT))
+
+
+@lru_cache(maxsize=KEPT)
+def _told(model: str, data: bytes, asked: bool) -> Json:
+    """Polls say the same again and again."""
     try:
-        found = explain(profile.model, event.data, direction=direction)
+        found = explain(model, data, direction="request" if asked else "response")
     except DrivebusError as error:
         return both(error.key, error.params)
     return {language: _sentence(found, language) for language in i18n.LANGUAGES}

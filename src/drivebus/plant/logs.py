@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import json
 import logging
+import queue
 import sys
+from logging.handlers import QueueHandler, QueueListener
 from typing import Any, TextIO
 
 from drivebus import i18n
@@ -12,6 +16,8 @@ from drivebus.seams import wall_clock
 
 Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.plant")
+WAITING = 10_000
+"""So many lines wait for a log that hangs; what comes then is dropped (I12)."""
 LEVELS = {"fault": logging.ERROR, "alarm": logging.WARNING, "presence": logging.WARNING}
 
 
@@ -19,10 +25,25 @@ def begin(form: str, stream: TextIO | None = None) -> None:
     """From now on the plant's log goes to ``stream`` as ``text`` or ``json``."""
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonLines() if form == "json" else PlainLines())
+    lines: queue.Queue[logging.LogRecord] = queue.Queue(WAITING)
+    listener = QueueListener(lines, handler)
     root = logging.getLogger("drivebus")
-    root.handlers = [handler]
+    root.handlers = [Waiting(lines)]
     root.setLevel(logging.INFO)
     root.propagate = False
+    listener.start()
+    atexit.register(listener.stop)
+
+
+class Waiting(QueueHandler):
+    """Hands a line to the thread that writes: whoever reads the log and hangs holds up no bus, and loses lines."""
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(queue.Full):
+            self.queue.put_nowait(record)
 
 
 def happened(event: Json) -> None:

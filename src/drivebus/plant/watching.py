@@ -41,6 +41,7 @@ class Watching:
         self.plant, self.groups, self.jogs, self.policies = plant, groups, jogs, policies
         self.views: dict[str, DriveView] = {}
         self._looks = 0
+        self._disk: asyncio.Task[None] | None = None
         self._faults: dict[str, int] = {}
         self._open: dict[str, bool] = {}
         self.after_look: Callable[[float], None] = lambda now: None
@@ -85,6 +86,10 @@ class Watching:
         self._looks += 1
         yield partial(self.after_look, plant.now())
 
+    async def _room(self) -> None:
+        """A disk that hangs holds a thread, no bus."""
+        self.plant.disk = await asyncio.to_thread(self.plant.parts.disk)
+
     def _line(self, line: Line) -> None:
         if self.plant.lines.get(line.setting.id) is line:
             self._port(line, self.plant.now())
@@ -96,8 +101,8 @@ class Watching:
 
     def _whole(self, now_ms: int) -> None:
         plant = self.plant
-        if self._looks % DISK_LOOKS == 0:
-            plant.disk = plant.parts.disk()
+        if self._looks % DISK_LOOKS == 0 and (self._disk is None or self._disk.done()):
+            self._disk = asyncio.create_task(self._room(), name="room on the disk")
         plant.alarmed(plant.parts.alarms.tick(plant.now(), now_ms))
         plant.hub.publish("alarms", plant.parts.alarms.topic())
         plant.hub.publish("plant", plant_topic(plant))
@@ -187,6 +192,7 @@ class Watching:
 
     async def close(self) -> None:
         """No more reads of its own."""
-        for task in self._reading:
+        tasks = [*self._reading, *([self._disk] if self._disk is not None else [])]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._reading, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,174 @@
+"""Around the plant process: its log, its watchdog, its web child, its lock."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import itertools
+import json
+import logging
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivebus.errors import ConfigurationError
+from drivebus.plant import logs, supervisor
+from drivebus.plant.lock import only_one
+from drivebus.plant.notify import HANGS_S, Notify, alive
+from drivebus.plant.supervisor import Supervisor
+from drivebus.testing.virtual import run
+from plantkit import plant
+
+
+def line(text: str, drive: str | None = None) -> logging.LogRecord:
+    record = logging.LogRecord("drivebus.plant", logging.WARNING, "", 0, text, (), None)
+    record.event = {"kind": "presence", "drive": drive, "actor": None, "outcome": None}
+    return record
+
+
+def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> None:
+    """S13."""
+    evil = "gone\n2026-01-01T00:00:00+00:00 INFO pump-1: all is well\x1b[2J\r"
+    plain = logs.PlainLines().format(line(evil, "fan-1"))
+    assert "\n" not in plain and "\r" not in plain and "\x1b" not in plain and "fan-1: gone" in plain
+    found = json.loads(logs.JsonLines().format(line(evil, "fan-1")))
+    assert found["text"] == evil and found["drive"] == "fan-1" and found["level"] == "warning"
+    assert "\n" not in logs.JsonLines().format(line(evil))
+
+
+def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """G14: lines are dropped, control goes on."""
+    stopped: list[Any] = []
+    monkeypatch.setattr(logs.atexit, "register", stopped.append)
+    monkeypatch.setattr(logs, "WAITING", 3)
+    root = logging.getLogger("drivebus")
+    before = root.handlers, root.level, root.propagate
+    reader, writer = socket.socketpair()
+    event = {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
+
+    class Hanging(io.StringIO):
+        def write(self, text: str) -> int:
+            reader.recv(1)  # until the test lets it go
+            return len(text)
+
+    try:
+        logs.begin("text", Hanging())
+        for _ in range(50):
+            logs.happened(
+                {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
+            )
+    finally:
+        writer.close()
+        stopped[0]()
+        reader.close()
+        root.handlers, root.propagate = before[0], before[2]
+        root.setLevel(before[1])
+
+
+def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Path) -> None:
+    manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    manager.bind(str(tmp_path / "notify"))
+    manager.setblocking(False)
+    notify = Notify({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
+
+    def bus(late_s: float, is_open: bool = True) -> Any:
+        return SimpleNamespace(bus=SimpleNamespace(late_s=late_s, is_open=is_open, is_closed=False))
+
+    notify.feed([bus(0.0), bus(0.1)], 10.0)
+    assert manager.recv(100) == b"WATCHDOG=1"
+    for lines, now in (([bus(0.0)], 10.5), ([bus(0.0), bus(HANGS_S)], 12.0)):
+        notify.feed(lines, now)
+        with pytest.raises(BlockingIOError):
+            manager.recv(100)
+    notify.feed([bus(0.0), bus(99.0, is_open=False)], 12.5)  # known to be lost, and being opened again
+    assert manager.recv(100) == b"WATCHDOG=1"
+    manager.close()
+    notify.say("READY=1")  # the manager is gone: nobody's problem
+    Notify({}).say("READY=1")
+
+
+def test_a_bus_that_does_not_do_what_is_due_is_not_alive() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            line = kit.service.plant.lines["a"]
+            assert alive(line)
+            line.bus._alarm.set(None)  # type: ignore[union-attr]
+            line.bus._set_alarm = lambda: None  # type: ignore[method-assign]
+            await asyncio.sleep(10)
+            assert not alive(line)
+
+    run(story())
+
+
+def test_a_web_part_that_ends_is_started_again_with_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        begun: list[float] = []
+        codes: list[int] = []
+        runs_s = iter([0.0, 0.0, 0.0, supervisor.STEADY_S, 0.0, 1000.0])
+
+        class Child:
+            returncode: int | None = 3
+
+            async def wait(self) -> int:
+                await asyncio.sleep(next(runs_s))
+                return 3
+
+        async def started(*command: str, **how: Any) -> Child:
+            begun.append(loop.time())
+            return Child()
+
+        monkeypatch.setattr(asyncio, "create_subprocess_exec", started)
+        child = Supervisor(["web"], loop.time, codes.append)
+        child.start()
+        await asyncio.sleep(100)
+        pauses = [round(later - earlier, 3) for earlier, later in itertools.pairwise(begun)]
+        assert pauses == [0.5, 1.0, 2.0, supervisor.STEADY_S + 0.5, 1.0]
+        assert codes == [3] * 5
+        await child.close()
+
+    run(story())
+
+
+def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor, "PATIENCE_S", 0.1)
+    stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)"
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        child = Supervisor([sys.executable, "-c", stubborn], loop.time, lambda code: None)
+        child.start()
+        while child.starts == 0:  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.3)
+        await child.close()
+        assert child.process is not None and child.process.returncode is not None
+
+    asyncio.run(story())
+
+
+def test_a_state_directory_serves_one_plant_and_is_its_users_own(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "state"
+    with only_one(folder):
+        assert folder.stat().st_mode & 0o777 == 0o700
+        with pytest.raises(ConfigurationError, match="runs already"), only_one(folder):
+            raise AssertionError
+    with only_one(folder):
+        pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="can't be used"), only_one(tmp_path / "file"):
+        raise AssertionError
+
+
+def test_the_plant_process_imports_nothing_of_web_or_gateways() -> None:
+    """6.6: a small process without web code."""
+    code = "import sys, drivebus.plant.process; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()} | {*done.stdout.split()}
+    assert not loaded & {"fastapi", "uvicorn", "starlette", "drivebus.web", "drivebus.gateways"}
