@@ -47,10 +47,11 @@ class Journal:
         self.open()
         if self._doubt:
             os.ftruncate(self._fd, self.size)
+        apart = self._apart()
         self._doubt = True
-        _write(self._fd, data)
+        _write(self._fd, apart + data)
         os.fsync(self._fd)
-        self.size, self._doubt = self.size + len(data), False
+        self.size, self._doubt = self.size + len(apart + data), False
 
     def cut(self, size: int) -> None:
         """Take away everything from octet ``size`` on. Raises OSError."""
@@ -73,9 +74,23 @@ class Journal:
             os.close(fd)
 
     def _still_there(self) -> None:
-        """A file that somebody has taken away is begun again; what is written to its remains nobody would find."""
-        if self._fd >= 0 and os.fstat(self._fd).st_nlink == 0:
+        """A file that somebody has removed, moved or replaced is opened again under its name."""
+        if self._fd < 0:
+            return
+        mine = os.fstat(self._fd)
+        try:
+            there = self.path.stat()
+        except FileNotFoundError:
             self.close()
+            return
+        if (mine.st_dev, mine.st_ino) != (there.st_dev, there.st_ino):
+            self.close()
+
+    def _apart(self) -> bytes:
+        """Somebody else has written to the file, or cut it: what is ours begins on a line of its own."""
+        size = os.fstat(self._fd).st_size
+        written, self.size = size > self.size, size
+        return b"\n" if written else b""
 
 
 def _write(fd: int, data: bytes) -> None:

@@ -316,6 +316,27 @@ def test_a_trail_that_was_taken_away_is_begun_again_and_the_gap_is_seen(tmp_path
     asyncio.run(go())
 
 
+def test_what_somebody_else_does_to_the_file_meanwhile_spoils_no_record(tmp_path: Path) -> None:
+    """A log rotation, an editor: it is found, and what is acknowledged stands on lines of its own."""
+
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        path = made.places.current
+        path.write_bytes(path.read_bytes() + b"half a li")
+        await made.record(entry(1))
+        assert kinds(made) == ["changed", "broken"]
+        path.rename(path.with_suffix(".1"))
+        await made.record(entry(2))
+        os.truncate(path, 0)
+        await made.record(entry(3))
+        await made.close()
+        assert [one["n"] for one in lines(path)] == [4]
+        assert "broken" in kinds(made)
+
+    asyncio.run(go())
+
+
 def test_files_and_key_are_readable_by_their_owner_only_and_the_key_is_not_in_the_folder(tmp_path: Path) -> None:
     made = written(tmp_path)
     for path in (made.places.current, made.places.checkpoints, made.places.key):
