@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.plant.historian import Historian
+from drivebus.plant.historian.reader import Numbered
 from drivebus.plant.model import HistorySetting
 from drivebus.plant.operations import Trend
 from drivebus.plant.view import Sample
@@ -56,6 +57,13 @@ async def trend(historian: Historian, from_ms: int, to_ms: int, points: int = 10
     name = tag or "fan-1.output_frequency"
     found = await historian.trend(Trend(tags=[name], from_ms=from_ms, to_ms=to_ms, points=points))
     return {"resolution": found["resolution"], **found["series"][name]}
+
+
+async def samples_of(historian: Historian, tag: str, from_ms: int, to_ms: int) -> Numbered:
+    """A tag's samples with their numbers, in the order of their coming."""
+    (id,) = historian.tag_ids([tag]).values()
+    found = await historian._read(lambda: historian._reader.samples([id], from_ms, to_ms))
+    return found[id]
 
 
 async def sealed(historian: Historian) -> None:

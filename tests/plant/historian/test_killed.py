@@ -18,10 +18,9 @@ from typing import Any
 
 from drivebus.plant.historian import Historian
 from drivebus.plant.historian.levels import DAY_MS
-from drivebus.plant.historian.reader import Numbered
 from drivebus.plant.model import HistorySetting
 from drivebus.plant.operations import Span
-from historykit import NOON, trend
+from historykit import NOON, samples_of, trend
 
 KILLS = int(os.environ.get("DRIVEBUS_KILLS", "20"))
 CRASHER = Path(__file__).with_name("crasher.py")
@@ -53,12 +52,6 @@ class Nursery:
     def close(self) -> None:
         self._process.communicate()
         assert self._process.returncode == 0
-
-
-async def samples_of(historian: Historian, tag: str, from_ms: int, to_ms: int) -> Numbered:
-    (id,) = historian.tag_ids([tag]).values()
-    found = await historian._read(lambda: historian._reader.samples([id], from_ms, to_ms))
-    return found[id]
 
 
 async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]:
