@@ -18,6 +18,7 @@ from generator import (
     matrix,
     plant_reference,
     profile_tables,
+    rest_reference,
 )
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
@@ -55,6 +56,8 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield page, _filled(page, {"errors": error_reference.page(language)})
         page = reference / f"plant-toml{suffix}.md"
         yield page, _filled(page, plant_reference.page(language))
+        page = reference / f"rest-api{suffix}.md"
+        yield page, _filled(page, rest_reference.parts(language))
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _filled(page, _parts(root, model, language))
