@@ -18,6 +18,7 @@ Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.plant")
 WAITING = 10_000
 """So many lines wait for a log that hangs; what comes then is dropped (I12)."""
+LAST_S = 1.0
 LEVELS = {"fault": logging.ERROR, "alarm": logging.WARNING, "presence": logging.WARNING}
 
 
@@ -32,7 +33,16 @@ def begin(form: str, stream: TextIO | None = None) -> None:
     root.setLevel(logging.INFO)
     root.propagate = False
     listener.start()
-    atexit.register(listener.stop)
+    atexit.register(_end, lines, listener)
+
+
+def _end(lines: queue.Queue[Any], listener: QueueListener) -> None:
+    """Write what waits; a log that still hangs then is left, its thread ends with the process."""
+    thread = listener._thread
+    with contextlib.suppress(queue.Full):
+        lines.put(listener._sentinel, timeout=LAST_S)  # type: ignore[attr-defined]
+    if thread is not None:
+        thread.join(LAST_S)
 
 
 class Waiting(QueueHandler):

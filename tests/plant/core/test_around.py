@@ -10,6 +10,7 @@ import logging
 import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,8 +44,9 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
 
 def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """G14: lines are dropped, control goes on."""
-    stopped: list[Any] = []
-    monkeypatch.setattr(logs.atexit, "register", stopped.append)
+    ending: list[Any] = []
+    monkeypatch.setattr(logs.atexit, "register", lambda *what: ending.append(partial(*what)))
+    monkeypatch.setattr(logs, "LAST_S", 0.05)
     monkeypatch.setattr(logs, "WAITING", 3)
     root = logging.getLogger("drivebus")
     before = root.handlers, root.level, root.propagate
@@ -59,12 +61,12 @@ def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatc
     try:
         logs.begin("text", Hanging())
         for _ in range(50):
-            logs.happened(
-                {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
-            )
+            logs.happened(event)
+        assert root.handlers[0].queue.qsize() <= 3  # type: ignore[attr-defined]
+        ending[0]()
     finally:
         writer.close()
-        stopped[0]()
+        ending[0]()
         reader.close()
         root.handlers, root.propagate = before[0], before[2]
         root.setLevel(before[1])
