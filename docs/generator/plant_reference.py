@@ -9,7 +9,8 @@ from typing import Any
 from drivebus import i18n
 from drivebus.plant import config
 from drivebus.plant.config.schema import PlantFile
-from drivebus.plant.expression import UNITS, WORDS
+from drivebus.plant.evaluation import UNITS
+from drivebus.plant.expression import WORDS
 from drivebus.profiles.model import Text
 from generator.words import colon, say, side, table
 

@@ -6,23 +6,22 @@ import operator
 from typing import Any
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError
+from drivebus.plant.evaluation import UNITS, Look, holds, needs
 from drivebus.plant.expression import (
     DEEPEST,
-    UNITS,
+    WORDS,
     And,
     Comparison,
-    Look,
     Not,
     Number,
     Or,
     Reference,
     comparisons,
-    holds,
-    needs,
     parse,
     references,
 )
@@ -86,6 +85,27 @@ def test_an_expression_holds_only_where_that_is_certain(text: str, expected: boo
     assert holds(parse(text), look) is expected
 
 
+KINDS = [
+    [""], ["Hz"], ["A", "mA"], ["V"], ["W", "kW"], ["kWh"], ["°C", "℃"], ["rpm"], ["ms", "s", "min", "h"], ["%"],
+    ["N·m", "Nm"],
+]  # fmt: skip
+
+
+def test_units_of_one_kind_are_converted_and_others_are_never_compared() -> None:
+    assert {unit for kind in KINDS for unit in kind} == set(UNITS)
+    for kind in KINDS:
+        for unit in kind:
+            comparable = {other for other in UNITS if holds(parse(f"1 {unit} == 1 {other}"), look) is not None}
+            assert comparable == set(kind)
+    for same in ("1 A == 1000 mA", "1 kW == 1000 W", "1 h == 60 min", "1 min == 60 s", "1 s == 1000 ms", "1 °C == 1 ℃"):
+        assert holds(parse(same), look) is True
+    assert holds(parse("1 N·m == 1 Nm"), look) is True
+
+
+def test_every_state_but_unknown_can_be_required() -> None:
+    assert set(WORDS) == {str(state) for state in DriveState} - {"unknown"}
+
+
 @pytest.mark.parametrize(
     ("text", "key", "column"),
     [
@@ -118,6 +138,7 @@ def test_parentheses_within_each_other_are_read_to_their_limit() -> None:
     assert holds(parse(" and ".join(["(fan-1.word == 3)"] * 100)), look) is True, "beside each other there is no limit"
 
 
+@settings(deadline=None)
 @example("1<5")
 @example("1<5 or a.b<5")
 @given(st.text(alphabet="pump-1.state=<>!() andornot5HzA°C%\t\n\"'", max_size=60))
@@ -193,6 +214,7 @@ contents = st.fixed_dictionaries(
 )
 
 
+@settings(deadline=None)
 @given(trees, contents)
 def test_it_agrees_with_a_naive_evaluator(tree: Any, values: dict[tuple[str, str], Any]) -> None:
     def found(drive: str, name: str) -> tuple[float | str, str] | None:
@@ -203,6 +225,7 @@ def test_it_agrees_with_a_naive_evaluator(tree: Any, values: dict[tuple[str, str
     assert holds(parse(written(tree)), found) is (expected.pop() if len(expected) == 1 else None)
 
 
+@settings(deadline=None)
 @given(trees, contents, st.sampled_from([(drive, name) for drive in DRIVES for name in ("current", "state")]))
 def test_g17_losing_a_value_never_makes_an_expression_hold(
     tree: Any, values: dict[tuple[str, str], Any], lost: tuple[str, str]
@@ -221,6 +244,7 @@ def test_g17_losing_a_value_never_makes_an_expression_hold(
         assert holds(expression, among(values)) is True
 
 
+@settings(deadline=None)
 @given(trees)
 def test_a_text_is_read_as_it_was_meant(tree: Any) -> None:
     """Shape by shape, not only by what comes out."""

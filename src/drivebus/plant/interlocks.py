@@ -13,18 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from drivebus.plant.expression import (
-    STATE,
-    Comparison,
-    Expression,
-    Look,
-    Operand,
-    Reference,
-    compared,
-    comparisons,
-    holds,
-    parse,
-)
+from drivebus.plant.evaluation import Look, compared, holds
+from drivebus.plant.expression import STATE, Comparison, Expression, Operand, Reference, comparisons, parse
 from drivebus.plant.model import InterlockAction, InterlockSetting
 from drivebus.plant.view import DriveView
 from drivebus.profiles.complaint import both

@@ -68,7 +68,7 @@ plants = st.builds(
 )
 
 
-@settings(max_examples=50)
+@settings(deadline=None, max_examples=50)
 @given(plants, plants)
 def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantSetting, new: PlantSetting) -> None:
     change = difference(old, new)
@@ -83,7 +83,7 @@ def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantSet
     )
 
 
-@settings(max_examples=50)
+@settings(deadline=None, max_examples=50)
 @given(plants)
 def test_nothing_differs_from_itself(plant: PlantSetting) -> None:
     change = difference(plant, plant)
@@ -91,7 +91,7 @@ def test_nothing_differs_from_itself(plant: PlantSetting) -> None:
     assert change.untouched == tuple(drive.id for drive in plant.drives)
 
 
-@settings(max_examples=50)
+@settings(deadline=None, max_examples=50)
 @given(plants, plants)
 def test_an_untouched_drive_is_the_same_on_the_same_line(old: PlantSetting, new: PlantSetting) -> None:
     change = difference(old, new)

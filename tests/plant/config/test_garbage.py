@@ -60,7 +60,7 @@ def told(text: str) -> None:
         assert config.costs(found)
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(spoiled())
 def test_a_spoiled_file_is_a_plant_or_is_refused_in_words(text: str) -> None:
     told(text)

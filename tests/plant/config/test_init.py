@@ -168,7 +168,7 @@ def test_t18_whoever_speaks_another_protocol_is_named_and_left_out(capsys: pytes
 titles = st.text(max_size=30)
 
 
-@settings(max_examples=25)
+@settings(deadline=None, max_examples=25)
 @given(titles, st.lists(titles, min_size=1, max_size=4), st.sampled_from(["en", "zh"]))
 def test_any_names_become_a_file_that_says_them(title: str, names: list[str], language: str) -> None:
     """Quotes, backslashes, control characters, other scripts: a TOML string all the same."""

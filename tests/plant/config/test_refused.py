@@ -112,4 +112,4 @@ def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() 
         for part in ("kind", "expected", "remedy"):
             assert f"plant_config.{part}.{kind}" in known or f"profiles.{part}.{kind}" in known
     shown = {complaint["kind"] for path in FILES for complaint in expected(path)}
-    assert kinds - shown == {"too_large"}
+    assert kinds - shown == {"too_large", "unreadable"}

@@ -12,9 +12,9 @@ from drivebus.plant.config.check_buses import said
 from drivebus.plant.config.check_drives import near
 from drivebus.plant.config.draft import Draft
 from drivebus.plant.config.schema import InterlockTable
+from drivebus.plant.evaluation import UNITS, needs
 from drivebus.plant.expression import (
     STATE,
-    UNITS,
     WORDS,
     Comparison,
     Expression,
@@ -23,7 +23,6 @@ from drivebus.plant.expression import (
     Reference,
     Word,
     comparisons,
-    needs,
     parse,
     references,
 )

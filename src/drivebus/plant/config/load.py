@@ -108,12 +108,16 @@ def _shaped(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Problem]]:
             return PlantFile.model_validate(rest), faults
         except ValidationError as error:
             found = shape.from_pydantic(error, PlantFile)
-        told = {one.path for one in faults}
-        faults += [one for one in found if not any(path[: len(one.path) - 1] == one.path[:-1] for path in told)
-                   or one.kind != "missing_key"]  # fmt: skip
+        faults += [one for one in found if not _follows(one, faults)]
         for one in found:
             _drop(rest, one.path[:-1] if one.kind == "missing_key" else one.path)
     return None, faults
+
+
+def _follows(one: Problem, faults: Sequence[Problem]) -> bool:
+    """A key is missing now because a faulty one of its table was put aside before."""
+    table = one.path[:-1]
+    return one.kind == "missing_key" and any(told.path[: len(table)] == table for told in tuple(faults))
 
 
 def _drop(data: Any, path: Sequence[str | int]) -> None:
