@@ -183,6 +183,23 @@ def test_what_the_service_raises_is_raised_once_and_cleared_by_it() -> None:
     assert alarms.clear_alarm(Own.INTERLOCK, "fan-1", 8, about="no-water") == []
 
 
+def test_a_setting_that_is_called_like_an_alarm_of_the_service_hides_none_of_these() -> None:
+    alarms = book(replace(HIGH, id="stop_unconfirmed", delay_s=0.0))
+    assert run(alarms, (0, current(99.0))) == ["0 raised stop_unconfirmed"]
+    assert words(alarms.raise_alarm(Own.STOP_UNCONFIRMED, "fan-1", 1)) == ["raised stop_unconfirmed"]
+    assert words(alarms.clear_alarm(Own.STOP_UNCONFIRMED, "fan-1", 2)) == ["cleared stop_unconfirmed"]
+    assert [alarm.cleared_ms for alarm in alarms.active()] == [2, None]
+
+
+def test_a_shelf_of_before_lasts_a_day_at_most_whatever_the_clock_was_set_to() -> None:
+    before = book()
+    run(before, (0, view(fault=OVERCURRENT)))
+    before.shelve("a1", 1440, 0.0, 10**14)
+    after = book(known=tuple(before.active()), first=2, now=0.0, now_ms=0)
+    assert after.tick(86_399.0, 0) == []
+    assert words(after.tick(86_400.0, 0)) == ["unshelved fault"]
+
+
 def test_every_sentence_has_all_its_numbers() -> None:
     alarms = book(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
     for kind in Own:

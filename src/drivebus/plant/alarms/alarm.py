@@ -45,6 +45,11 @@ PRIORITIES: Mapping[Own, Priority] = {
 }
 
 
+OWN = frozenset(map(str, Own))
+Key = tuple[str, str, str, str]
+"""Kind, setting, drive, what else: it can be raised once at a time."""
+
+
 @dataclass(frozen=True, slots=True)
 class Alarm:
     """One time that something was wrong. Active: not cleared, or not acknowledged. Times are UTC milliseconds."""
@@ -75,9 +80,9 @@ class Alarm:
         return self.cleared_ms is None or self.acknowledged_ms is None
 
     @property
-    def key(self) -> tuple[str, str, str]:
-        """What it is an alarm of: it can be raised once at a time."""
-        return (self.setting, self.drive, self.about)
+    def key(self) -> Key:
+        """What it is an alarm of. A setting that somebody calls like a kind of the service hides none of these."""
+        return (self.kind, self.setting, self.drive, self.about)
 
     def as_json(self) -> Json:
         return {

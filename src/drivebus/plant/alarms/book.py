@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 from drivebus.errors import NotFound
 from drivebus.plant.alarms import texts
-from drivebus.plant.alarms.alarm import PRIORITIES, Alarm, Change, Own
-from drivebus.plant.alarms.watch import Found, Watch
+from drivebus.plant.alarms.alarm import OWN, Alarm, Change, Key, Own
+from drivebus.plant.alarms.shelves import Shelves
+from drivebus.plant.alarms.watch import Watch
 from drivebus.plant.model import AlarmKind, AlarmSetting, DriveSetting, Priority
 from drivebus.plant.view import DriveView, Json
 from drivebus.profiles.model import Text
@@ -24,10 +25,8 @@ IMPLICIT = (
 """For every drive that has no setting of that kind of its own."""
 UNSEEN = 20
 """So many cleared and unacknowledged alarms of one thing stay listed; more of one that flaps fill no memory (I12)."""
-OWN = frozenset(map(str, Own))
 NOBODY = "drivebus"
 """Acknowledges what is beyond ``UNSEEN``; the history keeps it."""
-Key = tuple[str, str, str]
 
 
 class Log(Protocol):
@@ -55,8 +54,7 @@ class AlarmBook:
         self._next = first
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[Key, str] = {}
-        self._shelves: dict[Key, tuple[float, int]] = {}
-        """Until when: monotonic second, UTC label."""
+        self._shelves = Shelves()
         self._watches: dict[str, list[Watch]] = {}
         self._titles: dict[str, Text] = {}
         for alarm in known:
@@ -70,26 +68,26 @@ class AlarmBook:
         old = {(watch.setting, watch.drive): watch for watches in self._watches.values() for watch in watches}
         self._titles = {one.id: _title(one) for one in drives}
         self._watches = {
-            id: [old.get((setting, id)) or self._watch(setting, id) for setting in _of_drive(settings, id)]
+            id: [old.get((setting, id)) or self._watch(Watch(setting, id)) for setting in _of_drive(settings, id)]
             for id in self._titles
         }
         return self._abandoned(now_ms)
 
-    def _watch(self, setting: AlarmSetting, drive: str) -> Watch:
+    def _watch(self, watch: Watch) -> Watch:
         """What was raised before goes on: it clears when a value says so, and is not raised twice."""
-        id = self._uncleared.get((setting.id, drive, ""))
-        return Watch(setting, drive, id is not None, self._alarms[id].value if id else None)
+        id = self._uncleared.get(watch.key)
+        if id is not None:
+            watch.raised, watch.value = True, self._alarms[id].value
+        return watch
 
     def _abandoned(self, now_ms: int) -> list[Change]:
-        watched = {(watch.setting.id, watch.drive, "") for all in self._watches.values() for watch in all}
+        watched = {watch.key for watches in self._watches.values() for watch in watches}
         gone = [key for key, id in self._uncleared.items() if key not in watched and self._alarms[id].kind not in OWN]
         return [change for key in gone for change in self._clear(key, now_ms)]
 
     def _know(self, alarm: Alarm, now: float, now_ms: int) -> None:
         """An alarm of before. What the service itself raised is over with it; it raises again what still holds."""
-        if alarm.shelved_until_ms is not None:
-            left_s = min(max(0, alarm.shelved_until_ms - now_ms), 86_400_000) / 1000
-            self._shelves[alarm.key] = (now + left_s, alarm.shelved_until_ms)
+        self._shelves.again(alarm, now, now_ms)
         self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
             self._uncleared[alarm.key] = alarm.id
@@ -104,33 +102,25 @@ class AlarmBook:
         for watch in self._watches.get(view.id, ()):
             cleared, risen = watch.look(view, now)
             if cleared:
-                changes += self._clear((watch.setting.id, watch.drive, ""), now_ms)
+                changes += self._clear(watch.key, now_ms)
             if risen is not None:
-                changes += self._raise(self._made(watch.setting, watch.drive, risen, now_ms))
+                name = self._titles[watch.drive]
+                changes += self._raise(texts.of_setting(self._id(), watch.setting, watch.drive, name, risen, now_ms))
         return changes
 
     def tick(self, now: float, now_ms: int) -> list[Change]:
         """End the shelves whose time is over; once a second is enough."""
-        over = [key for key, (until, _) in self._shelves.items() if now >= until]
-        return [change for key in over for change in self._take_off(key)]
+        return [change for key in self._shelves.over(now) for change in self._take_off(key)]
 
     def raise_alarm(self, kind: Own, drive: str, now_ms: int, *, about: str = "", **params: Any) -> list[Change]:
         """Something that the service itself found; nothing where it is raised already. ``params``: of its sentence."""
         name = self._titles.get(drive, Text(drive, drive))
-        named = {"drive": name, "about": about, "reason": ""} | {key: texts.number(v) for key, v in params.items()}
-        title, text = texts.both(f"alarms.title.{kind}", **named), texts.both(f"alarms.text.{kind}", **named)
-        alarm = Alarm(self._id(), str(kind), drive, PRIORITIES[kind], str(kind), title, text, now_ms, about=about)
+        alarm = texts.of_service(self._id(), kind, drive, name, now_ms, about, params)
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
     def clear_alarm(self, kind: Own, drive: str, now_ms: int, *, about: str = "") -> list[Change]:
         """It is over; nothing where it was not raised."""
-        return self._clear((str(kind), drive, about), now_ms)
-
-    def _made(self, setting: AlarmSetting, drive: str, found: Found, now_ms: int) -> Alarm:
-        params = texts.params_of(self._titles[drive], found.params or {}, found.value)
-        title, text = texts.title_of(setting, params), texts.text_of(setting.kind, params)
-        kind, value = str(setting.kind), found.value
-        return Alarm(self._id(), setting.id, drive, setting.priority, kind, title, text, now_ms, value)
+        return self._clear((str(kind), str(kind), drive, about), now_ms)
 
     def _id(self) -> str:
         return f"a{self._next}"
@@ -138,9 +128,8 @@ class AlarmBook:
     def _raise(self, alarm: Alarm) -> list[Change]:
         self._next += 1
         self._uncleared[alarm.key] = alarm.id
-        shelf = self._shelves.get(alarm.key)
         forgotten = self._forget(alarm)
-        return [*forgotten, self._note("raised", alarm, shelved_until_ms=shelf[1] if shelf else None)]
+        return [*forgotten, self._note("raised", alarm, shelved_until_ms=self._shelves.until_ms(alarm.key))]
 
     def _forget(self, alarm: Alarm) -> list[Change]:
         """Only the newest ``UNSEEN`` of one thing wait for somebody."""
@@ -161,8 +150,7 @@ class AlarmBook:
     def shelve(self, id: str, minutes: int, now: float, now_ms: int) -> list[Change]:
         """Neither it nor its like is shown as new for so long; what it watches goes on. Raises NotFound."""
         alarm = self._get(id)
-        until_ms = now_ms + minutes * 60_000
-        self._shelves[alarm.key] = (now + minutes * 60.0, until_ms)
+        until_ms = self._shelves.put(alarm.key, minutes, now, now_ms)
         return [self._note("shelved", one, shelved_until_ms=until_ms) for one in self._like(alarm.key)]
 
     def unshelve(self, id: str) -> list[Change]:
@@ -174,7 +162,7 @@ class AlarmBook:
         return [self._note("case", self._get(id), case=case)]
 
     def _take_off(self, key: Key) -> list[Change]:
-        self._shelves.pop(key, None)
+        self._shelves.take(key)
         shelved = [one for one in self._like(key) if one.shelved_until_ms is not None]
         return [self._note("unshelved", one, shelved_until_ms=None) for one in shelved]
 

@@ -1,4 +1,4 @@
-"""What an alarm says, in both languages, with its numbers."""
+"""A new alarm, and what it says in both languages with its numbers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivebus import i18n
+from drivebus.plant.alarms.alarm import PRIORITIES, Alarm, Own
+from drivebus.plant.alarms.watch import Found
 from drivebus.plant.model import AlarmKind, AlarmSetting
 from drivebus.profiles.model import Text
 
@@ -52,6 +54,20 @@ def params_of(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, An
         "label": fault.get("label") or fault.get("code"),
         "fault": _fault_text(fault),
     }
+
+
+def of_setting(id: str, setting: AlarmSetting, drive: str, name: Text, found: Found, now_ms: int) -> Alarm:
+    """An alarm that a value raises."""
+    params = params_of(name, found.params or {}, found.value)
+    title, text = title_of(setting, params), text_of(setting.kind, params)
+    return Alarm(id, setting.id, drive, setting.priority, str(setting.kind), title, text, now_ms, found.value)
+
+
+def of_service(id: str, kind: Own, drive: str, name: Text, now_ms: int, about: str, params: Mapping[str, Any]) -> Alarm:
+    """An alarm that the service itself raises."""
+    named = {"drive": name, "about": about, "reason": ""} | {key: number(value) for key, value in params.items()}
+    title, text = both(f"alarms.title.{kind}", **named), both(f"alarms.text.{kind}", **named)
+    return Alarm(id, str(kind), drive, PRIORITIES[kind], str(kind), title, text, now_ms, about=about)
 
 
 def _fault_text(fault: Mapping[str, Any]) -> Text:

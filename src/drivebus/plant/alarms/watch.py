@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+from drivebus.plant.alarms.alarm import Key
 from drivebus.plant.model import AlarmKind, AlarmSetting
 from drivebus.plant.view import DriveView, SignalView
 from drivebus.reading import Quality
@@ -48,6 +49,11 @@ class Watch:
     raised: bool = False
     value: float | int | str | None = None
     _since: float | None = None
+
+    @property
+    def key(self) -> Key:
+        """Of the alarm that it raises."""
+        return (str(self.setting.kind), self.setting.id, self.drive, "")
 
     def look(self, view: DriveView, now: float) -> tuple[bool, Found | None]:
         """Does it clear now, and what raises it now? Another fault than the one that raised it does both."""
