@@ -239,7 +239,7 @@ def test_what_was_done_to_a_drive_stands_beside_its_values(stage: Stage, visit: 
     expect(row.locator("td .number")).to_have_text("0.00")
     expect(row.locator("td.more").nth(2)).to_have_text(re.compile(r"\d"))
     page.click(".trend-events summary")
-    event = page.locator(".trend-events .event.stop").first
+    event = page.locator(".trend-events .event-stop").first
     expect(event).to_contain_text("循环泵")
     before = window_of(page).inner_text()
     event.click()

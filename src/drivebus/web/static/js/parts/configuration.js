@@ -54,5 +54,6 @@ function Reload({ onDone }) {
     <label class="check"><input type="checkbox" checked=${sure} onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.reload_sure")}</label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !trusted.value} onClick=${send}>${t("plantpage.reload")}<//></div>
     <${ErrorNote} error=${error} />
-    ${result && html`<${Notice} kind="good" live title=${t("plantpage.reloaded")}><${Difference} difference=${result.difference} /><//>`}</section>`;
+    ${result && html`<${Notice} kind="good" live title=${t("plantpage.reloaded")}><${Difference} difference=${result.difference} />
+      ${result.restart?.length > 0 && html`<p>${t("plantpage.at_restart", { names: result.restart.join(", ") })}</p>`}<//>`}</section>`;
 }

@@ -25,7 +25,7 @@ export function Events({ view, source }) {
 function Happened({ event, view }) {
   const found = event.drive && drive(event.drive).value;
   const centre = () => view.show({ from: event.time_ms - view.span / 2, to: event.time_ms + view.span / 2 }, { isStep: true });
-  return html`<button type="button" class=${`event ${event.kind}`} onClick=${centre}>
+  return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
     <span class="sign" aria-hidden="true">${SIGNS[event.kind]}</span>
     <time>${moment(event.time_ms, localeOf(language.value))}</time>
     <span class="sr">${t(`plantpage.event_${event.kind}`)}</span>

@@ -14,7 +14,7 @@ export function paint(plot, { markers, strips }, colours) {
   ctx.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
   ctx.clip();
   strips.forEach((strip, row) => paintStrip(plot, strip, row, colours, ratio));
-  for (const group of clustered(plot, markers, 12 * ratio)) paintMarker(plot, group, colours, ratio);
+  for (const group of clustered(plot, markers, 24 * ratio)) paintMarker(plot, group, colours, ratio);
   ctx.restore();
 }
 

@@ -12,14 +12,17 @@ import { localeOf } from "./locale.js";
 /** How far a sample may be from a moment and still be its value, in typical distances of two samples. */
 const REACH_STEPS = 3;
 
+const WITHIN = ["plantpage.lowest", "plantpage.mean", "plantpage.highest"];
+const BETWEEN = ["plantpage.at_a", "plantpage.at_b", "plantpage.difference"];
+
 export function Readout({ view, source, lines, onRemove }) {
   const { a, b } = view.rulers.value ?? {};
   const rulers = view.rulers.value !== null;
-  const heads = rulers ? ["at_a", "at_b", "difference"] : ["lowest", "mean", "highest"];
+  const heads = rulers ? BETWEEN : WITHIN;
   return html`<div class="trend-readout"><table class="data">
     <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("plantpage.signal")}</th><th scope="col" class="right">${t("plantpage.value")}</th>
-      ${heads.map((head) => html`<th key=${head} scope="col" class=${`right more ${head === "mean" ? "mid" : ""}`}>${t(`plantpage.${head}`)}</th>`)}
+      ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !rulers ? "mid" : ""}`}>${t(head)}</th>`)}
       ${onRemove && html`<th><span class="sr">${t("plantpage.remove")}</span></th>`}</tr></thead>
     <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
       onRemove=${onRemove} />`)}</tbody></table></div>`;

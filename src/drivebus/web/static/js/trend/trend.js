@@ -1,12 +1,12 @@
 // A trend: signals over time, with zoom, pan, rulers and markers, from a minute to a year.
 //
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
-import { html, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
+import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { language, t } from "../i18n.js";
 import { theme } from "../theme.js";
 import { plantNow } from "../store.js";
 import { Chart } from "./chart.js";
-import { stretches, table } from "./columns.js";
+import { GOOD, stretches, table } from "./columns.js";
 import { Events } from "./events.js";
 import { lend } from "./hands.js";
 import { Readout } from "./readout.js";
@@ -35,6 +35,7 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   const source = useMemo(() => given ?? new Source(), []);
   const host = useRef(null);
   const scene = useMemo(() => new Scene(view, source), []);
+  const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((one) => one !== GOOD)));
   const tags = lines.map((line) => line.tag).join(" ");
 
   useEffect(() => {
@@ -54,6 +55,7 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   return html`<section class="trend" aria-label=${t("plantpage.trend")}>
     <${Toolbar} view=${view} source=${source} />
     <div class="trend-plot" ref=${host} tabindex="0" role="group" aria-label=${t("plantpage.trend_keys")}></div>
+    ${doubtful.value && html`<p class="help">${t("plantpage.legend")}</p>`}
     <${Readout} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
     <${Events} view=${view} source=${source} />
   </section>`;

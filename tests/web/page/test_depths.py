@@ -1,0 +1,150 @@
+"""What the pages show only when asked: for who hears them, for who has a phone, and in both languages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import peers
+from drivebus import errors, i18n
+from drivebus.bus import aftermath
+from pagehands import expecting, trip
+from pagekit import Stage
+
+Depth = tuple[str, Callable[[Any], None]]
+
+
+def open_history(page: Any) -> None:
+    page.locator(".trend-plot canvas").wait_for()
+    page.click(".picker summary")
+    page.click("[data-trend=rulers]")
+    page.click(".trend-events summary")
+
+
+def open_case(page: Any) -> None:
+    page.locator(".cases a").first.click()
+    page.locator(".trend-plot canvas").wait_for()
+
+
+def shelve(page: Any) -> None:
+    page.locator(".alarmrow .do button").last.click()
+    page.locator("dialog input").wait_for()
+
+
+def add(page: Any) -> None:
+    page.locator("[role=tabpanel] .button.main").click()
+    page.locator("dialog input").first.wait_for()
+
+
+def check(page: Any) -> None:
+    page.click("[data-configuration=check]")
+    page.locator(".notice").first.wait_for()
+
+
+def look(page: Any) -> None:
+    page.locator("main h1").wait_for()
+
+
+DEPTHS: dict[str, Callable[[Any], None]] = {
+    "history?tags=fan-1.output_frequency,fan-1.dc_bus_voltage": open_history,
+    "alarms?tab=cases": open_case,
+    "alarms?tab=active": shelve,
+    "alarms?tab=history": look,
+    "buses/pumps": lambda page: page.locator(".frame").first.wait_for(),
+    "settings?tab=users": add,
+    "settings?tab=tokens": add,
+    "settings?tab=configuration": check,
+    "settings?tab=about": look,
+}
+
+
+def dive(page: Any, way: str) -> None:
+    page.evaluate("way => { location.hash = '#/fleet'; }", way)
+    page.locator(".tile").first.wait_for()
+    page.evaluate("way => { location.hash = '#/' + way; }", way)
+    DEPTHS[way](page)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_axe_finds_nothing_serious_in_the_depths(stage: Stage, visit: Any, theme: str) -> None:
+    """A theme changes colours only, so the second asks for contrast alone."""
+    peers.need_module("axe_playwright_python", "axe-playwright-python")
+    from axe_playwright_python.sync_playwright import Axe
+
+    trip(stage, "fan-3")
+    everything = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
+    rules = {"runOnly": everything if theme == "light" else ["color-contrast"]}
+    page = visit("#/fleet", role="administrator", theme=theme, bypass_csp=True)
+    found = {}
+    for way in DEPTHS:
+        dive(page, way)
+        violations = Axe().run(page, options=rules).response["violations"]
+        grave = [one for one in violations if one["impact"] in ("serious", "critical")]
+        found[way] = [(one["id"], one["nodes"][0]["html"][:160]) for one in grave]
+    assert {way: wrong for way, wrong in found.items() if wrong} == {}
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_nothing_in_the_depths_is_wider_than_a_phone(stage: Stage, visit: Any, language: str) -> None:
+    trip(stage, "fan-3")
+    page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
+    wide = {}
+    for way in DEPTHS:
+        dive(page, way)
+        wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert page.locator("[data-stop=all]").is_visible()
+    assert {way: over for way, over in wide.items() if over > 0} == {}
+
+
+def test_fingers_move_and_stretch_a_trend(visit: Any) -> None:
+    """One finger moves through time, two stretch it; a page's own scrolling stays upright."""
+    page = visit("#/history?tags=fan-1.output_frequency", size=(360, 740), has_touch=True)
+    over, window = page.locator(".u-over"), page.locator(".trend-window")
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    before = window.inner_text()
+    fingers = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *places: float) -> None:
+        points = [{"x": box["x"] + place, "y": box["y"] + 40, "id": n} for n, place in enumerate(places)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", 60)
+    touch("touchMove", 160)
+    touch("touchEnd")
+    expecting()(window).not_to_have_text(before)
+    assert window.inner_text().endswith("1 h")
+    touch("touchStart", 80, 160)
+    touch("touchMove", 40, 200)
+    touch("touchEnd")
+    expecting()(window).not_to_have_text(re.compile("1 h$"))
+    assert over.evaluate("element => getComputedStyle(element).touchAction") == "pan-y"
+
+
+# --- words --------------------------------------------------------------------------------------------------------
+
+KEY = re.compile(r"""["'`](plantpage\.[a-z0-9_]+)["'`]""")
+BEGINNING = re.compile(r"`(plantpage\.[a-z0-9_]+)\$\{")
+
+
+def snake(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+
+
+def test_every_sentence_of_these_pages_is_used(static: Path) -> None:
+    """Words for error classes and counters are looked up by what the bus calls them."""
+    text = "\n".join(path.read_text("utf-8") for path in static.rglob("*.js"))
+    used, beginnings = set(KEY.findall(text)), tuple(BEGINNING.findall(text))
+    mine = {key for key in i18n.catalogue("en") if key.startswith("plantpage.")} - used
+    assert {key for key in mine if not key.startswith((*beginnings, "plantpage.error_", "plantpage.counter_"))} == set()
+
+
+def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:
+    classes = {snake(name) for name in dir(errors) if isinstance(getattr(errors, name), type)}
+    classes.add(snake(aftermath.NotBelieved.__name__))
+    words = {key.removeprefix("plantpage.error_") for key in i18n.catalogue("en") if key.startswith("plantpage.error_")}
+    assert len(words) > 10 and words <= classes
