@@ -1,0 +1,43 @@
+"""The systemd unit says what the plant process does."""
+
+from __future__ import annotations
+
+import configparser
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import drivebus.plant
+from drivebus.plant.notify import HANGS_S
+from drivebus.plant.stopping import PATIENCE_S
+
+UNIT = Path(drivebus.plant.__file__).parent / "systemd" / "drivebus.service"
+
+
+def service() -> configparser.SectionProxy:
+    found = configparser.ConfigParser(strict=False, interpolation=None)
+    found.optionxform = str  # type: ignore[assignment,method-assign]
+    found.read(UNIT)
+    return found["Service"]
+
+
+def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_motors() -> None:
+    unit = service()
+    assert (unit["Type"], unit["NotifyAccess"]) == ("notify", "main")
+    assert float(unit["WatchdogSec"]) >= 2 * HANGS_S
+    assert unit["KillMode"] == "mixed"  # SIGTERM to the plant only: it ends its web process itself
+    assert float(unit["TimeoutStopSec"]) > 2 * PATIENCE_S
+    assert unit["ExecReload"].endswith("-HUP $MAINPID")
+    assert unit["StateDirectoryMode"] == "0700"
+
+
+def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:
+    """Only where systemd is."""
+    if (analyze := shutil.which("systemd-analyze")) is None:
+        return
+    copy = tmp_path / UNIT.name
+    copy.write_text(UNIT.read_text().replace("/usr/local/bin/drivebus", sys.executable))
+    done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True, check=False)
+    told = [line for line in done.stderr.splitlines() if UNIT.name in line]
+    assert not told, told
