@@ -103,8 +103,8 @@ class Plant:
         self.alarmed(self.parts.alarms.clear_alarm(kind, drive, self.wall_ms(), about=about))
 
     def alarmed(self, changes: Sequence[Change]) -> None:
-        """Tell everybody what happened to some alarms."""
-        for word, alarm in ((change.word, change.alarm) for change in changes):
+        """Tell everybody what happened to some alarms; that one has its case now is seen in the alarm itself."""
+        for word, alarm in ((change.word, change.alarm) for change in changes if change.word != "case"):
             self.event("alarm", alarm.drive or None, cast(Json, text_json(alarm.text)), alarm.by, word)
 
     def stopped(self, *units: Unit) -> None:

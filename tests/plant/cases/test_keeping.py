@@ -31,6 +31,11 @@ class Tee(PaperHistory):
     """A history that the recorder listens to."""
 
     keeping: Keeping
+    events: list[dict[str, Any]]
+
+    def event(self, event: dict[str, Any]) -> None:
+        self.events.append(event)
+        self.keeping.event(event)
 
     def append(self, samples: list[Sample]) -> None:  # type: ignore[override]
         super().append(samples)
@@ -44,9 +49,9 @@ async def plant(folder: Path) -> AsyncIterator[Kit]:
     keeping = Keeping(log, CaseStore(folder / "cases"), asyncio.get_running_loop().time)
     alarms = AlarmBook((), chosen.drives, keeping, log.load(), first=log.first)
     trail, history = PaperTrail(), Tee()
-    history.keeping = keeping
+    history.keeping, history.events = keeping, []
     parts = Parts(
-        trail, history, alarms, Interlocks(()), keeping.handlers(), on_event=keeping.event, on_view=keeping.view,
+        trail, history, alarms, Interlocks(()), keeping.handlers(), on_event=history.event, on_view=keeping.view,
         on_plant=keeping.bind,
     )  # fmt: skip
     service = Service(chosen, parts, store=MemoryStore(), drive_store=MemoryStore())
@@ -79,6 +84,10 @@ def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_pat
         async with plant(tmp_path) as kit:
             alarm = await trip(kit)
             assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "urgent", 5)
+            told = [
+                one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
+            ]
+            assert told == ["raised"], "once, though it got its case afterwards"
             (listed,) = (await kit.call("cases.list"))["items"]
             assert listed["id"] == alarm["case"] == "000001-fan-1"
             case = await kit.call("cases.get", case=alarm["case"])
