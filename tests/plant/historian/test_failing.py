@@ -217,6 +217,8 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
     setting = HistorySetting(url=server.url("shared"))
     async with room.Historian(setting, tmp_path) as first, room.Historian(setting, tmp_path) as second:
         assert (first.ok, second.ok) == (True, False)
+        asked = "SELECT to_regclass('drivebus.block') IS NOT NULL"
+        assert await first._write(lambda: first.writer._store.door.rows(asked)) == [(True,)]  # type: ignore[attr-defined]
         assert "another service" in second.status()["problem"]
         apart = HistorySetting(url=server.url("shared") + "&search_path=north")
         async with room.Historian(apart, tmp_path) as third:

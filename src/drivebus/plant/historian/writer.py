@@ -1,6 +1,6 @@
 """The one writer: makes durable what the intake holds, moves it into blocks, forgets what is too old.
 
-Every method but ``status`` runs on the writer's thread. A store that fails is closed and opened again at the next
+Every method runs on the writer's thread. A store that fails is closed and opened again at the next
 round; until then the batch stays in memory and the intake fills, and nobody else notices.
 """
 
@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import suppress
 
 from drivebus.plant.historian import retention
-from drivebus.plant.historian.blocks import Damaged, Samples, decode_batch, encode_batch
-from drivebus.plant.historian.intake import Intake, Taken, number
-from drivebus.plant.historian.points import CODES
+from drivebus.plant.historian.blocks import Damaged, decode_batch
+from drivebus.plant.historian.intake import Intake
+from drivebus.plant.historian.packing import Packed, Packer
 from drivebus.plant.historian.sealing import seal
-from drivebus.plant.historian.store import Batch, Contents, Seal, Store, StoreError, Tag
+from drivebus.plant.historian.store import Contents, Seal, Store, StoreError, Tag
 from drivebus.plant.historian.unsealed import Unsealed
 from drivebus.plant.model import HistorySetting
-from drivebus.plant.view import Sample
-from drivebus.profiles.model import Text
 
 log = logging.getLogger("drivebus.history")
 
@@ -41,16 +38,6 @@ BREATH_S = 0.0005
 RETENTION_S = 600.0
 
 
-@dataclass(slots=True)
-class _Pending:
-    """A batch on its way, tried again until it is durable."""
-
-    batch: Batch
-    groups: list[tuple[int, int, Samples]]
-    tags: list[Tag]
-    taken: Taken
-
-
 class Writer:
     """Over a store that nobody else writes to."""
 
@@ -67,27 +54,29 @@ class Writer:
         self._store, self._setting, self._intake = store, setting, intake
         self._wall_ms, self._monotonic_s, self._breath_s = wall_ms, monotonic_s, breath_s
         self.unsealed = Unsealed()
-        self.tags: dict[str, Tag] = {}
         self.problem: str | None = None
         """Why nothing can be written now."""
-        self._labels: dict[str, tuple[str, Text]] = {}
         self.written = 0
         """Things of the intake that are durable."""
-        self._pending: _Pending | None = None
+        self._packer = Packer()
+        self._packed: Packed | None = None
         self._is_open = False
-        self._batch = self._event = 0
         self._known = False
+        """It was open once: what is in memory goes on."""
         self._clock_ms = 0
         self._clock_s = self._retention_s = monotonic_s()
 
+    @property
+    def tags(self) -> dict[str, Tag]:
+        """Every tag by name."""
+        return self._packer.tags
+
     def round(self) -> None:
         """Once each flush interval. Raises nothing that a database can do."""
-        try:
+        with suppress(StoreError):
             self.write()
             self._seal_ripe()
             self._forget()
-        except StoreError:
-            pass
 
     def write(self) -> None:
         """Everything that the intake held at the call is durable on return. Raises StoreError."""
@@ -101,10 +90,11 @@ class Writer:
         try:
             self.write()
         except StoreError:
-            pass
+            log.error("history that came last is lost: %s", self.problem)
         finally:
-            self._store.close()
             self._is_open = False
+            with suppress(StoreError):
+                self._store.close()
 
     def seal_all(self) -> None:
         """Everything into blocks. Raises StoreError."""
@@ -128,10 +118,8 @@ class Writer:
         if self.problem is None:
             log.error("history can't be written: %s", error)
         self.problem = str(error)
-        try:
+        with suppress(StoreError):
             self._store.close()
-        except StoreError as second:
-            log.debug("and can't be closed: %s", second)
 
     def _open(self) -> None:
         contents = self._store.open()
@@ -146,63 +134,26 @@ class Writer:
     def _replay(self, contents: Contents) -> None:
         """After a start: what was durable and is not in blocks yet."""
         self.unsealed = Unsealed()
-        self.tags = {tag.name: tag for tag in contents.tags}
-        self._event = contents.last_event
+        self._packer.begin(contents)
         for tag in contents.tags:
             self.unsealed.begin(tag.id, tag.sealed)
         for batch, data in self._store.journal():
             self.unsealed.add(batch, decode_batch(data))
-            self._batch = batch
+            self._packer.batch = batch
 
     def _write_one(self) -> None:
-        if self._pending is None:
-            self._pending = self._prepared(self._intake.take(BATCH))
-        pending = self._pending
-        batch = pending.batch
+        if self._packed is None:
+            self._packed = self._packer.pack(self._intake.take(BATCH), self.unsealed.next)
+        packed, batch = self._packed, self._packed.batch
         if batch.samples or batch.tags or batch.events or batch.documents:
             self._store.put(batch)
-        for tag in pending.tags:
+        for tag in batch.tags:
             if tag.name not in self.tags:
                 self.unsealed.begin(tag.id, 0)
-            self.tags[tag.name] = tag
-        self.unsealed.add(batch.id, pending.groups)
-        self._batch, self._event = batch.id, self._event + len(batch.events)
-        self.written = pending.taken.accepted
-        self._pending = None
-
-    def _prepared(self, taken: Taken) -> _Pending:
-        by_tag: defaultdict[str, list[Sample]] = defaultdict(list)
-        for sample in taken.samples:
-            by_tag[sample.tag].append(sample)
-        tags = self._changed_tags(list(by_tag), taken)
-        ids = {tag.name: tag.id for tag in tags}
-        groups = [self._group(ids.get(name), name, samples) for name, samples in by_tag.items()]
-        events = [replace(event, id=self._event + n) for n, event in enumerate(taken.events, 1)]
-        packed = encode_batch(groups) if groups else None
-        batch = Batch(self._batch + 1, packed, tags, events, list(taken.documents.values()))
-        return _Pending(batch, groups, tags, taken)
-
-    def _changed_tags(self, names: list[str], taken: Taken) -> list[Tag]:
-        """Tags that are new, or that have another unit or text now."""
-        found = []
-        self._labels.update(taken.labels)
-        following = 1 + max((tag.id for tag in self.tags.values()), default=0)
-        for name in dict.fromkeys([*names, *(name for name in taken.labels if name in self.tags)]):
-            tag = self.tags.get(name) or Tag(following, name)
-            following += tag.id == following
-            if name in self._labels:
-                unit, text = self._labels[name]
-                tag = replace(tag, unit=unit, en=text.en, zh=text.zh)
-            if self.tags.get(name) != tag:
-                found.append(tag)
-        return found
-
-    def _group(self, new: int | None, name: str, samples: list[Sample]) -> tuple[int, int, Samples]:
-        known = self.tags.get(name)
-        tag, first = (new or 0, 0) if known is None else (known.id, self.unsealed.next(known.id))
-        time_ms = [sample.time_ms for sample in samples]
-        quality = bytes([CODES[sample.quality] for sample in samples])
-        return tag, first, (time_ms, [number(sample) for sample in samples], quality)
+        self._packer.done(batch)
+        self.unsealed.add(batch.id, packed.groups)
+        self.written = packed.accepted
+        self._packed = None
 
     def _seal_ripe(self) -> None:
         most = max(UNSEALED, UNSEALED_A_TAG * len(self.tags))
