@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
@@ -15,20 +13,10 @@ from drivebus.plant.parameters import address_hex, reading_json
 from drivebus.plant.parts import Handler
 from drivebus.plant.profile_view import profile_json
 from drivebus.plant.state import Plant
+from drivebus.plant.turns import by_and_by
 from drivebus.plant.views import bus_view, drive_view, plant_topic
 
 Json = dict[str, Any]
-AT_ONCE = 8
-"""So many drives or frames are told without a pause: a millisecond or two."""
-T = TypeVar("T")
-
-
-async def by_and_by(many: Sequence[T]) -> AsyncIterator[T]:
-    """One after another, with the buses' turn in between: no long answer stands in front of a stop (G06)."""
-    for number, one in enumerate(many):
-        if number % AT_ONCE == AT_ONCE - 1:
-            await asyncio.sleep(0)
-        yield one
 
 
 class Answers:

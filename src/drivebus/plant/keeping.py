@@ -19,6 +19,7 @@ from drivebus.plant.frames import frame_json
 from drivebus.plant.parameters import address_hex, reading_json
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
+from drivebus.plant.turns import by_and_by
 from drivebus.plant.view import DriveView, Json, Sample
 
 
@@ -72,25 +73,25 @@ class Keeping:
     # --- a trip ----------------------------------------------------------------------------------------------------
 
     def _tripped(self, alarm: Alarm) -> None:
-        plant = self.plant
-        line = self._line(alarm.drive)
-        kept = self.recorder.freeze(alarm, self._views.get(alarm.drive), line, plant.now(), plant.wall_ms())
-        task = asyncio.get_running_loop().create_task(self._attach(alarm, kept), name=f"attach the case of {alarm.id}")
+        task = asyncio.get_running_loop().create_task(self._freeze(alarm), name=f"case of {alarm.id}")
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _attach(self, alarm: Alarm, kept: asyncio.Task[str | None]) -> None:
+    async def _freeze(self, alarm: Alarm) -> None:
+        plant, line = self.plant, await self._line(alarm.drive)
+        kept = self.recorder.freeze(alarm, self._views.get(alarm.drive), line, plant.now(), plant.wall_ms())
         case = await asyncio.shield(kept)
-        if case is not None and any(one.id == alarm.id for one in self.plant.parts.alarms.active()):
-            self.plant.alarmed(self.plant.parts.alarms.attach(alarm.id, case))
+        if case is not None and any(one.id == alarm.id for one in plant.parts.alarms.active()):
+            plant.alarmed(plant.parts.alarms.attach(alarm.id, case))
 
-    def _line(self, drive: str) -> LineSeen | None:
+    async def _line(self, drive: str) -> LineSeen | None:
+        """Its newest frames as they are at once, decoded by and by: a trip is when stops are wanted."""
         unit = self.plant.units.get(drive)
         if unit is None:
             return None
         line = self.plant.line_of(unit)
         newest = list(line.frames)[-FRAMES:]
-        frames = [(frame_json(line, seen), seen.event) for seen in newest]
+        frames = [(frame_json(line, seen), seen.event) async for seen in by_and_by(newest)]
         return LineSeen(line.setting.id, line.setting.link, line.bus.port.settings, frames)
 
     async def _parameters(self, drive: str) -> Mapping[str, Json]:
