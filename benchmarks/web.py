@@ -1,0 +1,234 @@
+"""Live values for many pages: ``python -m benchmarks.web`` (some two minutes).
+
+Three processes, as in a plant: one with the hub and the plant's socket, one web process with the real door and
+gateways, one with the pages. Every drive of the hub gets ten new values once a second, evenly spread; each value holds
+the monotonic second at which it was published, so that a page knows its age when it arrives. The delay contains both
+intervals of 0.25 s on the way (hub and gateway). The buses are left out: nothing is polled here. Then the same while
+one program asks for single drives over REST as fast as it is answered. ``busy`` is the machine's load beside this when
+it began: figures of a busy machine are upper bounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks.__main__ import ROOT, commit
+
+Json = dict[str, Any]
+
+SIGNALS = 10
+SECRET = "dbt_benchmark"
+PUBLISHED = re.compile(r'"signal_0":{"value":([0-9.]+)')
+"""One of a drive's values; to read all of it fifty times would measure the pages and not the service."""
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Synthetic:
+    """A ``PlantClient`` of drives that exist in the hub only."""
+
+    def __init__(self, drives: int) -> None:
+        from drivebus.plant.hub import Hub
+
+        self.hub = Hub(time.monotonic, lambda: time.time_ns() // 1_000_000)
+        self.names = [f"drive-{number}" for number in range(drives)]
+
+    async def call(self, operation: str, params: Json, actor: Any) -> Json:
+        return self.hub.topic(f"drives/{params['drive']}")
+
+    def live(self, patterns: Sequence[str], actor: Any, interval_s: float = 0.25) -> AsyncIterator[Json]:
+        return self.hub.live(patterns, interval_s)
+
+    async def record(self, entry: Json, actor: Any) -> None:
+        return
+
+    async def publish(self) -> None:
+        """Each drive once a second."""
+        from drivebus.plant.topics import Counting
+
+        begun, turn = time.monotonic(), 0
+        while True:
+            now = time.monotonic()
+            signal = {"value": now, "unit": "Hz", "quality": "good", "reason": None}
+            name = self.names[turn % len(self.names)]
+            signals = {f"signal_{number}": Counting(signal, "age_s", now) for number in range(SIGNALS)}
+            self.hub.publish(f"drives/{name}", {**_still(name), "signals": signals})
+            turn += 1
+            await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
+
+
+def _still(name: str) -> Json:
+    """What of a drive does not change here."""
+    return {
+        "id": name, "title": {"en": name, "zh": name}, "bus": "line-1", "address": 1, "model": "vc660",
+        "grade": "bench", "capabilities": [], "groups": [], "presence": "online", "state": "running",
+        "state_reason": None, "direction": "forward", "fault": None, "commanded_hz": 25.0, "minimum_hz": 0.0,
+        "maximum_hz": 50.0, "host_dies": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
+        "lease": None, "latched": False, "stop_pending": False, "blocked": [], "alarms": {},
+    }  # fmt: skip
+
+
+async def plant(directory: Path, drives: int) -> None:
+    from drivebus.plant.socket_server import SocketServer
+
+    synthetic = Synthetic(drives)
+    server = SocketServer(synthetic, directory / "plant.sock")
+    await server.open()
+    print("ready", flush=True)
+    await synthetic.publish()
+
+
+async def web(directory: Path) -> None:
+    from drivebus.plant.access.access import Access
+    from drivebus.plant.access.register import Register, Token, User
+    from drivebus.plant.access.rights import Right, Role
+    from drivebus.plant.access.sessions import digest
+    from drivebus.plant.model import WebSetting
+    from drivebus.plant.socket_client import SocketClient
+    from drivebus.web.app import make_app
+    from drivebus.web.server import Server, bound, config
+
+    access = Access(directory)
+    user = User("bench", Role.ADMINISTRATOR, "never used", 0)
+    token = Token("1", "bench", "bench", (Right.VIEW,), digest(SECRET), 0, 4_000_000_000_000)
+    access.file.change(lambda _: Register().added(user).with_token(token))
+    listener = bound("127.0.0.1", 0)
+    setting = WebSetting(port=listener.getsockname()[1])
+    server = Server(config(make_app(SocketClient(directory / "plant.sock"), access, setting), setting))
+    print(setting.port, flush=True)
+    await server.serve([listener])
+
+
+async def page(port: int, until: float, delays: list[float], sizes: list[int]) -> None:
+    """One WebSocket; the first second, which is the snapshot's, is not counted."""
+    import websockets
+
+    headers = {"Authorization": f"Bearer {SECRET}"}
+    address = f"ws://127.0.0.1:{port}/api/v1/live?topics=drives/*"
+    async with websockets.connect(address, additional_headers=headers, max_size=None, compression=None) as socket:
+        counted_from = time.monotonic() + 1.0
+        while (now := time.monotonic()) < until:
+            text = await socket.recv()
+            now = time.monotonic()
+            if now < counted_from:
+                continue
+            sizes.append(len(text))
+            delays.extend(now - float(at) for at in PUBLISHED.findall(text))
+
+
+def _ask(port: int, until: float, times_s: list[float]) -> None:
+    """One program on one connection, question after question."""
+    import http.client
+
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    headers = {"Authorization": f"Bearer {SECRET}"}
+    while (begun := time.monotonic()) < until:
+        connection.request("GET", "/api/v1/drives/drive-7", headers=headers)
+        answer = connection.getresponse()
+        assert len(answer.read()) > 100 and answer.status == 200
+        times_s.append(time.monotonic() - begun)
+    connection.close()
+
+
+async def pages(port: int, count: int, seconds: float, asking: bool) -> Json:
+    delays: list[float] = []
+    sizes: list[int] = []
+    times_s: list[float] = []
+    until = time.monotonic() + seconds
+    asked = asyncio.to_thread(_ask, port, until, times_s) if asking else asyncio.sleep(0)
+    await asyncio.gather(*(page(port, until, delays, sizes) for _ in range(count)), asked)
+    found: Json = {
+        "values": len(delays),
+        "delay_ms": spread(delays),
+        "mebibytes_per_s": round(sum(sizes) / seconds / 2**20, 2),
+    }
+    return found | (
+        {"requests_per_s": round(len(times_s) / seconds, 1), "answer_ms": spread(times_s)} if asking else {}
+    )
+
+
+def spread(seconds: list[float]) -> Json:
+    known = sorted(seconds)
+    pick = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+    return {name: round(1000 * known[min(len(known) - 1, int(share * len(known)))], 1) for name, share in pick.items()}
+
+
+@contextmanager
+def child(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Another part of this file in a process of its own, and its first line."""
+    process = subprocess.Popen([sys.executable, "-m", "benchmarks.web", *words], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def cpu_s(process: subprocess.Popen[str]) -> float:
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory_mb(process: subprocess.Popen[str]) -> float:
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
+    return round(int(line.split()[1]) / 1024, 1)
+
+
+def measure(drives: int, clients: int, seconds: float) -> Json:
+    found: Json = {"commit": commit(), "drives": drives, "clients": clients, "signals": SIGNALS}
+    found["busy"] = round(os.getloadavg()[0], 2)
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        child("--plant", directory, "--drives", str(drives)) as (hub, _),
+        child("--web", directory) as (server, port),
+    ):
+        words = ["--pages", port, "--clients", str(clients), "--seconds", str(seconds)]
+        for name, more in (("quiet", []), ("with_rest", ["--asking"])):
+            before = cpu_s(hub), cpu_s(server)
+            with child(*words, *more) as (_, told):
+                found[name] = json.loads(told)
+            used = cpu_s(hub) - before[0], cpu_s(server) - before[1]
+            shares = [round(100 * one / seconds, 1) for one in used]
+            found[name] |= {"cpu_percent": {"hub": shares[0], "web": shares[1]}}
+        found["memory_mb"] = {"hub": memory_mb(hub), "web": memory_mb(server)}
+    return found
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(prog="python -m benchmarks.web", description=__doc__)
+    options.add_argument("--drives", type=int, default=300)
+    options.add_argument("--clients", type=int, default=50)
+    options.add_argument("--seconds", type=float, default=30.0, help="of each part")
+    options.add_argument("--write", action="store_true", help="write docs/reports/web.json")
+    for hidden in ("--plant", "--web", "--pages"):
+        options.add_argument(hidden, help=argparse.SUPPRESS)
+    options.add_argument("--asking", action="store_true", help=argparse.SUPPRESS)
+    chosen = options.parse_args()
+    if chosen.plant:
+        asyncio.run(plant(Path(chosen.plant), chosen.drives))
+    elif chosen.web:
+        asyncio.run(web(Path(chosen.web)))
+    elif chosen.pages:
+        print(json.dumps(asyncio.run(pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.asking))))
+    else:
+        figures = json.dumps(measure(chosen.drives, chosen.clients, chosen.seconds), indent=1)
+        print(figures)
+        if chosen.write:
+            (ROOT / "docs" / "reports" / "web.json").write_text(figures + "\n")
+
+
+if __name__ == "__main__":
+    main()
