@@ -34,7 +34,7 @@ def account_router(desk: Desk) -> APIRouter:
 
     @router.post("/session/wake")
     async def wake(request: Request, body: given.Wake) -> JSONResponse:
-        """The password again after idle minutes: the same session, with a new cookie and CSRF token."""
+        """The password again after idle minutes: the same session, with a new cookie."""
         mine = _mine(request)
         return await desk.let_in(request, "wake", access.wake(mine.session, body.password), mine.session.user)
 

@@ -188,7 +188,7 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
 
 
 def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
-    """Its leases belong to it; its secrets are new ones; a wrong password takes nothing away and is counted (S05)."""
+    """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted (S05)."""
     house = House(tmp_path)
 
     async def story() -> None:
@@ -200,9 +200,7 @@ def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path:
         woken = await client.post("/api/v1/session/wake", json={"password": PASSWORD})
         after = woken.json()
         assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
-        assert after["csrf"] != before["csrf"] and house.access.by_cookie(old) is None
-        assert (await client.post("/api/v1/stop")).status_code == 403, "the old CSRF token"
-        client.headers["X-Drivebus-CSRF"] = after["csrf"]
+        assert house.access.by_cookie(old) is None and after["csrf"] == before["csrf"], "another tab can stop at once"
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200 and house.plant.calls[-1][2].session == before["session"]
         house.clock.now += 12 * 3600.0 - IDLE_S

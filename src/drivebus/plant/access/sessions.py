@@ -70,10 +70,13 @@ class Sessions:
         return secret, session
 
     def wake(self, session: Session, now: float) -> str:
-        """A password was given again: a new secret for the same session, whose leases stay its own."""
+        """A password was given again: a new secret for the same session, whose leases stay its own.
+
+        Its CSRF token stays too: another tab of the same browser must not need a new one before it can stop.
+        """
         self._by_digest = {key: one for key, one in self._by_digest.items() if one is not session}
         secret = secrets.token_urlsafe(32)
-        session.active, session.csrf = now, secrets.token_urlsafe(24)
+        session.active = now
         self._by_digest[digest(secret)] = session
         return secret
 

@@ -40,9 +40,15 @@ export async function logout() {
 /** After a while without a hand the server takes the rights to control back, never the right to stop. */
 export const idle = computed(() => Boolean(session.value?.idle));
 
-/** Somebody is there: told to the server at most once a minute, at once where it thinks that nobody is. */
+/** The password again: the same session, with its leases, has all its rights back. */
+export async function wake(password) {
+  session.value = await api.post("/session/wake", { password });
+  return true;
+}
+
+/** Somebody is there: told to the server at most once a minute. It does not wake a session that is idle already. */
 async function touched() {
-  if (!loggedIn.peek() || (!idle.peek() && nowMs() - toldAt < TELL_EVERY_MS)) return;
+  if (!loggedIn.peek() || idle.peek() || nowMs() - toldAt < TELL_EVERY_MS) return;
   toldAt = nowMs();
   const found = await api.post("/session/active").catch(() => null);
   if (found) session.value = found;

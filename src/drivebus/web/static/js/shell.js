@@ -11,6 +11,7 @@ import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { drive, topic } from "./store.js";
 import { PriorityMark } from "./parts/state.js";
+import { Wake } from "./parts/wake.js";
 import { StopBar } from "./stopbar.js";
 
 /** Page → the right that it needs. */
@@ -109,7 +110,7 @@ export function Shell({ children }) {
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${Head} /><${LineNotice} /><${AlarmStrip} />
+    <${Head} /><${LineNotice} /><${Wake} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${link.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }

@@ -45,10 +45,17 @@ export async function stop(kind, id = null, how = "stop") {
 
 async function ended(mine, path, body) {
   const until = nowMs() + TRY_AGAIN_MS;
+  let renewed = false;
   for (;;) {
     try {
       return judged(await api.post(path, body, { patience_ms: PATIENCE_MS }));
     } catch (error) {
+      // Another tab logged in meanwhile: refused at the door, so nothing was done yet.
+      if (error.code === "access.csrf" && !renewed) {
+        renewed = true;
+        await loadSession().catch(() => null);
+        continue;
+      }
       if (!error.unreachable || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, PAUSE_MS); });

@@ -1,0 +1,20 @@
+// After idle minutes the page may look and stop; the password gives the rest back, and leases stay where they are.
+import { html, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { idle, session, wake } from "../session.js";
+import { ErrorNote, Field, useAsk } from "../ui.js";
+
+function Form() {
+  const [password, setPassword] = useState("");
+  const [run, busy, error] = useAsk();
+  const send = (event) => { event.preventDefault(); run(() => wake(password)); };
+  return html`<form class="banner info" data-do="wake" onSubmit=${send}>
+    <span role="status">${t("page.idle")}</span><input type="text" autocomplete="username" hidden readonly
+      value=${session.value.user} />
+    <${Field} label=${t("page.login_password")}><input type="password" autocomplete="current-password" required
+      value=${password} onInput=${(event) => setPassword(event.currentTarget.value)} /><//>
+    <${ErrorNote} error=${error} /><button class="button main" type="submit" disabled=${busy}>${t("page.wake")}
+      </button></form>`;
+}
+
+export const Wake = () => (idle.value ? html`<${Form} />` : null);

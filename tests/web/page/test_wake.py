@@ -1,0 +1,36 @@
+"""S07 on the page: after idle minutes it looks and stops; the password gives the rest back, and leases stay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from doorkit import PASSWORD
+from drivebus.plant.access.access import Access
+from drivebus.plant.access.sessions import IDLE_S
+from pagekit import Stage
+
+
+def fall_idle(stage: Stage) -> None:
+    """As if nobody had touched anything for a quarter of an hour."""
+    access: Access = stage._app.user_middleware[0].kwargs["access"]  # type: ignore[union-attr,assignment]
+    for session in access.sessions.of("operator"):
+        session.active -= IDLE_S
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_s07_an_idle_page_stops_and_its_password_wakes_it(stage: Stage, visit: Any, language: str) -> None:
+    page = visit("#/drive/fan-1", language=language, role="operator")
+    page.click("[data-do=take]")
+    page.wait_for_selector(".lease.mine")
+    fall_idle(stage)
+    page.reload()
+    page.wait_for_selector("[data-do=wake]")
+    assert page.locator("[data-step=first]:enabled").count() == 0
+    assert page.locator(".stopbar button:enabled").count() > 0
+
+    page.fill("[data-do=wake] input[type=password]", PASSWORD)
+    page.click("[data-do=wake] button")
+    page.wait_for_selector("[data-do=wake]", state="detached")
+    page.wait_for_selector(".lease.mine")
