@@ -21,6 +21,11 @@ ALLOWED_NOISE = (
 """What the browser itself says when a server or an answer is gone: the tests take them away on purpose."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Last of all: the browser's driver keeps a loop running in the main thread, in which no other loop may run."""
+    items.sort(key=lambda item: "browser" in getattr(item, "fixturenames", ()))
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Debian's Chromium. Its very first start may fail: once more."""
