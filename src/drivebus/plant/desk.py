@@ -11,7 +11,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from drivebus.errors import AuditUnavailable, DrivebusError, Expired, Forbidden, NotFound, ParamsError, Superseded
+from drivebus.errors import (
+    AuditUnavailable,
+    DrivebusError,
+    Expired,
+    Forbidden,
+    NotFound,
+    ParamsError,
+    ServiceUnavailable,
+    Superseded,
+)
 from drivebus.plant.access.rights import Right
 from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import Own
@@ -56,6 +65,8 @@ class Desk:
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
+        if operation.changes and not operation.stops and self.plant.state == "stopping":
+            raise ServiceUnavailable("plant.stopping")
         if operation.stops:
             return await self._stop_first(operation, parsed, actor, handler)
         if operation.changes:

@@ -58,7 +58,7 @@ class Policies:
         unit.judged = True
         if state.output_off and status.at is not None and status.at > unit.moved_at + SEEN_S:
             unit.started = False  # stopped at its keypad, or tripped: whoever starts it again is not us
-        if not state.turning:
+        if not state.turning or self.plant.leases.get(unit.id, self.plant.now()) is not None:
             for kind in (Own.NO_OWNER, Own.LEASE_LOST):
                 self.plant.calm(kind, unit.id)
 

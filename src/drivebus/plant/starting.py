@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from drivebus.errors import AuditUnavailable, DrivebusError, GateError, Interlocked, WaiverNeeded
+from drivebus.errors import AuditUnavailable, DrivebusError, GateError, Interlocked, ServiceUnavailable, WaiverNeeded
 from drivebus.plant.failure import both, plain
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
@@ -16,6 +16,8 @@ Json = dict[str, Any]
 def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
     """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
     address = unit.setting.address
+    if plant.state == "stopping":
+        yield ServiceUnavailable("plant.stopping")
     if unit.bus.latched(address):
         yield GateError("drives.latched", station=address)
     health = unit.bus.health(address)

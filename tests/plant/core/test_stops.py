@@ -8,9 +8,18 @@ from dataclasses import replace
 import pytest
 
 from drivebus.drives.state import DriveState
-from drivebus.errors import ArmNeeded, AuditUnavailable, DrivebusError, GateError, StopUnconfirmed, Superseded
+from drivebus.errors import (
+    ArmNeeded,
+    AuditUnavailable,
+    DrivebusError,
+    GateError,
+    ServiceUnavailable,
+    StopUnconfirmed,
+    Superseded,
+)
 from drivebus.plant.access.rights import Role
-from drivebus.plant.model import GroupSetting, OnClientLost, OnServiceStop
+from drivebus.plant.model import BusSetting, GroupSetting, OnClientLost, OnServiceStop
+from drivebus.ports import open_port
 from drivebus.sim.motor import Phase
 from drivebus.testing.virtual import run
 from plantkit import BUSES, DRIVES, LOCAL, Kit, plant, remote, setting
@@ -388,5 +397,80 @@ def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
             await asyncio.sleep(3)
             assert state(kit, "fan-1").turning
             assert await kit.service.stop() == {}
+
+    run(story())
+
+
+def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(GROUP,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(2)
+            ending = asyncio.create_task(kit.service.stop())
+            await asyncio.sleep(0.1)
+            with pytest.raises(ServiceUnavailable):
+                await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
+            await asyncio.sleep(0.1)
+            assert (await kit.call("drive.stop", drive="fan-2"))["outcome"]["word"] == "confirmed"
+            found = (await start)["outcomes"]
+            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", None, None]
+            assert [*(await ending)] == ["fan-1"]
+
+    run(story())
+
+
+def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_can_be() -> None:
+    """F12: said once, tried for ever; a stop of everything names its drives."""
+
+    async def story() -> None:
+        buses = (BusSetting("a", "sim://c320@1,2?name=later"), BUSES[1])
+        bench = open_port(buses[0].link).bench  # type: ignore[attr-defined]
+        bench.unplug()
+        async with plant(setting(buses=buses)) as kit:
+            await asyncio.sleep(20)
+            views = {view["id"]: view["presence"] for view in (await kit.call("drives.list"))["drives"]}
+            assert views == {"fan-1": "never_seen", "fan-2": "never_seen", "pump-1": "online", "pump-2": "online"}
+            assert (await kit.call("buses.get", bus="a"))["problem"]["en"]
+            found = await kit.call("plant.stop")
+            assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"] and found["buses"]["b"]["confirmed"]
+            assert "port" in kinds(kit)
+            bench.replug()
+            await asyncio.sleep(20)
+            assert (await kit.call("drives.get", drive="fan-1"))["presence"] == "online"
+            assert "port" not in kinds(kit)
+            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert sum("can't be opened" in text for text in told) == 1
+            assert sum("bus a is open" in text for text in told) == 1
+
+    run(story())
+
+
+def test_whoever_takes_the_lease_of_a_drive_without_an_owner_ends_that_alarm() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(12)
+            assert "lease_lost" in kinds(kit)
+            await kit.call("lease.take", remote(), drive="fan-1")
+            await asyncio.sleep(1)
+            assert "lease_lost" not in kinds(kit)
+
+    run(story())
+
+
+def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> None:
+    """G14."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            kit.history.ok = False
+            await asyncio.sleep(1)
+            assert "store" in kinds(kit)
+            assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+            kit.history.ok = True
+            await asyncio.sleep(1)
+            assert "store" not in kinds(kit)
 
     run(story())
