@@ -1,12 +1,29 @@
-"""``demo``: a virtual plant of all four families, live."""
+"""``demo``: a virtual plant of all four families, in the browser or in the terminal."""
 
 from __future__ import annotations
 
+import click
+
+from drivebus.cli import voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.exits import Exit
+from drivebus.cli.options import Checked
 
 
-def _demo(plain: bool, memory: bool, period: float) -> Exit:
+def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> Exit:
+    if terminal or plain or memory:
+        return _in_terminal(plain, memory, period)
+    try:
+        from drivebus.cli.demo.dashboard import show
+    except ModuleNotFoundError as error:
+        if error.name and error.name.startswith("drivebus"):
+            raise
+        voice.note("demo.no_server")
+        return Exit.USAGE
+    return show(port)
+
+
+def _in_terminal(plain: bool, memory: bool, period: float) -> Exit:
     from drivebus.cli.demo.plant import MemoryPlant, make_plant
     from drivebus.cli.demo.stage import Stage
     from drivebus.cli.live.start import show
@@ -19,9 +36,24 @@ command = Verb(
     "demo",
     callback=_demo,
     params=[
+        Option(["--terminal"], is_flag=True),
+        Option(
+            ["--port"],
+            type=Checked(click.IntRange(1, 65535), "cli.expect.port"),
+            default=8080,
+            metavar="N",
+            example="--port 8090",
+            key="help.option.demo_port",
+        ),
         Option(["--plain"], is_flag=True),
         Option(["--memory"], is_flag=True),
         Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
     ],
-    examples=("drivebus demo", "drivebus demo --lang zh", "drivebus demo --plain --period 2", "drivebus demo --json"),
+    examples=(
+        "drivebus demo",
+        "drivebus demo --lang zh --port 8090",
+        "drivebus demo --terminal",
+        "drivebus demo --plain --period 2",
+        "drivebus demo --plain --json",
+    ),
 )

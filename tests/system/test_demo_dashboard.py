@@ -1,0 +1,88 @@
+"""``drivebus demo`` as a newcomer meets it: one address, which logs in once, twelve drives, and a shift behind them."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.shift import HOURS
+
+DRIVES = {part.key for line in LINES for part in line.drives}
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A running demo and its address."""
+    log = tmp_path_factory.mktemp("demo") / "log"
+    with log.open("w") as errors:
+        command = [sys.executable, "-c", "from drivebus.cli import main; main()", "demo", "--json", "--lang", "en"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
+        try:
+            yield process, _address(process, log)
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _address(process: subprocess.Popen[str], log: Path) -> str:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("{"):
+            found: str = json.loads(line)["url"]
+            return found
+    raise AssertionError(log.read_text())
+
+
+@pytest.fixture(scope="module")
+def browser(demo: tuple[subprocess.Popen[str], str]) -> Iterator[httpx.Client]:
+    """Logged in by the address that was printed."""
+    base, _, code = demo[1].partition("#login=")
+    with httpx.Client(base_url=base, headers={"Origin": base.rstrip("/")}) as client:
+        done = client.post("api/v1/login-once", json={"code": code})
+        assert done.status_code == 200, done.text
+        yield client
+
+
+def test_the_address_logs_in_once(demo: tuple[subprocess.Popen[str], str], browser: httpx.Client) -> None:
+    base, _, code = demo[1].partition("#login=")
+    again = httpx.post(f"{base}api/v1/login-once", json={"code": code}, headers={"Origin": base.rstrip("/")})
+    assert again.status_code == 401
+
+
+def test_twelve_drives_of_four_families_on_four_lines_answer(browser: httpx.Client) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    found: dict[str, dict[str, object]] = {}
+    while time.monotonic() < deadline and {one["presence"] for one in found.values()} != {"online"}:
+        found = {one["id"]: one for one in browser.get("api/v1/drives").json()["drives"]}
+        time.sleep(0.5)
+    assert set(found) == DRIVES and len(DRIVES) == 12
+    assert {one["presence"] for one in found.values()} == {"online"}
+    assert len({one["model"] for one in found.values()}) == len({one["bus"] for one in found.values()}) == 4
+
+
+def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
+    now_ms = int(time.time() * 1000)
+    span = {"from_ms": now_ms - int(HOURS * 3_600_000), "to_ms": now_ms}
+    found = browser.get("api/v1/history/trend", params={"tags": "spindle-1.output_frequency", **span}).json()
+    points = found["series"]["spindle-1.output_frequency"]
+    known = [time_ms for time_ms, value in zip(points["t"], points["mean"], strict=True) if value is not None]
+    assert known[-1] - known[0] > 0.95 * HOURS * 3_600_000
+    assert max(value for value in points["max"] if value is not None) > 10.0
+    markers = browser.get("api/v1/history/markers", params={**span, "drive": "spindle-1"}).json()["items"]
+    assert {"command"} <= {marker["kind"] for marker in markers}
+
+
+def test_ctrl_c_ends_it(demo: tuple[subprocess.Popen[str], str]) -> None:
+    process, _ = demo
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 0
