@@ -122,6 +122,62 @@ def test_the_answer_to_the_wrong_question_makes_suspect_not_wise() -> None:
     assert play.core.stations[1].suspect and len(play.sent) == 2
 
 
+def counting() -> BusCore:
+    """A DF800 as the bus sees it: nothing but a count tells its fence from other reads."""
+    bus = BusCore(LINE, echo="off")
+    bus.add(replace(link(1), fence=lambda n: read(1, 0x3000 + 2 * (n % 8), 2)))
+    return bus
+
+
+def registers(*values: int) -> bytes:
+    return CODEC.encode_reply(modbus.Registers(1, 3, values))
+
+
+def test_the_late_answer_to_somebodys_own_question_is_not_taken_for_a_fences() -> None:
+    """G04, ruling 2: a user's read of two registers times out; its answer comes while the fence, of two as well, waits.
+
+    Found by the campaign ``late`` (seed 1, df800-rtu/10): only older fences were remembered, not older questions.
+    """
+    station = Station()
+    play = Playbook(counting(), wire(station))
+    play.ask(ask_read(count=4), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(register=0x3020, count=2), "own")
+    asked_at = play.now
+    play.until(asked_at + 8 * C + TIMEOUT + TIMING.lateness_s + 0.001)
+    fence_at, fence = play.sent[2]
+    assert fence[1] == 3 and fence[5] == 2
+    play.hear(registers(7, 7), at=fence_at + 8 * C + 0.01)
+    play.until(fence_at + 0.09)
+    assert play.core.stations[1].suspect
+    station.alive = True
+    play.until(fence_at + 5.0)
+    assert len(play.sent) == 3, "a fence proves nothing while its own answer may still come as well"
+    play.until(fence_at + 5.3)
+    assert not play.core.stations[1].suspect and play.sent[3][0] > fence_at + 5.0
+
+
+def test_the_late_answer_to_a_fence_that_was_not_believed_is_not_taken_for_the_next_ones() -> None:
+    """The second fence got the first one's answer; its own still comes, and must not pass for the third one's."""
+    station = Station()
+    play = Playbook(counting(), wire(station))
+    play.ask(ask_read(count=4), "first")
+    play.answer("first")
+    station.alive = False
+    play.ask(ask_read(count=4), "lost")
+    play.until(play.now + 0.5)
+    while len(play.sent) < 4:
+        play.until(play.now + 0.002)
+    second_at = play.sent[3][0]
+    play.hear(registers(7, 7), at=second_at + 8 * C + 0.01)
+    play.until(second_at + 4.9)
+    assert len(play.sent) == 4 and play.core.stations[1].suspect
+    station.alive = True
+    play.until(second_at + 6.0)
+    assert not play.core.stations[1].suspect and play.sent[4][0] > second_at + 5.0
+
+
 class LateStation(Station):
     """Answers in order; some answers come too late, up to ``longest_s``."""
 

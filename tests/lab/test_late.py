@@ -110,6 +110,7 @@ def one_question(kind: Kind, address: int) -> Any:
 def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ruling 2: the late answer passes for the fence's. Many come just after the quarantine of 0.2 s."""
     hard(monkeypatch)
+    monkeypatch.setattr(aftermath, "_fits_older", lambda flight: False)
     monkeypatch.setattr(late, "LATENESS_S", (0.4,))
     kind = BY_NAME["vc660"]
     monkeypatch.setattr(ModbusDialect, "_bus_fence", lambda self, n: late.questions(kind, self.address)[n % 3])
@@ -117,9 +118,9 @@ def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyP
     assert any("G04" in text for text in session.violations)
 
 
-def test_a_fence_that_believes_an_older_fence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fence_that_believes_an_older_answer_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """DF800's fences differ in nothing but their number of registers: only the 5 s between them help (ruling 2)."""
     hard(monkeypatch)
-    monkeypatch.setattr(aftermath, "_older_fence", lambda flight: None)
+    monkeypatch.setattr(aftermath, "_fits_older", lambda flight: False)
     session, _ = line(BY_NAME["df800-rtu"], 2000)
     assert any("G04" in text for text in session.violations)

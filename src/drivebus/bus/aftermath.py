@@ -46,30 +46,31 @@ def disbelief(core: BusCore, flight: Transaction) -> Exception | None:
         return NotBelieved("bus.mirrored", station=job.station.address)
     if job.station.suspect and not job.fence:
         return NotBelieved("bus.suspect", station=job.station.address)
-    if job.fence and flight.size < job.reply_bytes and job.station.refusals < FENCE_REFUSALS - 1:
-        return NotBelieved("bus.fence_refused", station=job.station.address)
-    if job.fence and (older := _older_fence(flight)) is not None:
-        return NotBelieved("bus.fence_older", station=job.station.address, seconds=LONGEST_LATENESS_S, older=older)
+    if not job.fence:
+        return None
+    if flight.size < job.reply_bytes:
+        few = job.station.refusals < FENCE_REFUSALS - 1
+        return NotBelieved("bus.fence_refused", station=job.station.address) if few else None
+    if _fits_older(flight):
+        return NotBelieved("bus.fence_older", station=job.station.address, seconds=LONGEST_LATENESS_S)
     return None
 
 
-def _older_fence(flight: Transaction) -> float | None:
-    """When a fence was sent that this could be the late answer to as well; None: there is none.
+def _fits_older(flight: Transaction) -> bool:
+    """Could this be the late answer to an older question as well?
 
-    A nonce or an item tells fences apart; where only a count does (DF800), an unanswered fence makes the next one
-    worthless until its answer can no longer be on its way.
+    A nonce or an item tells a fence from everything else; where only a count does (DF800), any unanswered question of
+    that count, a fence or somebody's own, makes a fence worthless until its answer can no longer be on its way.
     """
-    job = flight.job
-    for sent_at, older in job.station.unanswered:
-        if flight.sent_at - sent_at <= LONGEST_LATENESS_S and fits(older, bytes(flight.buffer)):
-            return sent_at
-    return None
+    data = bytes(flight.buffer)
+    return any(flight.sent_at < until and fits(older, data) for until, older in flight.job.station.unanswered)
 
 
 def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
     """Count it, draw the consequences for the station, and try again or tell."""
     job, station = flight.job, flight.job.station
     _count(core, flight, error, now)
+    _owed(flight, now)
     unasked.overheard(core, flight, now)
     if core.stations.get(station.address) is not station:  # removed meanwhile
         core.finish(job, error, flight)
@@ -78,7 +79,9 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
         if error.key == "bus.fence_refused":
             station.refusals += 1
         elif error.key == "bus.fence_older":
-            station.quarantined_until = error.params["older"] + LONGEST_LATENESS_S
+            station.quarantined_until = (
+                now + LONGEST_LATENESS_S
+            )  # it may have been the older one's: then its own is due
         elif job.fence:
             core.believe(station, now, really=False)
         core.finish(job, error, flight)
@@ -99,12 +102,17 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
         core.finish(job, error, flight)
 
 
+def _owed(flight: Transaction, now: float) -> None:
+    """Its true answer may still come, also where something else was taken for it and not believed."""
+    station = flight.job.station
+    waiting = [one for one in station.unanswered if one[0] > now]
+    station.unanswered = [*waiting, (now + LONGEST_LATENESS_S, flight.job)]
+
+
 def _unfenced(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
     """A fence failed: the station is silent, and what waited for the fence is told so."""
     station = flight.job.station
     station.doubt(now)
-    recent = [one for one in station.unanswered if now - one[0] <= LONGEST_LATENESS_S]
-    station.unanswered = [*recent, (flight.sent_at, flight.job)]
     if station.dead:
         core.scheduler.budget.spend(now - flight.sent_at + station.gap_s, now)
     station.give_up(now)

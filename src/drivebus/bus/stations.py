@@ -86,7 +86,7 @@ class Station:
         """Fences in a row that were answered with a refusal."""
         self.fence_waiting: Job | None = None
         self.unanswered: list[tuple[float, Job]] = []
-        """Fences of the last seconds that nobody answered, and when they were sent."""
+        """Questions without an answer that was believed, and until when theirs may still come."""
         self.asked: Job | None = None
         """The last request sent: what an unsolicited frame may be the answer to."""
         self.answered = False
