@@ -124,6 +124,11 @@ def test_a_violation_says_why_in_both_languages() -> None:
         'interlock "Flow" is not met: pump.state == running required, pump.state is stopped; '
         "pump.output_frequency >= 10 Hz required, pump.output_frequency is 3.5 Hz"
     )
+    params = found.violations("fan")[0].params
+    assert (params["interlock"], params["require"]) == (
+        "flow",
+        "pump.state == running and pump.output_frequency >= 10 Hz",
+    )
     assert "流量" in text.zh and "3.5 Hz" in text.zh and "联锁" in text.zh
     found.evaluate(views("running", 3.5, Quality.BAD), 1.0)
     reasons = found.violations("fan")[0].reasons

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from drivebus.plant.evaluation import Look, compared, holds
 from drivebus.plant.expression import STATE, Comparison, Expression, Operand, Reference, comparisons, parse
@@ -38,11 +39,17 @@ class Violation:
     """Each comparison that is not met, with the value that was found."""
 
     @property
+    def params(self) -> dict[str, Any]:
+        """The places of the sentence ``interlocks.violated``, and which interlock it is for programs."""
+        title, id = self.setting.title, self.setting.id
+        why = Text("; ".join(one.en for one in self.reasons), "；".join(one.zh for one in self.reasons))
+        names = Text(title.en or id, title.zh or id)
+        return {"interlock": id, "require": self.setting.require, "title": names, "why": why}
+
+    @property
     def text(self) -> Text:
         """Why, in one sentence."""
-        names = {side: getattr(self.setting.title, side) or self.setting.id for side in ("en", "zh")}
-        why = Text("; ".join(one.en for one in self.reasons), "；".join(one.zh for one in self.reasons))
-        return both("interlocks.violated", title=Text(names["en"], names["zh"]), why=why)
+        return both("interlocks.violated", **self.params)
 
 
 @dataclass(slots=True)
