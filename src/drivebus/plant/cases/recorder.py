@@ -79,24 +79,32 @@ class FlightRecorder:
     ) -> asyncio.Task[str | None]:
         """Take what is known now; the task ends with the case's id when it is kept, or with None.
 
-        Never fails: the bus must not wait for a disk (G14).
+        Never fails, and only copies: the bus waits neither for a disk (G14) nor for a minute to be written out (G06).
         """
         last = self._last.get(alarm.drive)
         if last is not None and now - last[0] < AGAIN_S:
             return last[1]
-        summary = {
-            "time_ms": now_ms, "drive": alarm.drive, "bus": line.bus if line else None, "why": alarm.kind,
-            "alarm": alarm.id, "title": alarm.as_json()["title"], "text": alarm.as_json()["text"],
-        }  # fmt: skip
-        whole = {
-            "before_s": BEFORE_S, "raised": alarm.as_json(), "view": view.as_json() if view else None,
-            **self._ring(alarm.drive).frozen(now),
-            "frames": [told | {"t": round(event.time - now, 6)} for told, event in (line.frames if line else ())],
-        }  # fmt: skip
-        write = partial(self._store.write, alarm.drive, summary, whole, _header(line, now, now_ms), _wire(line))
+        ring = self._ring(alarm.drive).copy()
+        write = partial(self._write, alarm, view, line, ring, now, now_ms)
         task = asyncio.get_running_loop().create_task(self._keep(write, alarm.drive), name=f"case of {alarm.drive}")
         self._last[alarm.drive] = (now, task)
         return task
+
+    def _write(
+        self, alarm: Alarm, view: DriveView | None, line: LineSeen | None, ring: Ring, now: float, now_ms: int
+    ) -> str:
+        """In a thread."""
+        raised = alarm.as_json()
+        summary = {
+            "time_ms": now_ms, "drive": alarm.drive, "bus": line.bus if line else None, "why": alarm.kind,
+            "alarm": alarm.id, "title": raised["title"], "text": raised["text"],
+        }  # fmt: skip
+        frames = [told | {"t": round(event.time - now, 6)} for told, event in (line.frames if line else ())]
+        whole = {
+            "before_s": BEFORE_S, "raised": raised, "view": view.as_json() if view else None, **ring.frozen(now),
+            "frames": frames,
+        }  # fmt: skip
+        return self._store.write(alarm.drive, summary, whole, _header(line, now, now_ms), _wire(line))
 
     async def _keep(self, write: Callable[[], str], drive: str) -> str | None:
         try:
