@@ -25,8 +25,8 @@ def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
         yield GateError("drives.foreign_master", station=address)
     if health.duplicate:
         yield GateError("drives.duplicate", station=address)
-    for interlock in plant.parts.interlocks.violated(unit.id):
-        yield Interlocked("plant.interlocked", interlock=interlock.id, require=interlock.require)
+    for violation in plant.parts.interlocks.violations(unit.id):
+        yield Interlocked("interlocks.violated", **violation.params)
     if unit.host_dies.kind != "trips" and unit.waiver is None:
         yield WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.host_dies.text)
     if not plant.parts.trail.ok:
