@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from doorkit import PASSWORD, QUICK, Clock
-from drivebus.plant.access.access import Access
+from drivebus.plant.access.access import KEEP_S, Access
 from drivebus.plant.access.passwords import Passwords, check_new
 from drivebus.plant.access.refusals import Conflict, Forbidden, NotLoggedIn, TooManyAttempts, Unfit
 from drivebus.plant.access.register import User
@@ -274,6 +274,16 @@ def test_a_session_outlives_a_crash_of_the_web_process(tmp_path: Path) -> None:
     clock.now += ABSOLUTE_S
     assert reborn(access, clock).by_cookie(secret) is None
     assert access.keeper.path.stat().st_mode & 0o777 == 0o600 and secret not in access.keeper.path.read_text()
+
+
+def test_a_touch_is_written_down_once_a_minute(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    _, visitor = login(access)
+    begun = clock.now
+    for passed_s, kept_s in ((KEEP_S - 1, 0.0), (KEEP_S, KEEP_S), (2 * KEEP_S - 1, KEEP_S), (2 * KEEP_S, 2 * KEEP_S)):
+        clock.now = begun + passed_s
+        run(access.touch(visitor.session))
+        assert access.keeper.read()[0].active == begun + kept_s
 
 
 def test_s04_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
