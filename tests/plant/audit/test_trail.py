@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import AuditUnavailable, ParamsError
+from drivebus.plant import journal
 from drivebus.plant.audit import Entry
 from drivebus.plant.audit.entry import LONGEST_TEXT
 from drivebus.plant.audit.seal import LONGEST_LINE
@@ -246,6 +247,30 @@ def test_a_record_that_a_killed_writer_left_half_is_put_aside_and_said(tmp_path:
     found = lines(again.places.current)[10]
     assert (found["what"], found["params"]["octets"]) == ("audit.recovered", 100)
     assert (again.places.folder / found["params"]["file"]).read_bytes() == whole[:100]
+
+
+def test_a_record_has_its_own_number_where_something_had_to_be_told_before_it(tmp_path: Path) -> None:
+    made = written(tmp_path)
+    made.places.current.write_bytes(made.places.current.read_bytes() + b"half")
+
+    async def go() -> int:
+        again = trail(tmp_path)
+        number = await again.record(entry(1))
+        assert again._writing.error is None
+        return number
+
+    assert asyncio.run(go()) == 12
+
+
+def test_only_the_end_of_a_long_file_is_looked_at_and_its_beginning_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = written(tmp_path)
+    made.places.checkpoints.unlink()
+    monkeypatch.setattr(journal, "TAIL", 1_500)
+    assert made.places.current.stat().st_size > 2 * journal.TAIL
+    again = written(tmp_path, 2)
+    assert [one["what"] for one in lines(again.places.current)][10:] == ["audit.opened", "drive.run"]
 
 
 def test_holes_that_a_power_cut_left_behind_the_last_checkpoint_are_put_aside(tmp_path: Path) -> None:
