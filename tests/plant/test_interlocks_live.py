@@ -1,0 +1,80 @@
+"""Interlocks in a whole running plant over simulated drives, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus.errors import Interlocked
+from drivebus.plant.model import InterlockSetting
+from drivebus.profiles.model import Text
+from drivebus.sim.motor import Phase
+from drivebus.testing.virtual import run
+from plantkit import plant, setting
+
+AIR = InterlockSetting(
+    "air",
+    ("pump-1",),
+    "fan-1.state == running and fan-1.output_frequency > 5 Hz",
+    delay_s=1.0,
+    title=Text("Air", "送风"),
+)
+
+
+async def both_run(kit: Any) -> None:
+    await kit.waive()
+    await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+    await asyncio.sleep(6)
+    await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+    await asyncio.sleep(6)
+
+
+def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_it_is_tried() -> None:
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await kit.waive()
+            await asyncio.sleep(1)
+            blocked = (await kit.call("drives.get", drive="pump-1"))["blocked"]
+            assert [one["key"] for one in blocked] == ["interlocks.violated"]
+            assert blocked[0]["params"]["interlock"] == "air"
+            assert "fan-1.state is stopped" in blocked[0]["text"]["en"] and "送风" in blocked[0]["text"]["zh"]
+            with pytest.raises(Interlocked, match=r"fan-1\.output_frequency is 0 Hz"):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            assert kit.station("pump-1").motor.phase is Phase.OFF
+            assert (await kit.call("drives.get", drive="fan-1"))["blocked"] == []
+
+    run(story())
+
+
+def test_g17_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
+    """Stale after max(3 × 0.5 s, 1 s) and the timeout, then the delay of 1 s, then the stop."""
+
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            assert kit.station("pump-1").running
+            kit.station("fan-1").faults.silent = True
+            await asyncio.sleep(1.4)
+            assert kit.service.plant.units["pump-1"].drive.stop_pending is False and kit.station("pump-1").running
+            await asyncio.sleep(6.0)
+            assert kit.station("pump-1").motor.phase is Phase.OFF
+
+    run(story())
+
+
+def test_a_short_lapse_is_forgiven() -> None:
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            kit.station("fan-1").faults.silent = True
+            await asyncio.sleep(0.4)
+            kit.station("fan-1").faults.silent = False
+            await asyncio.sleep(5.0)
+            assert kit.station("pump-1").running
+
+    run(story())
