@@ -16,9 +16,10 @@ ALLOWED_NOISE = (
     "ERR_CONNECTION_RESET",
     "ERR_EMPTY_RESPONSE",
     "ERR_FAILED",
+    "401 (Unauthorized)",
     "WebSocket connection",
 )
-"""What the browser itself says when a server or an answer is gone: the tests take them away on purpose."""
+"""What the browser itself says when a server, a session or an answer is gone: the tests take them away."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

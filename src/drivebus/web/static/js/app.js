@@ -3,6 +3,8 @@ import { effect, html, render, signal, useEffect, useState } from "./lib.js";
 import { known, language, loadLanguage, t, titled } from "./i18n.js";
 import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watch } from "./session.js";
+import { api } from "./api.js";
+import { learnSignals } from "./format.js";
 import { start } from "./live.js";
 import { keepLeases } from "./leases.js";
 import { go, route } from "./router.js";
@@ -63,6 +65,13 @@ async function meet() {
   }
 }
 
+/** Whenever somebody logs in: what the plant's signals are called. */
+function learnNames() {
+  loggedIn.subscribe((isIn) => {
+    if (isIn) api.get("/history/tags").then(({ tags }) => learnSignals(tags), () => null);
+  });
+}
+
 effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titled(plant) : "drivebus";
@@ -76,4 +85,5 @@ await meet();
 await useCode().catch((error) => { startError.value = error; go("fleet"); });
 start();
 watch();
+learnNames();
 keepLeases();

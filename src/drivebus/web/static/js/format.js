@@ -1,6 +1,7 @@
 // Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
 // times of day are labels only.
-import { language, t } from "./i18n.js";
+import { signal } from "./lib.js";
+import { both, known, language, t } from "./i18n.js";
 import { now, trusted } from "./live.js";
 
 const DIGITS = { Hz: 2, A: 2, V: 0, "°C": 0, "%": 1, kW: 2, kWh: 1, h: 1, s: 1, rpm: 0, "r/min": 0 };
@@ -77,9 +78,16 @@ export const FIRST_SIGNALS = [
   "output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency",
 ];
 
-/** A signal's name in the reader's language; the profile's own name where the catalogue has none. */
+const learned = signal({});
+
+/** Remembers how profiles call their signals: a list of {signal or name, text}. */
+export function learnSignals(list) {
+  const news = list.filter((one) => one.text).map((one) => [one.signal ?? one.name, one.text]);
+  learned.value = { ...learned.peek(), ...Object.fromEntries(news) };
+}
+
+/** A signal's name in the reader's language, as the catalogue has it, else as its profile does. */
 export function signalName(name) {
   const key = `signal.${name}`;
-  const found = t(key);
-  return found === key ? name.replaceAll("_", " ") : found;
+  return known(key) ? t(key) : both(learned.value[name]) || name.replaceAll("_", " ");
 }

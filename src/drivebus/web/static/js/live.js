@@ -8,6 +8,8 @@ import { delta, nowMs, snapshot } from "./store.js";
 const ALWAYS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
 /** The server says something at least every second; twice that in silence and nothing shown counts as live. */
 const SILENCE_MS = 2000;
+/** So long for the connection and its snapshot. */
+const FIRST_WORD_MS = 6000;
 const FIRST_WAIT_MS = 400;
 const LONGEST_WAIT_MS = 5000;
 const INTERVAL_S = recall("interval_s", 0.25);
@@ -26,6 +28,7 @@ export const now = signal(nowMs());
 const wanted = new Map();
 let socket = null;
 let heardAt = 0;
+let openedAt = 0;
 let wait_ms = FIRST_WAIT_MS;
 let timer = null;
 
@@ -112,7 +115,7 @@ async function open() {
   // The session may be over, or the server may be another one: a socket alone does not tell why it is refused.
   if (link.peek() === "lost" && !(await meets())) return;
   if (!loggedIn.peek() || socket) return;
-  heardAt = nowMs();
+  openedAt = nowMs();
   socket = new WebSocket(address());
   socket.onmessage = heard;
   socket.onclose = drop;
@@ -126,7 +129,8 @@ export function reconnect() {
 
 function tick() {
   now.value = nowMs();
-  if (socket && nowMs() - heardAt > SILENCE_MS * (link.peek() === "live" ? 1 : 3)) drop();
+  const quiet_ms = nowMs() - (link.peek() === "live" ? heardAt : openedAt);
+  if (socket && quiet_ms > (link.peek() === "live" ? SILENCE_MS : FIRST_WORD_MS)) drop();
 }
 
 /** Follows the session from now on: connected while somebody is logged in. */

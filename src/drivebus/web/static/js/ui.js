@@ -90,9 +90,14 @@ export function Dialog({ title, onClose, children, class: more = "" }) {
     (box.current.querySelector("[data-first]") ?? box.current).focus();
     return () => before?.focus?.();
   }, []);
-  const key = (event) => { if (event.key === "Escape") onClose(); };
+  // On the document: a button that has been disabled under the finger has lost the focus.
+  useEffect(() => {
+    const key = (event) => { if (event.key === "Escape") onClose(); };
+    document.addEventListener("keydown", key);
+    return () => document.removeEventListener("keydown", key);
+  });
   return html`<div class="veil" onClick=${onClose}></div>
-    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1" onKeyDown=${key}>
+    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1">
       <header><h2 id=${id}>${title}</h2>
         <${Button} kind="quiet" icon="close" onClick=${onClose} aria-label=${t("page.close")} /></header>
       ${children}</dialog>`;

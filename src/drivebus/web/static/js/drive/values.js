@@ -5,6 +5,8 @@ import { FIRST_SIGNALS, duration, number, reading, signalName } from "../format.
 import { Value } from "../ui.js";
 
 const BIG = ["output_frequency", "output_current"];
+/** The rest opens by a press: some models tell twenty. */
+const AT_FIRST = 7;
 
 export function signalsOf(view) {
   const names = Object.keys(view.signals);
@@ -18,8 +20,16 @@ function Row({ view, name }) {
     <td class="right soft">${found.age_s === null ? t("page.never_read") : duration(found.age_s)}</td></tr>`;
 }
 
+function Rows({ view, names }) {
+  return html`<table class="data"><caption class="sr">${t("page.values")}</caption>
+    <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
+      <th scope="col" class="right">${t("page.age")}</th></tr></thead>
+    <tbody>${names.map((name) => html`<${Row} key=${name} view=${view} name=${name} />`)}</tbody></table>`;
+}
+
 export function Values({ view }) {
   const names = signalsOf(view);
+  const more = names.slice(AT_FIRST);
   return html`<section class="panel stack values" aria-labelledby="values-title"><h2 id="values-title">
     ${t("page.values")}</h2>
     <div class="bigvalues">${BIG.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
@@ -28,8 +38,7 @@ export function Values({ view }) {
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
         </span>
       </figure></div>
-    <table class="data"><caption class="sr">${t("page.values")}</caption>
-      <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
-        <th scope="col" class="right">${t("page.age")}</th></tr></thead>
-      <tbody>${names.map((name) => html`<${Row} key=${name} view=${view} name=${name} />`)}</tbody></table></section>`;
+    <${Rows} view=${view} names=${names.slice(0, AT_FIRST)} />
+    ${more.length > 0 && html`<details><summary>${t("page.more_values", { n: more.length })}</summary>
+      <${Rows} view=${view} names=${more} /></details>`}</section>`;
 }

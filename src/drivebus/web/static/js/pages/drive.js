@@ -5,7 +5,7 @@ import { api, drivePath } from "../api.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
 import { href, replaceQuery } from "../router.js";
 import { link } from "../live.js";
-import { stateOf } from "../format.js";
+import { learnSignals, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
 import { HostDies, Limits } from "../drive/allow.js";
@@ -39,8 +39,14 @@ function Head({ view }) {
     ${view.latched && html`<p class="alarmtext">${t("page.latched_short")}</p>`}</div></header>`;
 }
 
+async function profileOf(id) {
+  const profile = await api.get(drivePath(id, "/profile"));
+  learnSignals(profile.signals);
+  return profile;
+}
+
 function Details({ view, query }) {
-  const [profile, error] = useLoaded(() => api.get(drivePath(view.id, "/profile")), [view.id, view.model]);
+  const [profile, error] = useLoaded(() => profileOf(view.id), [view.id, view.model]);
   const withProfile = (Part) => () => {
     if (profile) return html`<${Part} view=${view} profile=${profile} />`;
     return error ? html`<${Notice} kind="bad">${error.sentence}<//>` : html`<${Loading} />`;
@@ -62,9 +68,8 @@ export function Page({ id, query }) {
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.way_fleet")}</a><//>`;
   return html`<${Head} view=${view} />${view.fault && html`<${FaultNow} fault=${view.fault} />`}
-    <div class="drivegrid"><div class="stack"><${Values} view=${view} />
+    <div class="drivegrid"><${Values} view=${view} /><div class="stack"><${ControlPanel} view=${view} />
       <section class="panel stack"><h2>${t("page.safety")}</h2><${HostDies} view=${view} /><${Limits} view=${view} />
-        </section></div>
-      <${ControlPanel} view=${view} /></div>
+      </section></div></div>
     <${Details} view=${view} query=${query} />`;
 }

@@ -2,7 +2,7 @@
 import { html, useComputed } from "../lib.js";
 import { both, t, titled } from "../i18n.js";
 import { ageOf, readingStill, stateOf } from "../format.js";
-import { now, trusted } from "../live.js";
+import { trusted } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
 import { href } from "../router.js";
@@ -19,9 +19,10 @@ function coarse(seconds) {
   return t("page.minutes", { n: Math.floor(seconds / 60) });
 }
 
-function oldest(view) {
-  const found = view?.signals?.output_frequency ?? Object.values(view?.signals ?? {})[0];
-  void now.value;
+/** The age of the frequency, or of whatever else the drive tells. */
+function ageText(view) {
+  const all = view?.signals ?? {};
+  const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.age_s !== null);
   return found ? coarse(ageOf(found)) : t("page.never_read");
 }
 
@@ -42,7 +43,7 @@ function current(view) {
 
 export function Tile({ id }) {
   const topic = drive(id);
-  const age = useComputed(() => oldest(topic.value));
+  const age = useComputed(() => ageText(topic.value));
   const view = topic.value;
   if (!view) return null;
   const known = stateOf(view);

@@ -1,0 +1,127 @@
+"""What the page makes of messages, losses and answers: its modules asked one by one, in the browser itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pagekit import Stage, log_in
+
+
+@pytest.fixture
+def page(stage: Stage, visit: Any) -> Any:
+    return visit("#/settings")
+
+
+def ask(page: Any, module: str, call: str) -> Any:
+    return page.evaluate(f"import('/static/js/{module}.js').then((m) => {call})")
+
+
+SIGNAL = "{value: 25, unit: 'Hz', quality: 'good', reason: null, age_s: 0.2}"
+
+
+def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
+    """Top-level keys whole, signals one by one; each knows when it came."""
+    old = f"{{state: 'stopped', bus: 'a', signals: {{hz: {SIGNAL}, a: {SIGNAL}}}}}"
+    change = "{state: 'running', signals: {hz: {value: 30, unit: 'Hz', quality: 'good', reason: null, age_s: 0}}}"
+    found = ask(page, "store", f"m.merged('drives/x', m.merged('drives/x', null, {old}, 1), {change}, 7)")
+    assert (found["state"], found["bus"]) == ("running", "a")
+    assert (found["signals"]["hz"]["value"], found["signals"]["hz"]["at"]) == (30, 7)
+    assert (found["signals"]["a"]["value"], found["signals"]["a"]["at"]) == (25, 1)
+
+
+def test_a_feed_grows_to_its_newest_five_hundred(page: Any) -> None:
+    """I12: nothing in the page grows for ever."""
+    call = "m.merged('frames/a', {items: [1, 2], dropped: 3}, Array.from({length: 600}, (_, n) => n), 1)"
+    found = ask(page, "store", call)
+    assert (len(found["items"]), found["items"][-1], found["dropped"]) == (500, 599, 3)
+
+
+def test_a_topic_that_a_snapshot_lacks_is_gone(page: Any) -> None:
+    message = "{time_ms: 0, topics: {'drives/other': {id: 'other', signals: {}}}}"
+    ask(page, "store", f"m.snapshot({message})")
+    page.wait_for_function(
+        "() => import('/static/js/store.js').then((m) => m.drive('fan-1').peek() === null || m.drive('other').peek())"
+    )
+
+
+STOPS = (
+    ("{outcome: {word: 'confirmed', text: 'x'}}", True),
+    ("{outcome: {word: 'acknowledged', text: 'x'}}", True),
+    ("{outcome: {word: 'unknown', text: 'x'}}", False),
+    ("{outcomes: {a: {word: 'confirmed'}, b: {code: 'bus.no_reply'}}}", False),
+    ("{outcomes: {a: {word: 'confirmed'}}, buses: {l: {confirmed: true, unconfirmed: []}}}", True),
+    ("{outcomes: {a: {word: 'confirmed'}}, buses: {l: {confirmed: false, unconfirmed: ['b']}}}", False),
+    ("{outcomes: {}, buses: {l: {confirmed: false, unconfirmed: []}}}", False),
+)
+
+
+def test_only_a_confirmed_stop_is_told_as_one(page: Any) -> None:
+    """G07: what is not confirmed is said so, drive by drive."""
+    told = {answer: ask(page, "stops", f"m.judged({answer}).good") for answer, _ in STOPS}
+    assert told == dict(STOPS)
+
+
+def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
+    texts = {"20": True, "0": True, "45": True, "45.1": False, "-1": False, "": False, "x": False}
+    call = "m.wrongWith({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
+    assert {text: ask(page, "parts/frequency", call.format(text)) for text in texts} == texts
+
+
+def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) -> None:
+    """G17: the socket stays open and says nothing, as behind a frozen proxy; twice the heartbeat, and all is stale."""
+    script = """
+      const real = window.WebSocket;
+      window.sockets = [];
+      window.WebSocket = class extends real {
+        constructor(...args) { super(...args); window.sockets.push(this); }
+        set onmessage(act) { super.onmessage = act && ((event) => { if (!window.muted) act(event); }); }
+      };
+    """
+    page = visit("#/fleet", role=None)
+    page.add_init_script(script)
+    page.reload()
+    log_in(page, "operator")
+    page.locator(".tile .value.good").first.wait_for()
+    page.evaluate("window.muted = true")
+    page.locator(".banner.bad").wait_for()
+    assert page.locator(".tile .value.good").count() == 0
+    assert page.locator(".tile.old").count() == 5
+    assert page.locator("[data-stop=all]").is_enabled()
+    page.evaluate("window.muted = false")
+    page.locator(".line.live").wait_for()
+    page.locator(".tile .value.good").first.wait_for()
+
+
+def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any) -> None:
+    """S07: what the server no longer believes, the page does not show as if."""
+    page = visit("#/drive/fan-1")
+    page.context.clear_cookies()
+    page.keyboard.press("Shift")
+    page.locator("input[name=password]").wait_for()
+    log_in(page, "engineer")
+    page.locator(".control").wait_for()
+
+
+def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
+    """Edit, look at the difference, write to RAM; saving is a step of its own and is not taken here."""
+    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1?tab=parameters")
+    page.click("[data-do=take]")
+    page.locator(".lease.mine").wait_for()
+    page.click("[data-do=read]")
+    row = page.locator("tr", has=page.locator("code:text-is('F9.4')"))
+    row.locator("td:nth-child(4):text-is('0')").wait_for()
+    row.locator("input").fill("3")
+    page.click("[data-do=review]")
+    page.locator(".dialog s:has-text('0')").wait_for()
+    assert page.locator("[data-do=save]").count() == 0
+    page.click("[data-do=write]")
+    page.locator(".dialog .notice.good").wait_for()
+    page.locator("[data-do=save]").wait_for()
+    page.keyboard.press("Escape")
+    row.locator("td:nth-child(4):text-is('3')").wait_for()
+    assert stage.call("parameters.read", drive="fan-1", names=["F9.4"])["parameters"]["F9.4"]["raw"] == 3
+    stage.call("lease.take", drive="fan-1")
+    stage.call("parameters.write", drive="fan-1", values={"F9.4": 0.0})
