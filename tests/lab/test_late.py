@@ -124,3 +124,16 @@ def test_a_fence_that_believes_an_older_answer_is_found(monkeypatch: pytest.Monk
     monkeypatch.setattr(aftermath, "_fits_older", lambda flight: False)
     session, _ = line(BY_NAME["df800-rtu"], 2000)
     assert any("G04" in text for text in session.violations)
+
+
+@pytest.mark.parametrize(("name", "number"), [("df800-rtu", 10), ("df800-ascii", 13), ("dzb100", 18)])
+def test_lines_that_once_believed_a_late_answer_do_so_no_more(name: str, number: int) -> None:
+    """From the full campaign's seed 1. DF800: the late answer to a user's read passed for a fence's. DZB100: two
+    stations at once make a digit that no check value tells; it is counted apart, and only there."""
+    session = Session("late", 1, 10**6)
+    kind = BY_NAME[name]
+    found = late.Line(session, kind, f"{name}/{number}", session.rng(name, number))
+    found.do(late.CHUNK)
+    assert session.violations == []
+    spoilt = found.counts["the right answer, spoilt by another station's late one, believed"]
+    assert spoilt == (1 if name == "dzb100" else 0)

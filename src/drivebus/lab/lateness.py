@@ -41,7 +41,11 @@ class Maker:
 
     def right(self, address: int, sent_at: float, heard_at: float, data: bytes) -> bool:
         """Did this station make exactly this between the question and the answer?"""
-        return [said for at, said in self._made[address] if sent_at < at < heard_at] == [data]
+        return self.between(address, sent_at, heard_at) == [data]
+
+    def between(self, address: int, sent_at: float, heard_at: float) -> list[bytes]:
+        """What this station made between the question and the answer."""
+        return [said for at, said in self._made[address] if sent_at < at < heard_at]
 
 
 class Lateness:
@@ -51,6 +55,7 @@ class Lateness:
         self._stand, self._counts = stand, counts
         self._late: dict[float, tuple[str, float]] = {}
         """End of a reply → its class, and when it was made; of the last seconds."""
+        self._spoilt_at = 0.0
         bench: Any = stand.bench
         reply, to_hosts = bench.wire.reply, bench._to_hosts
 
@@ -66,6 +71,8 @@ class Lateness:
         def on_to_hosts(said: Any, first: int, last: int) -> None:
             if last == len(said.data):
                 self._delivered(said)
+            if isinstance(said.data, bytearray):
+                self._spoilt_at = said.end
             to_hosts(said, first, last)
 
         bench.wire.reply, bench._to_hosts = on_reply, on_to_hosts
@@ -85,6 +92,10 @@ class Lateness:
         self._counts[f"{name}, met a newer question to {whose} station"] += 1
         if fits(self._stand.kind, flight.job.data, bytes(said.data)):
             self._counts[f"{name}, had the form of the answer to a newer question"] += 1
+
+    def spoilt(self, heard_at: float) -> bool:
+        """What ended then was on the wire together with another station's late reply."""
+        return heard_at == self._spoilt_at
 
     def believed(self, heard_at: float) -> None:
         """The bus took what ended then for an answer."""
