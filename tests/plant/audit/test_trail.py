@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import AuditUnavailable, ParamsError
-from drivebus.plant import journal
+from drivebus.plant import grouped, journal
 from drivebus.plant.audit import Entry
 from drivebus.plant.audit.entry import LONGEST_TEXT
 from drivebus.plant.audit.seal import LONGEST_LINE
@@ -206,11 +206,38 @@ def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path
         assert not made.ok
         with pytest.raises(AuditUnavailable):
             await made.record(entry(1))
+        await asyncio.sleep(1.0)
         blocked.unlink()
+        await asyncio.sleep(1.0)
+        assert not made.ok
         await asyncio.sleep(6.0)
         assert made.ok
         await made.close()
         assert [one["what"] for one in lines(made.places.current)] == ["audit.refused", "audit.refused"]
+
+    run(go())
+
+
+def test_i12_what_a_failed_disk_makes_too_much_is_dropped_oldest_first_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from drivebus.testing.virtual import run
+
+    async def go() -> None:
+        monkeypatch.setattr(grouped, "MOST_POSTED", 5)
+        blocked = tmp_path / "plant"
+        blocked.write_text("a file where the folder should be")
+        made = trail(tmp_path)
+        for n in range(8):
+            made.note(entry(n))
+        await made.open()
+        await asyncio.sleep(1.0)
+        blocked.unlink()
+        await asyncio.sleep(20.0)
+        await made.close()
+        kept = lines(made.places.current)
+        assert [one["params"].get("frequency_hz") for one in kept[:4]] == [4.0, 5.0, 6.0, 7.0]
+        assert [(one["what"], one["params"]) for one in kept[5:]] == [("audit.lost", {"records": 4})]
 
     run(go())
 
