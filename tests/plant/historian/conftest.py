@@ -19,6 +19,7 @@ NUMBERS = count(1)
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[postgreskit.Server]:
     with postgreskit.server() as server:
+        server.create("histories")
         yield server
 
 
@@ -33,9 +34,9 @@ def _sqlite(tmp_path: Path) -> Database:
 
 
 def _postgres(server: postgreskit.Server, tmp_path: Path) -> Database:
-    name = f"history_{next(NUMBERS)}"
-    server.create(name)
-    return Database("postgres", HistorySetting(url=server.url(name)), tmp_path, lambda: None)
+    """A schema of its own: made a hundred times as fast as a database."""
+    url = f"{server.url('histories')}&search_path=history_{next(NUMBERS)}"
+    return Database("postgres", HistorySetting(url=url), tmp_path, lambda: None)
 
 
 @pytest.fixture(params=["sqlite", "postgres"])

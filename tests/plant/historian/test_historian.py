@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import re
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from drivebus.plant.view import Sample
 from drivebus.profiles.model import Text
 from drivebus.reading import Quality
 from drivebus.testing import virtual
-from historykit import NOON, Database, samples, sealed, trend
+from historykit import NOON, Database, samples, samples_of, sealed, trend
 
 HOUR = 3_600_000
 
@@ -227,3 +228,28 @@ def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
             return (await trend(historian, NOON, NOON + 5000))["mean"]  # type: ignore[no-any-return]
 
     assert virtual.run(story()) == [1.0, 2.0]
+
+
+async def test_a_thousand_jumps_of_the_clock_lose_and_reorder_nothing(database: Database) -> None:
+    """G15: a second, an hour, ten years, both ways, at random moments; blocks are made in between."""
+    chance = random.Random(15)
+    jumps = [sign * size for sign in (-1, 1) for size in (1000, HOUR, 10 * 365 * 24 * HOUR)]
+    now_ms, given = NOON + 30 * 365 * 24 * HOUR, []
+    async with database.historian() as historian:
+        for n in range(4000):
+            now_ms += 1000
+            if chance.random() < 0.25:
+                back = max(now_ms - NOON, 0)
+                now_ms += chance.choice([jump for jump in jumps if jump > -back])
+                now_ms -= (now_ms > 2**42) * 20 * 365 * 24 * HOUR
+            given.append(now_ms)
+            historian.append([Sample("a.b", now_ms, float(n), Quality.GOOD)])
+            if n % 500 == 499:
+                await (sealed(historian) if chance.random() < 0.5 else historian.flush())
+    async with database.historian() as historian:
+        kept = await samples_of(historian, "a.b", 0, 2**60)
+        assert kept.number == list(range(4000))
+        assert kept.samples[0] == given
+        assert kept.samples[1] == [float(n) for n in range(4000)]
+        far = await trend(historian, min(given), max(given), tag="a.b")
+    assert (min(value for value in far["min"] if value is not None), far["t"]) == (0.0, sorted(far["t"]))
