@@ -1,26 +1,28 @@
 // The audit trail: who did what, when, and what came of it; and whether the chain is whole.
 import { html, useMemo, useState } from "../lib.js";
-import { known, t, titled } from "../i18n.js";
+import { known, t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { may } from "../session.js";
-import { drive } from "../store.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Field, Notice, useAsk } from "../ui.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
 import { Period, asQuery } from "../parts/period.js";
+import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
 export function Page() {
-  if (!may("audit")) return html`<h1>${t("page.way_audit")}</h1><${Notice} kind="warning">${t("plantpage.no_right")}<//>`;
+  if (!may("audit")) return html`<h1>${t("page.way_audit")}</h1><${Notice}
+    kind="warning">${t("plantpage.no_right")}<//>`;
   return html`<h1>${t("page.way_audit")}</h1><${Verify} /><${Trail} />`;
 }
 
 function Verify() {
   const [run, busy, error, result] = useAsk();
   return html`<section class="panel stack"><p>${t("plantpage.audit_how")}</p>
-    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.get("/audit/verify", {}, { patience_ms: 120_000 }))} data-audit="verify">
+    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.get("/audit/verify", {},
+      { patience_ms: 120_000 }))} data-audit="verify">
       ${t("plantpage.verify")}<//></div>
     <${ErrorNote} error=${error} />
     ${result && (result.ok ? html`<${Notice} kind="good" live>${t("plantpage.audit_whole", { n: result.entries })}<//>`
@@ -37,12 +39,14 @@ function Trail() {
   const list = usePaged("/audit", query);
   const shown = list.items.filter((entry) => matches(entry, sought.trim().toLowerCase()));
   return html`<section class="stack"><${Period} value=${period} onChange=${setPeriod}>
-      <${Field} label=${t("plantpage.sought_loaded")}><input type="search" value=${sought} onInput=${(event) => setSought(event.target.value)} /><//><//>
+      <${Field} label=${t("plantpage.sought_loaded")}><input type="search" value=${sought}
+        onInput=${(event) => setSought(event.target.value)} /><//><//>
     <ol class="audit">${shown.map((entry) => html`<${Entry} key=${entry.n} entry=${entry} />`)}</ol>
     <${PagedEnd} list=${list} /></section>`;
 }
 
-const matches = (entry, text) => !text || JSON.stringify(entry).toLowerCase().includes(text) || wordOf(entry).toLowerCase().includes(text);
+const matches = (entry, text) => !text || JSON.stringify(entry).toLowerCase().includes(text)
+  || wordOf(entry).toLowerCase().includes(text);
 
 /** "drive.run" as a person says it; the operation's own name where the catalogue has none. */
 function wordOf(entry) {
@@ -51,10 +55,10 @@ function wordOf(entry) {
 }
 
 function Entry({ entry }) {
-  const view = entry.target && drive(entry.target).value;
   const who = entry.who?.name ?? entry.who ?? "";
   return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${who}</span>
-    <span class="what"><strong>${wordOf(entry)}</strong> ${view ? titled(view) : entry.target === who ? "" : entry.target}</span>
+    <span class="what"><strong>${wordOf(entry)}</strong> ${entry.target && entry.target !== who
+      ? driveTitle(entry.target) : ""}</span>
     <${Ended} entry=${entry} />
     <details class="whole"><summary>${t("plantpage.entry_n", { n: entry.n })}</summary><dl class="facts">
       <dt>${t("plantpage.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
@@ -62,7 +66,8 @@ function Entry({ entry }) {
       ${entry.who?.address && html`<dt>${t("plantpage.address_from")}</dt><dd>${entry.who.address}</dd>`}
       ${entry.of != null && html`<dt>${t("plantpage.answers_entry")}</dt><dd>${entry.of}</dd>`}
       <dt>${t("plantpage.params")}</dt><dd><code>${JSON.stringify(entry.params)}</code></dd>
-      ${entry.frames?.length > 0 && html`<dt>${t("plantpage.frames")}</dt><dd><ol class="plain">${entry.frames.map((frame, n) => html`<li key=${n}>
+      ${entry.frames?.length > 0 && html`<dt>${t("plantpage.frames")}</dt><dd><ol
+        class="plain">${entry.frames.map((frame, n) => html`<li key=${n}>
         <code>${frame.sent ?? ""} → ${frame.received || frame.error || "–"}</code></li>`)}</ol></dd>`}
       <dt>${t("plantpage.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
 }

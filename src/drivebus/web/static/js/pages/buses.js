@@ -25,23 +25,28 @@ export function Page({ id }) {
 function BusCard({ id, chosen }) {
   const view = bus(id).value;
   if (!view) return null;
-  return html`<a class=${`buscard ${view.is_open ? "" : "closed"}`} href=${href("buses", id)} aria-current=${chosen ? "true" : undefined}>
+  return html`<a class=${`buscard ${view.is_open ? "" : "closed"}`} href=${href("buses", id)} aria-current=${chosen
+    ? "true" : undefined}>
     <span class="name">${titled(view)}</span>
-    <span class=${`state ${view.is_open ? "calm" : "alarm"}`}><${Icon} name=${view.is_open ? "link" : "silent"} size=${18} />
+    <span class=${`state ${view.is_open ? "calm" : "alarm"}`}><${Icon} name=${view.is_open ? "link" : "silent"}
+      size=${18} />
       <span>${t(view.is_open ? "plantpage.bus_open" : "plantpage.bus_closed")}</span></span>
     <${Meter} label=${t("plantpage.load")} value=${view.occupied_percent ?? view.load_percent} />
     <span class="small">${t("plantpage.bus_line", { line: view.line ?? "", n: view.stations.length })}</span>
     ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
       ${t("plantpage.errors_are", { share: percent(view.error_rate) })}</span>`}
-    ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault" size=${16} /> ${t("plantpage.foreign_master")}</span>`}</a>`;
+    ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault"
+      size=${16} /> ${t("plantpage.foreign_master")}</span>`}</a>`;
 }
 
 /** A share of 100 as a bar with its number. */
 export function Meter({ label, value }) {
   const known = typeof value === "number";
   const full = known && value >= 90;
-  return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} aria-valuemin="0" aria-valuemax="100"
-    aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known ? `${value.toFixed(0)} %` : t("page.no_value")}>
+  return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} aria-valuemin="0"
+    aria-valuemax="100"
+    aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
+      ? `${value.toFixed(0)} %` : t("page.no_value")}>
     <span class="bar"><span style=${{ width: `${Math.min(100, known ? value : 0)}%` }}></span></span>
     <span class="number">${known ? `${value.toFixed(0)} %` : NOTHING}</span></span>`;
 }
@@ -50,24 +55,30 @@ function OneBus({ id }) {
   const view = bus(id).value;
   if (!view) return html`<${Notice} kind="warning">${t("plantpage.no_such_bus", { id })}<//>`;
   return html`
-    ${view.foreign_master && html`<${Notice} kind="bad" title=${t("plantpage.foreign_master")}>${t("plantpage.foreign_master_why")}<//>`}
-    ${!view.is_open && html`<${Notice} kind="bad" title=${t("plantpage.bus_closed_why", { link: view.link })}>${both(view.problem)}<//>`}
+    ${view.foreign_master && html`<${Notice} kind="bad"
+      title=${t("plantpage.foreign_master")}>${t("plantpage.foreign_master_why")}<//>`}
+    ${!view.is_open && html`<${Notice} kind="bad"
+      title=${t("plantpage.bus_closed_why", { link: view.link })}>${both(view.problem)}<//>`}
     <section class="panel stack"><h2>${titled(view)}</h2><${Facts} view=${view} /></section>
     <section class="panel stack"><h2>${t("plantpage.cable")}</h2><p class="help">${t("plantpage.cable_help")}</p>
       <${Cable} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
-    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${FrameLog} bus=${id} stations=${view.stations} /></section>`;
+    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${FrameLog} bus=${id} stations=${view.stations} />
+      </section>`;
 }
 
 function Facts({ view }) {
   const facts = [
     ["link", html`<code>${view.link}</code> ${view.line ?? ""}`],
-    ["load", t("plantpage.load_is", { load: percentOf(view.load_percent), occupied: percentOf(view.occupied_percent) })],
-    ["transactions", view.transactions_per_s === null ? NOTHING : t("plantpage.per_second", { n: view.transactions_per_s.toFixed(1) })],
-    ["reply_times", html`${milliseconds(view.reply_p50_s)} / ${milliseconds(view.reply_p95_s)} / ${milliseconds(view.reply_p99_s)}`],
+    ["load", t("plantpage.load_is", { load: percentOf(view.load_percent),
+      occupied: percentOf(view.occupied_percent) })],
+    ["transactions", view.transactions_per_s === null ? NOTHING : t("plantpage.per_second",
+      { n: view.transactions_per_s.toFixed(1) })],
+    ["reply_times", [view.reply_p50_s, view.reply_p95_s, view.reply_p99_s].map(milliseconds).join(" / ")],
     ["error_rate", percent(view.error_rate)],
     ["errors", classes(view.errors, "error") || t("plantpage.none")],
     ["counters", classes(view.counters, "counter") || t("plantpage.none")],
-    ["stop_bound", view.stop_bound_s == null ? NOTHING : t("plantpage.stop_bound_is", { time: milliseconds(view.stop_bound_s) })],
+    ["stop_bound", view.stop_bound_s == null ? NOTHING : t("plantpage.stop_bound_is",
+      { time: milliseconds(view.stop_bound_s) })],
   ];
   return html`<dl class="facts wide">${facts.map(([name, value]) => html`<div key=${name}>
     <dt>${t(`plantpage.bus_${name}`)}</dt><dd>${value}</dd></div>`)}</dl>`;

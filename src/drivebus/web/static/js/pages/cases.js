@@ -1,14 +1,14 @@
 // A case: what was known when a drive tripped, frozen: signals of the last minute, parameters, frames.
 import { html, useMemo } from "../lib.js";
-import { both, language, t, titled } from "../i18n.js";
+import { both, language, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NOTHING, moment, quantity, signalName } from "../format.js";
 import { href } from "../router.js";
-import { drive } from "../store.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Loading, Notice, Table, useLoaded } from "../ui.js";
 import { CaseList } from "../parts/caselist.js";
 import { saveText } from "../parts/save.js";
+import { driveTitle } from "../parts/titles.js";
 import { stamp } from "../trend/labels.js";
 import { localeOf } from "../trend/locale.js";
 import { HUES } from "../trend/chart.js";
@@ -24,19 +24,22 @@ export function Page({ id }) {
 
 function OneCase({ id }) {
   const [found, error] = useLoaded(() => api.get(`/cases/${encodeURIComponent(id)}`), [id]);
-  if (!found) return html`<h1>${t("plantpage.case_n", { id })}</h1>${error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`}`;
-  const view = drive(found.drive).value;
-  return html`<h1>${view ? titled(view) : found.drive} · ${moment(found.time_ms)}</h1>
+  if (!found) return html`<h1>${t("plantpage.case_n", { id })}</h1>${error ? html`<${ErrorNote}
+    error=${error} />` : html`<${Loading} />`}`;
+  return html`<h1>${driveTitle(found.drive)} · ${moment(found.time_ms)}</h1>
     <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("plantpage.to_drive")}</a>
       <a class="button" href=${href("alarms", null, { tab: "cases" })}>${t("plantpage.cases")}</a>
-      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found, null, 1))}>${t("plantpage.save_case")}<//>
+      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found,
+        null, 1))}>${t("plantpage.save_case")}<//>
       ${found.capture && html`<${Button} icon="download" title=${t("plantpage.save_capture_help")}
         onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("plantpage.save_capture")}<//>`}</div>
     <${Trip} found=${found} />
     <section class="panel stack"><h2>${t("plantpage.case_signals")}</h2><${Signals} found=${found} /></section>
     <section class="panel stack"><h2>${t("plantpage.case_states")}</h2><${States} found=${found} /></section>
-    <section class="panel stack"><h2>${t("plantpage.case_parameters")}</h2><${Parameters} parameters=${found.parameters} /></section>
-    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${CaseFrames} frames=${found.frames ?? []} /></section>`;
+    <section class="panel stack"><h2>${t("plantpage.case_parameters")}</h2><${Parameters}
+      parameters=${found.parameters} /></section>
+    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${CaseFrames} frames=${found.frames ?? []} />
+      </section>`;
 }
 
 /** What raised it, and the fault with its cause and remedy where the drive told one. */
@@ -45,7 +48,8 @@ function Trip({ found }) {
   const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => both(text)) : [];
   return html`<${Notice} kind="bad" title=${both(found.title)}><p>${both(found.text)}</p>
     ${fault && html`<p><b>${fault.label ?? fault.code}</b> ${both(fault.text)}</p>`}
-    ${said.map(([name, text]) => html`<p key=${name}><b>${t(`plantpage.fault_${name}`)}</b>${t("page.colon")}${both(text)}</p>`)}<//>`;
+    ${said.map(([name, text]) => html`<p key=${name}>
+      <b>${t(`plantpage.fault_${name}`)}</b>${t("page.colon")}${both(text)}</p>`)}<//>`;
 }
 
 /** How the drive went through its states, in seconds before the trip. */
@@ -53,11 +57,13 @@ function States({ found }) {
   const columns = [
     [t("plantpage.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
     [t("plantpage.state"), (one) => t(`drives.state_${one.state}`)],
-    [t("plantpage.presence"), (one) => t(one.presence === "online" ? "plantpage.presence_online" : `page.presence_${one.presence}`)],
+    [t("plantpage.presence"), (one) => t(one.presence === "online"
+      ? "plantpage.presence_online" : `page.presence_${one.presence}`)],
     [t("plantpage.commanded"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
     [t("plantpage.event_fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NOTHING)],
   ];
-  return html`<${Table} caption=${t("plantpage.case_states")} columns=${columns} rows=${found.states ?? []} keyOf=${(one) => one.t} />`;
+  return html`<${Table} caption=${t("plantpage.case_states")} columns=${columns} rows=${found.states ?? []}
+    keyOf=${(one) => one.t} />`;
 }
 
 /** The frozen samples as a trend of their own. */
@@ -79,7 +85,8 @@ function Parameters({ parameters }) {
     [t("plantpage.value"), ([, one]) => `${one.value ?? NOTHING} ${one.unit ?? ""}`, "right"],
     [t("plantpage.raw"), ([, one]) => one.raw ?? NOTHING, "right"],
   ];
-  return html`<${Table} caption=${t("plantpage.case_parameters")} columns=${columns} rows=${rows} keyOf=${([name]) => name} />`;
+  return html`<${Table} caption=${t("plantpage.case_parameters")} columns=${columns} rows=${rows}
+    keyOf=${([name]) => name} />`;
 }
 
 function CaseFrames({ frames }) {
@@ -89,5 +96,6 @@ function CaseFrames({ frames }) {
     [t("plantpage.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
     [t("plantpage.meaning"), (frame) => `${both(frame.text)} ${both(frame.error?.text)}`],
   ];
-  return html`<${Table} caption=${t("plantpage.frames")} columns=${columns} rows=${frames} keyOf=${(frame) => frame.n} />`;
+  return html`<${Table} caption=${t("plantpage.frames")} columns=${columns} rows=${frames}
+    keyOf=${(frame) => frame.n} />`;
 }

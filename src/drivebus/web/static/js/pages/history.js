@@ -20,7 +20,8 @@ const REST_MS = 500;
 export function Page({ query }) {
   const [found, error] = useLoaded(() => api.get("/history/tags"), []);
   if (error && !found) return html`<h1>${t("page.way_history")}</h1><${ErrorNote} error=${error} />`;
-  return html`<h1>${t("page.way_history")}</h1>${found ? html`<${Chosen} tags=${found.tags} query=${query} />` : html`<${Loading} />`}`;
+  return html`<h1>${t("page.way_history")}</h1>${found ? html`<${Chosen} tags=${found.tags}
+    query=${query} />` : html`<${Loading} />`}`;
 }
 
 function Chosen({ tags, query }) {

@@ -23,28 +23,34 @@ export function Page({ query }) {
     ["about", t("plantpage.about"), () => html`<${About} />`],
   ];
   return html`<h1>${t("page.way_settings")}</h1>
-    <${Tabs} label=${t("page.way_settings")} tabs=${tabs} value=${query.tab ?? "me"} onChange=${(tab) => replaceQuery({ tab })} />`;
+    <${Tabs} label=${t("page.way_settings")} tabs=${tabs} value=${query.tab ?? "me"}
+      onChange=${(tab) => replaceQuery({ tab })} />`;
 }
 
 function Me() {
   const { user, role, rights } = session.value;
   return html`<div class="stack"><section class="panel stack"><h2>${t("plantpage.looks")}</h2>
-      <div class="row"><span>${t("plantpage.language")}</span><${Choice} label=${t("plantpage.language")} value=${language.value}
+      <div class="row"><span>${t("plantpage.language")}</span><${Choice} label=${t("plantpage.language")}
+        value=${language.value}
         options=${Object.entries(LANGUAGES)} onChange=${chooseLanguage} /></div>
-      <div class="row"><span>${t("plantpage.theme")}</span><${Choice} label=${t("plantpage.theme")} value=${themeChoice.value}
+      <div class="row"><span>${t("plantpage.theme")}</span><${Choice} label=${t("plantpage.theme")}
+        value=${themeChoice.value}
         options=${THEMES.map((name) => [name, t(`page.theme_${name}`)])} onChange=${chooseTheme} /></div></section>
     <section class="panel stack"><h2>${user}</h2><dl class="facts">
       ${role && html`<dt>${t("plantpage.role")}</dt><dd>${t(`plantpage.role_${role}`)}</dd>`}
-      <dt>${t("plantpage.rights")}</dt><dd>${rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
+      <dt>${t("plantpage.rights")}</dt>
+        <dd>${rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
     <${Password} /></div>`;
 }
 
 function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
-    ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms ? new Date(plant.started_ms).toISOString() : null],
+    ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms
+      ? new Date(plant.started_ms).toISOString() : null],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
-    ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt key=${name}>${t(`plantpage.about_${name}`)}</dt><dd>${value}</dd>`)}</dl>
+    ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt
+      key=${name}>${t(`plantpage.about_${name}`)}</dt><dd>${value}</dd>`)}</dl>
     <p>${t("plantpage.about_safety")}</p></section>`;
 }

@@ -5,7 +5,8 @@ import { Icon } from "../icons.js";
 
 export function AlarmState({ alarm }) {
   const [icon, word] = look(alarm);
-  return html`<span class="alarmstate"><${Icon} name=${icon} size=${18} /><b>${t(`plantpage.alarm_${word}`)}</b></span>`;
+  return html`<span class="alarmstate"><${Icon} name=${icon} size=${18} /><b>${t(`plantpage.alarm_${word}`)}</b>
+    </span>`;
 }
 
 function look({ cleared_ms: cleared, acknowledged_ms: seen }) {

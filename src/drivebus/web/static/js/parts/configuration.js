@@ -12,7 +12,8 @@ export function Configuration() {
   if (!found || text === null) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   return html`<div class="stack"><section class="panel stack"><h2>${t("plantpage.configuration")}</h2>
       <p>${t("plantpage.configuration_how", { file: found.source ?? "plant.toml" })}</p>
-      <${Check} text=${text} onChange=${setText} isChanged=${text !== found.text} onBack=${() => setText(found.text)} /></section>
+      <${Check} text=${text} onChange=${setText} isChanged=${text !== found.text}
+        onBack=${() => setText(found.text)} /></section>
     <${Reload} onDone=${() => { setText(null); reload(); }} /></div>`;
 }
 
@@ -20,7 +21,8 @@ function Check({ text, onChange, isChanged, onBack }) {
   const [run, busy, error, result, clear] = useAsk();
   return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
-    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.post("/configuration/check", { text }, { patience_ms: 60_000 }))}
+    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.post("/configuration/check", { text },
+      { patience_ms: 60_000 }))}
       data-configuration="check">${t("plantpage.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("plantpage.back_to_file")}<//></div>
     <${ErrorNote} error=${error} />${result && html`<${Found} result=${result} />`}`;
@@ -30,17 +32,20 @@ function Check({ text, onChange, isChanged, onBack }) {
 function Found({ result }) {
   const complaints = result.complaints ?? [];
   if (complaints.length === 0) {
-    return html`<${Notice} kind="good" live title=${t("plantpage.configuration_good")}><${Difference} difference=${result.difference} /><//>`;
+    return html`<${Notice} kind="good" live title=${t("plantpage.configuration_good")}><${Difference}
+      difference=${result.difference} /><//>`;
   }
   return html`<${Notice} kind="bad" live title=${t("plantpage.configuration_bad", { n: complaints.length })}>
     <ol class="complaints">${complaints.map((one, n) => html`<li key=${n}>
-      ${one.line != null && html`<b>${t("plantpage.line_n", { n: one.line })}</b>${" "}`}<span>${both(one.text)}</span></li>`)}</ol><//>`;
+      ${one.line != null && html`<b>${t("plantpage.line_n", { n: one.line })}</b>${" "}`}<span>${both(one.text)}</span>
+        </li>`)}</ol><//>`;
 }
 
 function Difference({ difference }) {
   const lines = Object.entries(difference ?? {}).filter(([, names]) => names.length > 0);
   if (lines.length === 0) return html`<p>${t("plantpage.no_difference")}</p>`;
-  return html`<dl class="facts">${lines.map(([what, names]) => html`<dt key=${what}>${t(`plantpage.differs_${what}`)}</dt><dd>${names.join(", ")}</dd>`)}</dl>`;
+  return html`<dl class="facts">${lines.map(([what, names]) => html`<dt
+    key=${what}>${t(`plantpage.differs_${what}`)}</dt><dd>${names.join(", ")}</dd>`)}</dl>`;
 }
 
 function Reload({ onDone }) {
@@ -51,9 +56,13 @@ function Reload({ onDone }) {
     if (await run(() => api.post("/configuration/reload", {}, { patience_ms: 60_000 }))) onDone();
   };
   return html`<section class="panel stack"><h2>${t("plantpage.reload")}</h2><p>${t("plantpage.reload_how")}</p>
-    <label class="check"><input type="checkbox" checked=${sure} onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.reload_sure")}</label>
-    <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !trusted.value} onClick=${send}>${t("plantpage.reload")}<//></div>
+    <label class="check"><input type="checkbox" checked=${sure}
+      onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.reload_sure")}</label>
+    <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !trusted.value}
+      onClick=${send}>${t("plantpage.reload")}<//></div>
     <${ErrorNote} error=${error} />
-    ${result && html`<${Notice} kind="good" live title=${t("plantpage.reloaded")}><${Difference} difference=${result.difference} />
-      ${result.restart?.length > 0 && html`<p>${t("plantpage.at_restart", { names: result.restart.join(", ") })}</p>`}<//>`}</section>`;
+    ${result && html`<${Notice} kind="good" live title=${t("plantpage.reloaded")}><${Difference}
+      difference=${result.difference} />
+      ${result.restart?.length > 0
+        && html`<p>${t("plantpage.at_restart", { names: result.restart.join(", ") })}</p>`}<//>`}</section>`;
 }

@@ -19,14 +19,17 @@ export function Export({ tags, shown }) {
     const query = { tags, from_ms: Math.round(window.from), to_ms: Math.round(window.to), resolution, format };
     const answer = await api.raw("/history/export", query, { patience_ms: PATIENCE_MS });
     const blob = await answer.blob();
-    const name = /filename="([^"]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1] ?? `drivebus.${format}`;
+    const told = answer.headers.get("Content-Disposition") ?? "";
+    const name = /filename="([^"]+)"/.exec(told)?.[1] ?? `drivebus.${format}`;
     saveBlob(name, blob);
     return { name, kb: Math.ceil(blob.size / 1000) };
   });
-  return html`<section class="panel stack export"><h2>${t("plantpage.export")}</h2><p class="help">${t("plantpage.export_how", { n: tags.length })}</p>
+  return html`<section class="panel stack export"><h2>${t("plantpage.export")}</h2><p
+    class="help">${t("plantpage.export_how", { n: tags.length })}</p>
     <div class="row"><${Choice} label=${t("plantpage.resolution")} value=${resolution} onChange=${setResolution}
         options=${RESOLUTIONS.map((one) => [one, t(`plantpage.export_${one}`)])} />
-      <${Choice} label=${t("plantpage.format")} value=${format} onChange=${setFormat} options=${FORMATS.map((one) => [one, one === "csv" ? "CSV" : "Parquet"])} />
+      <${Choice} label=${t("plantpage.format")} value=${format} onChange=${setFormat}
+        options=${FORMATS.map((one) => [one, one === "csv" ? "CSV" : "Parquet"])} />
       <${Button} icon="download" busy=${busy} onClick=${save} data-export="save">${t("plantpage.save_file")}<//></div>
     <${ErrorNote} error=${error} />
     ${result && html`<${Notice} kind="good" live>${t("plantpage.saved", result)}<//>`}</section>`;

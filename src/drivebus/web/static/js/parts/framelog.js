@@ -1,12 +1,13 @@
 // The frames of a line, decoded, as they go by: newest last, with pause and filter.
-import { html, useEffect, useLayoutEffect, useRef, useState } from "../lib.js";
-import { both, language, t, titled } from "../i18n.js";
+import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
+import { both, language, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NOTHING } from "../format.js";
 import { subscribe } from "../live.js";
-import { drive, topic } from "../store.js";
+import { topic } from "../store.js";
 import { Button, Choice, Field } from "../ui.js";
 import { saveText } from "./save.js";
+import { driveTitle } from "./titles.js";
 import { stamp } from "../trend/labels.js";
 import { localeOf } from "../trend/locale.js";
 
@@ -14,14 +15,16 @@ const SHOWN = 300;
 const FIRST = 100;
 const SIGNS = { sent: "→", reply: "←", void: "✕", silence: "…" };
 /** Filters of kind: what each lets through. */
-const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", heard: (frame) => frame.kind !== "sent", errors: (frame) => frame.error !== null };
+const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", heard: (frame) => frame.kind !== "sent",
+  errors: (frame) => frame.error !== null };
 
 /** Live frames from when the log is opened, and the last ones before. */
 function useFrames(bus) {
   const [before, setBefore] = useState([]);
   useEffect(() => subscribe(`frames/${bus}`), [bus]);
   useEffect(() => {
-    api.get(`/buses/${encodeURIComponent(bus)}/frames`, { limit: FIRST }).then((found) => setBefore(found.frames), () => {});
+    api.get(`/buses/${encodeURIComponent(bus)}/frames`, { limit: FIRST }).then((found) => setBefore(found.frames),
+      () => {});
   }, [bus]);
   const feed = topic(`frames/${bus}`).value ?? { items: [], dropped: 0 };
   const seen = new Map([...before, ...feed.items].map((frame) => [frame.n, frame]));
@@ -50,7 +53,8 @@ export function FrameLog({ bus, stations }) {
     <div class="row">
       <${Button} icon=${held ? "play" : "pause"} aria-pressed=${held ? "true" : "false"} data-frames="pause"
         onClick=${() => setHeld(held ? null : frames)}>${t(held ? "plantpage.go_on" : "plantpage.pause")}<//>
-      <${Button} icon="download" disabled=${shown.length === 0} onClick=${() => saveText(`frames-${bus}.txt`, asText(shown))}>
+      <${Button} icon="download" disabled=${shown.length === 0} onClick=${() => saveText(`frames-${bus}.txt`,
+        asText(shown))}>
         ${t("plantpage.save_shown")}<//>
       <span class="help" role="status">${held ? t("plantpage.paused", { n: newer }) : ""}
         ${dropped > 0 ? ` ${t("plantpage.dropped", { n: dropped })}` : ""}</span></div>
@@ -65,7 +69,8 @@ function Filters({ filter, onChange, stations }) {
     <${Field} label=${t("plantpage.station")}><select value=${filter.station ?? ""} onChange=${(event) =>
       set({ station: event.target.value === "" ? null : Number(event.target.value) })}>
       <option value="">${t("plantpage.every_station")}</option>
-      ${stations.map((one) => html`<option key=${one.address} value=${one.address}>${one.address} · ${titled(drive(one.drive).peek() ?? { id: one.drive })}</option>`)}
+      ${stations.map((one) => html`<option key=${one.address}
+        value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}
     </select><//>
     <${Field} label=${t("plantpage.sought")}><input type="search" value=${filter.sought} spellcheck="false"
       onInput=${(event) => set({ sought: event.target.value })} /><//></div>`;
@@ -82,20 +87,29 @@ function Rows({ frames, following }) {
     const { scrollTop, scrollHeight, clientHeight } = box.current;
     atEnd.current = scrollHeight - scrollTop - clientHeight < 40;
   };
-  return html`<div class="frames-box" ref=${box} onScroll=${scrolled} tabindex="0" role="log" aria-live="off" aria-label=${t("plantpage.frames")}>
+  return html`<div class="frames-box" ref=${box} onScroll=${scrolled} tabindex="0" role="log" aria-live="off"
+    aria-label=${t("plantpage.frames")}>
     ${frames.length === 0 && html`<p class="help">${t("plantpage.no_frames")}</p>`}
     ${frames.map((frame, at) => html`<${FrameRow} key=${frame.n} frame=${frame} before=${frames[at - 1]} />`)}</div>`;
 }
 
+/** A frame does not change: its row is made once, however often others come. */
 function FrameRow({ frame, before }) {
-  const gap = before ? (frame.time_s - before.time_s) * 1000 : null;
+  return useMemo(() => row(frame, before ? (frame.time_s - before.time_s) * 1000 : null), [frame.n, before?.n,
+    language.value]);
+}
+
+/** `gap` is the time since the row above, in ms. */
+function row(frame, gap) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
     <time>${stamp(frame.time_ms, localeOf(language.value))}</time>
     <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
-    <span class="sign" aria-hidden="true">${SIGNS[frame.kind] ?? "·"}</span><span class="sr">${kindWord(frame.kind)}</span>
+    <span class="sign" aria-hidden="true">${SIGNS[frame.kind] ?? "·"}</span><span
+      class="sr">${kindWord(frame.kind)}</span>
     <span class="station">${frame.station ?? ""}</span>
     <code class="hex">${frame.hex || NOTHING}</code>
-    <span class="said">${both(frame.text)}${frame.error && html` <strong>${both(frame.error.text)}</strong>`}</span></div>`;
+    <span class="said">${both(frame.text)}${frame.error && html` <strong>${both(frame.error.text)}</strong>`}</span>
+      </div>`;
 }
 
 const kindWord = (kind) => (kind in SIGNS ? t(`plantpage.frame_${kind}`) : kind);
@@ -103,6 +117,7 @@ const kindWord = (kind) => (kind in SIGNS ? t(`plantpage.frame_${kind}`) : kind)
 /** One line a frame, for a mail to whoever knows the line. */
 function asText(frames) {
   return frames.map((frame) => [
-    new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", both(frame.text), both(frame.error?.text),
+    new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", both(frame.text),
+      both(frame.error?.text),
   ].join("\t")).join("\n");
 }

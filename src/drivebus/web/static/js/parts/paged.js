@@ -18,7 +18,8 @@ export function usePaged(path, query) {
     setState((old) => ({ ...old, items: kept, busy: true, error: null }));
     try {
       const found = await api.get(path, { ...query, cursor }, { signal: mine.signal });
-      if (!mine.signal.aborted) setState({ items: [...kept, ...found.items], next: found.next, busy: false, error: null });
+      if (!mine.signal.aborted) setState({ items: [...kept, ...found.items], next: found.next, busy: false,
+        error: null });
     } catch (error) {
       if (!mine.signal.aborted) setState((old) => ({ ...old, busy: false, error }));
     }
@@ -32,7 +33,8 @@ export function usePaged(path, query) {
 
 /** What stands below such a list: an error, that more is being asked for, or the way to more. */
 export function PagedEnd({ list }) {
-  if (list.error) return html`<${ErrorNote} error=${list.error} /><${Button} onClick=${list.reload}>${t("plantpage.try_again")}<//>`;
+  if (list.error) return html`<${ErrorNote} error=${list.error} /><${Button}
+    onClick=${list.reload}>${t("plantpage.try_again")}<//>`;
   if (list.busy) return html`<${Loading} />`;
   if (list.next === null) return html`<p class="help">${t("plantpage.list_end", { n: list.items.length })}</p>`;
   return html`<${Button} onClick=${list.more}>${t("plantpage.show_more")}<//>`;

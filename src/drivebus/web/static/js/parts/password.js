@@ -20,12 +20,14 @@ export function Password() {
     session.value = found;
     setGiven(EMPTY);
   };
-  const input = (name, auto, label, wrong) => html`<${Field} label=${t(label)} wrong=${wrong}><input type="password" autocomplete=${auto}
+  const input = (name, auto, label, wrong) => html`<${Field} label=${t(label)} wrong=${wrong}><input type="password"
+    autocomplete=${auto}
     value=${given[name]} onInput=${set(name)} /><//>`;
   return html`<section class="panel"><h2>${t("plantpage.password")}</h2><form class="stack narrow" onSubmit=${send}>
     ${input("old", "current-password", "plantpage.password_old")}
     ${input("new", "new-password", "plantpage.password_new")}
     ${input("again", "new-password", "plantpage.password_again", differ && t("plantpage.passwords_differ"))}
     <${ErrorNote} error=${error} />${result && html`<${Notice} kind="good" live>${t("plantpage.password_changed")}<//>`}
-    <div class="row"><button class="button main" type="submit" disabled=${busy || !ready}>${t("plantpage.change_password")}</button></div></form></section>`;
+    <div class="row"><button class="button main" type="submit" disabled=${busy
+      || !ready}>${t("plantpage.change_password")}</button></div></form></section>`;
 }

@@ -1,13 +1,15 @@
 // From when to when, and about which drive: what the lists of the past are narrowed by.
 import { html } from "../lib.js";
-import { t, titled } from "../i18n.js";
-import { drive, idsOf, plantNow } from "../store.js";
+import { t } from "../i18n.js";
+import { idsOf, plantNow } from "../store.js";
 import { Field } from "../ui.js";
 import { forInput } from "../trend/labels.js";
+import { driveTitle } from "./titles.js";
 
 const HOUR_MS = 3_600_000;
 /** Name → how long ago it begins; "all" has no beginning. */
-const SPANS = { hour: HOUR_MS, shift: 8 * HOUR_MS, day: 24 * HOUR_MS, week: 168 * HOUR_MS, month: 720 * HOUR_MS, all: null };
+const SPANS = { hour: HOUR_MS, shift: 8 * HOUR_MS, day: 24 * HOUR_MS, week: 168 * HOUR_MS, month: 720 * HOUR_MS,
+  all: null };
 
 /** What a choice means for a request now: `{from_ms, to_ms, drive}`, without what is not narrowed. */
 export function asQuery({ span = "all", from = null, to = null, drive: id = "" }) {
@@ -19,12 +21,16 @@ export function asQuery({ span = "all", from = null, to = null, drive: id = "" }
 /** `value` is what `asQuery` takes; `onChange` gets it changed. */
 export function Period({ value, onChange, withDrive = true, children }) {
   const set = (change) => onChange({ ...value, ...change });
-  const begin = (span) => set(span === "own" ? { span, from: plantNow() - HOUR_MS, to: plantNow() } : { span, from: null, to: null });
+  const begin = (span) => set(span === "own" ? { span, from: plantNow() - HOUR_MS, to: plantNow() } : { span,
+    from: null, to: null });
   return html`<div class="filters">
-    <${Field} label=${t("plantpage.period")}><select value=${value.span ?? "all"} onChange=${(event) => begin(event.target.value)}>
-      ${[...Object.keys(SPANS), "own"].map((name) => html`<option key=${name} value=${name}>${t(`plantpage.period_${name}`)}</option>`)}
+    <${Field} label=${t("plantpage.period")}><select value=${value.span ?? "all"}
+      onChange=${(event) => begin(event.target.value)}>
+      ${[...Object.keys(SPANS), "own"].map((name) => html`<option key=${name}
+        value=${name}>${t(`plantpage.period_${name}`)}</option>`)}
     </select><//>
-    ${value.span === "own" && html`<${Moment} label=${t("plantpage.from")} value=${value.from} onChange=${(from) => set({ from })} />
+    ${value.span === "own" && html`<${Moment} label=${t("plantpage.from")} value=${value.from}
+      onChange=${(from) => set({ from })} />
       <${Moment} label=${t("plantpage.to")} value=${value.to} onChange=${(to) => set({ to })} />`}
     ${withDrive && html`<${DriveChoice} value=${value.drive ?? ""} onChange=${(id) => set({ drive: id })} />`}
     ${children}</div>`;
@@ -36,12 +42,14 @@ export function Moment({ label, value, onChange }) {
     const at = new Date(event.target.value).getTime();
     if (Number.isFinite(at)) onChange(at);
   };
-  return html`<${Field} label=${label}><input type="datetime-local" step="1" value=${forInput(value)} onChange=${told} /><//>`;
+  return html`<${Field} label=${label}><input type="datetime-local" step="1" value=${forInput(value)}
+    onChange=${told} /><//>`;
 }
 
 export function DriveChoice({ value, onChange }) {
-  return html`<${Field} label=${t("plantpage.drive")}><select value=${value} onChange=${(event) => onChange(event.target.value)}>
+  return html`<${Field} label=${t("plantpage.drive")}><select value=${value}
+    onChange=${(event) => onChange(event.target.value)}>
     <option value="">${t("plantpage.every_drive")}</option>
-    ${idsOf("drives").value.map((id) => html`<option key=${id} value=${id}>${titled(drive(id).peek() ?? { id })}</option>`)}
+    ${idsOf("drives").value.map((id) => html`<option key=${id} value=${id}>${driveTitle(id)}</option>`)}
   </select><//>`;
 }

@@ -13,17 +13,20 @@ export function ShelveDialog({ alarm, onClose }) {
   const [run, busy, error] = useAsk();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes, reason: reason.trim() }))) onClose();
+    if (await run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes,
+      reason: reason.trim() }))) onClose();
   };
   return html`<${Dialog} title=${t("plantpage.shelve_title")} onClose=${onClose}>
     <p><strong>${both(alarm.title)}</strong></p><p>${t("plantpage.shelve_how")}</p>
     <form class="stack" onSubmit=${send}>
       <${Choice} label=${t("plantpage.shelve_for")} value=${minutes} onChange=${setMinutes}
         options=${MINUTES.map((one) => [one, t(`plantpage.minutes_${one}`)])} />
-      <${Field} label=${t("plantpage.reason")} help=${t("plantpage.reason_help")}><input value=${reason} maxlength="500" data-first
+      <${Field} label=${t("plantpage.reason")} help=${t("plantpage.reason_help")}><input value=${reason}
+        maxlength="500" data-first
         onInput=${(event) => setReason(event.target.value)} /><//>
       <${ErrorNote} error=${error} />
       <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
-        <button class="button main" type="submit" disabled=${busy || reason.trim().length < SHORTEST_REASON}>${t("plantpage.shelve")}</button></div>
+        <button class="button main" type="submit" disabled=${busy
+          || reason.trim().length < SHORTEST_REASON}>${t("plantpage.shelve")}</button></div>
     </form><//>`;
 }

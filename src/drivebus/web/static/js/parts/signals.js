@@ -1,17 +1,19 @@
 // To choose signals: by drive, by name, and whole kinds at once.
 import { html, useState } from "../lib.js";
-import { both, known, t, titled } from "../i18n.js";
+import { both, known, t } from "../i18n.js";
 import { signalName } from "../format.js";
-import { drive } from "../store.js";
 import { Button, Field } from "../ui.js";
-
-const driveName = (id) => titled(drive(id).value ?? { id });
+import { driveTitle } from "./titles.js";
 
 /** A signal as the catalogue calls it, else as its profile does. */
-export const nameOf = (tag) => (known(`signal.${tag.signal}`) ? signalName(tag.signal) : both(tag.text) || signalName(tag.signal));
+export const nameOf = (tag) => (known(`signal.${tag.signal}`) ? signalName(tag.signal) : both(tag.text)
+  || signalName(tag.signal));
 
 /** "Fan 1 · output frequency". */
-export const labelOf = (tag) => `${driveName(tag.drive)} · ${nameOf(tag)}`;
+export const labelOf = (tag) => `${driveTitle(tag.drive)} · ${nameOf(tag)}`;
+
+/** Of more drives than this the rest is found by searching. */
+const DRIVES = 40;
 
 export function SignalPicker({ tags, picked, most, onChange }) {
   const [sought, setSought] = useState("");
@@ -24,15 +26,20 @@ export function SignalPicker({ tags, picked, most, onChange }) {
   const byDrive = grouped(tags.filter(fits));
   const full = picked.length >= most;
   const toggle = (tag) => onChange(picked.includes(tag) ? picked.filter((one) => one !== tag) : [...picked, tag]);
-  return html`<details class="panel picker" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}><summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
+  return html`<details class="panel picker" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}>
+    <summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
     <div class="filters"><${Field} label=${t("plantpage.sought")}><input type="search" value=${sought}
         onInput=${(event) => setSought(event.target.value)} /><//>
       <${Button} disabled=${picked.length === 0} onClick=${() => onChange([])}>${t("plantpage.pick_none")}<//></div>
     ${full && html`<p class="help" role="status">${t("plantpage.pick_full", { n: most })}</p>`}
-    <div class="pickdrives">${[...byDrive].map(([id, some]) => html`<fieldset key=${id}><legend>${driveName(id)}</legend>
-      ${some.map((tag) => html`<label class="check" key=${tag.tag}><input type="checkbox" checked=${picked.includes(tag.tag)}
+    ${isOpen && html`<div class="pickdrives">${[...byDrive].slice(0, DRIVES).map(([id, some]) => html`<fieldset
+      key=${id}><legend>${driveTitle(id)}</legend>
+      ${some.map((tag) => html`<label class="check" key=${tag.tag}><input type="checkbox"
+        checked=${picked.includes(tag.tag)}
         disabled=${full && !picked.includes(tag.tag)} onChange=${() => toggle(tag.tag)} />
-        <span>${nameOf(tag)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span></label>`)}</fieldset>`)}</div>
+        <span>${nameOf(tag)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span>
+          </label>`)}</fieldset>`)}</div>`}
+    ${byDrive.size > DRIVES && html`<p class="help">${t("plantpage.pick_more", { n: byDrive.size - DRIVES })}</p>`}
     ${byDrive.size === 0 && html`<p class="help">${t("page.nothing")}</p>`}</details>`;
 }
 

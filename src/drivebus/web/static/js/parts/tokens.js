@@ -17,14 +17,16 @@ export function Tokens() {
   const columns = [
     [t("plantpage.name"), (token) => html`<strong>${token.name}</strong>`],
     [t("plantpage.user"), (token) => token.user],
-    [t("plantpage.rights"), (token) => token.rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))],
+    [t("plantpage.rights"),
+      (token) => token.rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))],
     [t("plantpage.expires"), (token) => moment(token.expires_ms)],
     [t("plantpage.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`],
   ];
   return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.tokens")}</h2>
       <${Button} kind="main" onClick=${() => setOpen(true)}>${t("plantpage.add_token")}<//></div>
     <p class="help">${t("plantpage.tokens_help")}</p>
-    ${made && html`<${Notice} kind="good" live title=${t("plantpage.token_made")}><code class="secret">${made}</code><//>`}
+    ${made && html`<${Notice} kind="good" live title=${t("plantpage.token_made")}><code class="secret">${made}</code>
+      <//>`}
     <${Table} caption=${t("plantpage.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
     ${open && html`<${NewToken} onClose=${close} />`}</section>`;
 }
@@ -33,7 +35,8 @@ function Remove({ token, onDone }) {
   const [run, busy, error] = useAsk();
   const [sure, setSure] = useState(false);
   const remove = async () => { if (await run(() => api.remove(`/tokens/${encodeURIComponent(token.id)}`))) onDone(); };
-  return html`<${Button} kind=${sure ? "danger" : "plain"} busy=${busy} onClick=${() => (sure ? remove() : setSure(true))}
+  return html`<${Button} kind=${sure ? "danger" : "plain"} busy=${busy} onClick=${() => (sure
+    ? remove() : setSure(true))}
       onBlur=${() => setSure(false)} aria-label=${t("plantpage.remove_token", { name: token.name })}>
     ${t(sure ? "plantpage.remove_sure" : "plantpage.remove")}<//><${ErrorNote} error=${error} />`;
 }
@@ -42,21 +45,28 @@ function NewToken({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
   const [run, busy, error] = useAsk();
   const toggle = (right) => setGiven({
-    ...given, rights: given.rights.includes(right) ? given.rights.filter((one) => one !== right) : [...given.rights, right],
+    ...given, rights: given.rights.includes(right) ? given.rights.filter((one) => one !== right) : [...given.rights,
+      right],
   });
   const send = async (event) => {
     event.preventDefault();
     const found = await run(() => api.post("/tokens", given));
     if (found) onClose(found.secret);
   };
-  return html`<${Dialog} title=${t("plantpage.add_token")} onClose=${() => onClose()}><form class="stack" onSubmit=${send}>
+  return html`<${Dialog} title=${t("plantpage.add_token")} onClose=${() => onClose()}><form class="stack"
+    onSubmit=${send}>
     <${Field} label=${t("plantpage.name")}><input value=${given.name} maxlength="64" autocomplete="off" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
-    <fieldset class="checks"><legend>${t("plantpage.rights")}</legend>${session.value.rights.map((right) => html`<label class="check" key=${right}>
-      <input type="checkbox" checked=${given.rights.includes(right)} onChange=${() => toggle(right)} />${t(`plantpage.right_${right}`)}</label>`)}</fieldset>
-    <${Field} label=${t("plantpage.expires_after")}><select value=${given.days} onChange=${(event) => setGiven({ ...given, days: Number(event.target.value) })}>
-      ${DAYS.map((days) => html`<option key=${days} value=${days}>${t("page.days", { n: days })}</option>`)}</select><//>
+    <fieldset class="checks"><legend>${t("plantpage.rights")}</legend>${session.value.rights.map((right) => html`<label
+      class="check" key=${right}>
+      <input type="checkbox" checked=${given.rights.includes(right)}
+        onChange=${() => toggle(right)} />${t(`plantpage.right_${right}`)}</label>`)}</fieldset>
+    <${Field} label=${t("plantpage.expires_after")}><select value=${given.days}
+      onChange=${(event) => setGiven({ ...given, days: Number(event.target.value) })}>
+      ${DAYS.map((days) => html`<option key=${days} value=${days}>${t("page.days", { n: days })}</option>`)}</select>
+        <//>
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${() => onClose()}>${t("plantpage.cancel")}<//>
-      <button class="button main" type="submit" disabled=${busy || !given.name || given.rights.length === 0}>${t("plantpage.add_token")}</button></div></form><//>`;
+      <button class="button main" type="submit" disabled=${busy || !given.name
+        || given.rights.length === 0}>${t("plantpage.add_token")}</button></div></form><//>`;
 }

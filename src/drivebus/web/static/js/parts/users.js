@@ -1,4 +1,5 @@
-// Users: who may come in, and as what. Administrators only; the server refuses to take one's own role or the last one's.
+// Users: who may come in, and as what. Administrators only; the server refuses to take away one's own role or the
+// last administrator.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
@@ -15,7 +16,8 @@ export function Users() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const close = () => { setOpen(null); reload(); };
   const columns = [
-    [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user ? ` ${t("plantpage.you")}` : ""}`],
+    [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user
+      ? ` ${t("plantpage.you")}` : ""}`],
     [t("plantpage.role"), (user) => t(`plantpage.role_${user.role}`)],
     [t("plantpage.state"), (user) => t(user.disabled ? "plantpage.user_disabled" : "plantpage.user_enabled")],
     [t("plantpage.sessions"), (user) => user.sessions, "right"],
@@ -31,9 +33,11 @@ export function Users() {
     ${open && open !== "new" && html`<${ChangeUser} user=${open} onClose=${close} />`}</section>`;
 }
 
-const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("plantpage.role")} help=${t(`plantpage.role_${value}_may`)}>
+const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("plantpage.role")}
+  help=${t(`plantpage.role_${value}_may`)}>
   <select value=${value} disabled=${disabled} onChange=${(event) => onChange(event.target.value)}>
-    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`plantpage.role_${role}`)}</option>`)}</select><//>`;
+    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`plantpage.role_${role}`)}</option>`)}</select>
+      <//>`;
 
 function NewUser({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
@@ -46,11 +50,13 @@ function NewUser({ onClose }) {
     <${Field} label=${t("plantpage.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <${RoleChoice} value=${given.role} onChange=${(role) => setGiven({ ...given, role })} />
-    <${Field} label=${t("plantpage.first_password")} help=${t("plantpage.first_password_help")}><input type="password" autocomplete="new-password"
+    <${Field} label=${t("plantpage.first_password")} help=${t("plantpage.first_password_help")}><input type="password"
+      autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} /><//>
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
-      <button class="button main" type="submit" disabled=${busy || !given.name || !given.password}>${t("plantpage.add_user")}</button></div></form><//>`;
+      <button class="button main" type="submit" disabled=${busy || !given.name
+        || !given.password}>${t("plantpage.add_user")}</button></div></form><//>`;
 }
 
 function ChangeUser({ user, onClose }) {
@@ -64,14 +70,20 @@ function ChangeUser({ user, onClose }) {
   return html`<${Dialog} title=${t("plantpage.change_user", { name: user.name })} onClose=${onClose}><div class="stack">
     <${RoleChoice} value=${role} onChange=${setRole} disabled=${me} />
     ${me && html`<p class="help">${t("plantpage.not_oneself")}</p>`}
-    <div class="row"><${Button} kind="main" busy=${busy} disabled=${role === user.role} onClick=${() => change({ role })}>${t("plantpage.save_role")}<//>
+    <div class="row"><${Button} kind="main" busy=${busy} disabled=${role === user.role}
+      onClick=${() => change({ role })}>${t("plantpage.save_role")}<//>
       ${!me && html`<${Button} busy=${busy} onClick=${() => change({ disabled: !user.disabled })}>
         ${t(user.disabled ? "plantpage.enable_user" : "plantpage.disable_user")}<//>`}
-      <${Button} busy=${busy} disabled=${user.sessions === 0} onClick=${() => change({ end_sessions: true })}>${t("plantpage.end_sessions")}<//></div>
-    ${!me && html`<${Field} label=${t("plantpage.password_new")}><input type="password" autocomplete="new-password" value=${password}
+      <${Button} busy=${busy} disabled=${user.sessions === 0}
+        onClick=${() => change({ end_sessions: true })}>${t("plantpage.end_sessions")}<//></div>
+    ${!me && html`<${Field} label=${t("plantpage.password_new")}><input type="password" autocomplete="new-password"
+      value=${password}
         onInput=${(event) => setPassword(event.target.value)} /><//>
-      <div class="row"><${Button} busy=${busy} disabled=${!password} onClick=${() => change({ password })}>${t("plantpage.set_password")}<//></div>
-      <label class="check"><input type="checkbox" checked=${sure} onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.remove_user_sure")}</label>
-      <div class="row"><${Button} kind="danger" busy=${busy} disabled=${!sure} onClick=${remove}>${t("plantpage.remove_user")}<//></div>`}
+      <div class="row"><${Button} busy=${busy} disabled=${!password}
+        onClick=${() => change({ password })}>${t("plantpage.set_password")}<//></div>
+      <label class="check"><input type="checkbox" checked=${sure}
+        onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.remove_user_sure")}</label>
+      <div class="row"><${Button} kind="danger" busy=${busy} disabled=${!sure}
+        onClick=${remove}>${t("plantpage.remove_user")}<//></div>`}
     <${ErrorNote} error=${error} /></div><//>`;
 }

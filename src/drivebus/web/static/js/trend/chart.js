@@ -77,7 +77,8 @@ export class Chart {
     this.lines.forEach((line, at) => {
       const isShown = !hidden.has(line.tag);
       if (this.plot.series[1 + at * COLUMNS].show === isShown) return;
-      for (let column = 0; column < COLUMNS; column += 1) this.plot.setSeries(1 + at * COLUMNS + column, { show: isShown });
+      for (let column = 0; column < COLUMNS; column += 1) this.plot.setSeries(1 + at * COLUMNS + column,
+        { show: isShown });
     });
   }
 
@@ -204,7 +205,8 @@ function lonely(plot, column, show) {
   const isGap = (at) => values[at] === null && (uncertain[at] ?? null) === null;
   const alone = [];
   for (let at = first; at <= last; at += 1) {
-    if (values[at] !== null && values[at] !== undefined && beside(values, at, -1, isGap) && beside(values, at, 1, isGap)) {
+    if (values[at] !== null && values[at] !== undefined && beside(values, at, -1, isGap) && beside(values, at, 1,
+      isGap)) {
       alone.push(at);
     }
   }

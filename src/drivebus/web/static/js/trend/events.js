@@ -1,7 +1,7 @@
 // What happened in the window of a trend: the markers of the chart as a list, for whoever can't see or hit them.
 import { html, useState } from "../lib.js";
-import { both, language, t, titled } from "../i18n.js";
-import { drive } from "../store.js";
+import { both, language, t } from "../i18n.js";
+import { driveTitle } from "../parts/titles.js";
 import { moment } from "./labels.js";
 import { localeOf } from "./locale.js";
 
@@ -16,19 +16,20 @@ export function Events({ view, source }) {
   const newest = inside.slice(-SHOWN).reverse();
   return html`<details class="trend-events" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}>
     <summary>${t("plantpage.events_in_view", { n: inside.length })}</summary>
-    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${Happened} event=${event} view=${view} /></li>`)}</ol>`}
+    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${Happened} event=${event} view=${view} />
+      </li>`)}</ol>`}
     ${isOpen && inside.length > SHOWN && html`<p class="help">${t("plantpage.events_newest", { n: SHOWN })}</p>`}
     ${isCut && html`<p class="help">${t("plantpage.events_cut")}</p>`}</details>`;
 }
 
 /** One event; pressing it puts it in the middle of the chart. */
 function Happened({ event, view }) {
-  const found = event.drive && drive(event.drive).value;
-  const centre = () => view.show({ from: event.time_ms - view.span / 2, to: event.time_ms + view.span / 2 }, { isStep: true });
+  const centre = () => view.show({ from: event.time_ms - view.span / 2, to: event.time_ms + view.span / 2 },
+    { isStep: true });
   return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
     <span class="sign" aria-hidden="true">${SIGNS[event.kind]}</span>
     <time>${moment(event.time_ms, localeOf(language.value))}</time>
     <span class="sr">${t(`plantpage.event_${event.kind}`)}</span>
-    <span class="what">${found ? titled(found) : event.drive ?? ""}${" "}${both(event.text)}</span>
+    <span class="what">${event.drive ? driveTitle(event.drive) : ""}${" "}${both(event.text)}</span>
     ${event.actor && html`<span class="who">${event.actor}</span>`}</button>`;
 }

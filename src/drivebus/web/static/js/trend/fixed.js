@@ -18,7 +18,8 @@ export class Fixed {
     }
     this.window = { from: found.time_ms - found.before_s * 1000, to: found.time_ms + BESIDE_MS };
     this.series = signal(series);
-    const trip = { id: found.id, time_ms: found.time_ms, kind: "fault", drive: found.drive, text: found.text, actor: null };
+    const trip = { id: found.id, time_ms: found.time_ms, kind: "fault", drive: found.drive, text: found.text,
+      actor: null };
     const events = (found.events ?? []).filter((event) => event.time_ms < found.time_ms);
     this.markers = signal({ items: [...events, trip], isCut: false });
     this.resolution = signal("raw");

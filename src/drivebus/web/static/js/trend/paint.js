@@ -66,7 +66,8 @@ function paintStrip(plot, { stretches, hue }, row, colours, ratio) {
     const end = Math.min(right, Math.max(x + ratio, plot.valToPos(to, "x", true)));
     if (end < left || x > right) continue;
     if (q === BAD) ctx.fillRect(x, y, end - x, STRIP_PX * ratio);
-    else for (let at = x; at < end; at += 6 * ratio) ctx.fillRect(at, y, Math.min(3 * ratio, end - at), STRIP_PX * ratio);
+    else for (let at = x; at < end; at += 6 * ratio) ctx.fillRect(at, y, Math.min(3 * ratio, end - at),
+      STRIP_PX * ratio);
   }
 }
 

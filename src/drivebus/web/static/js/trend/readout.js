@@ -22,7 +22,8 @@ export function Readout({ view, source, lines, onRemove }) {
   return html`<div class="trend-readout"><table class="data">
     <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("plantpage.signal")}</th><th scope="col" class="right">${t("plantpage.value")}</th>
-      ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !rulers ? "mid" : ""}`}>${t(head)}</th>`)}
+      ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !rulers
+        ? "mid" : ""}`}>${t(head)}</th>`)}
       ${onRemove && html`<th><span class="sr">${t("plantpage.remove")}</span></th>`}</tr></thead>
     <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
       onRemove=${onRemove} />`)}</tbody></table></div>`;
@@ -59,9 +60,11 @@ function Row({ line, view, source, onRemove }) {
       onClick=${() => view.toggleLine(line.tag)} title=${t("plantpage.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
     <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
-    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.rulers.value ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
+    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.rulers.value
+      ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
-      aria-label=${t("plantpage.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button></td>`}</tr>`;
+      aria-label=${t("plantpage.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
+        </td>`}</tr>`;
 }
 
 /** The value where the pointer is, else the newest one of the live line. */
@@ -76,7 +79,8 @@ function Now({ line, view, source }) {
 const near = (series, moment) => valueAt(series, moment, Math.max(1500, REACH_STEPS * step(series)));
 
 function shown(found, unit, withUnit = false) {
-  if (!found || found.value === null) return html`<span title=${found?.q === BAD ? t("plantpage.not_known") : undefined}>${NOTHING}</span>`;
+  if (!found || found.value === null) return html`<span title=${found?.q === BAD
+    ? t("plantpage.not_known") : undefined}>${NOTHING}</span>`;
   const doubt = found.q === UNCERTAIN;
   return html`<span class=${doubt ? "uncertain" : ""}>${number(found.value, unit)}${withUnit && unit ? ` ${unit}` : ""}
     ${doubt && html` <abbr title=${t("plantpage.uncertain")}>?</abbr>`}</span>`;

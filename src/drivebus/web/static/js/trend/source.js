@@ -1,8 +1,8 @@
 // Where a trend's samples come from: the historian in windows, and what came live since.
 import { api } from "../api.js";
 import { signal } from "../lib.js";
-import { nowMs, plantNow, drive as driveTopic } from "../store.js";
-import { trusted } from "../live.js";
+import { nowMs, plantNow, drive as driveTopic, topic } from "../store.js";
+import { subscribe, trusted } from "../live.js";
 import { BAD, GOOD, UNCERTAIN, extended } from "./columns.js";
 import { covers, padded } from "./window.js";
 
@@ -32,6 +32,7 @@ export class Source {
     this.live = new Map();
     this.asked = null;
     this.timer = null;
+    this.leave = subscribe("events");
   }
 
   /** Other tags: what is drawn of those that stay is kept until the answer comes. */
@@ -43,14 +44,15 @@ export class Source {
     this.joined = null;
   }
 
-  /** Sees to it that a window is there soon; the last one asked for wins, and a wheel's turn asks once. */
+  /** Sees to it that a window is there soon; the last one asked for wins, and a wheel's turn asks once. `again` asks
+   * for the same one anew: its samples only, since what happens meanwhile is told live. */
   want(window, { again = false } = {}) {
     if (!this.tags.length) return;
     if (!again && this.fetched && covers(this.fetched, window, plantNow())) return;
     const kept = again ? null : this._kept(window);
     if (kept) { this._show(kept); return; }
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this._fetch(window), REST_MS);
+    this.timer = setTimeout(() => this._fetch(window, again), REST_MS);
   }
 
   /** The drives' newest values as samples of their own, where they changed. */
@@ -60,6 +62,7 @@ export class Source {
       const view = driveTopic(tag.slice(0, dot)).peek();
       this._note(tag, view?.signals?.[tag.slice(dot + 1)]);
     }
+    this._hear();
   }
 
   /** The series to draw: the historian's, and live ones after them. */
@@ -73,12 +76,14 @@ export class Source {
     return Object.fromEntries(this.tags.map((tag) => {
       const series = this.series.peek()[tag] ?? EMPTY;
       // What is fetched of the past ends long before what is live: nothing joins them.
-      const isRecent = this.fetched !== null && now - this.fetched.to < 60_000 + (this.fetched.to - this.fetched.from) / 4;
+      const isRecent = this.fetched !== null
+        && now - this.fetched.to < 60_000 + (this.fetched.to - this.fetched.from) / 4;
       return [tag, isRecent ? extended(series, this.live.get(tag) ?? []) : series];
     }));
   }
 
   close() {
+    this.leave();
     clearTimeout(this.timer);
     this.asked?.abort();
   }
@@ -87,7 +92,8 @@ export class Source {
     const samples = this.live.get(tag) ?? [];
     const isKnown = trusted.peek() && found && typeof found.value === "number";
     const sample = isKnown
-      ? { t: Math.round(plantNow() - (nowMs() - found.at) - found.age_s * 1000), v: found.value, q: QUALITIES[found.quality] }
+      ? { t: Math.round(plantNow() - (nowMs() - found.at) - found.age_s * 1000), v: found.value,
+        q: QUALITIES[found.quality] }
       : { t: Math.round(plantNow()), v: null, q: BAD };
     const last = samples.at(-1);
     // A value that was not read anew keeps its moment within the jitter of the line, unless its quality changed.
@@ -99,18 +105,32 @@ export class Source {
     this.joined = null;
   }
 
+  /** Commands, faults and alarms as they happen. */
+  _hear() {
+    const { items, isCut } = this.markers.peek();
+    const known = new Set(items.map((event) => event.id));
+    const news = (topic("events").peek()?.items ?? []).filter((event) => this._marks(event) && !known.has(event.id));
+    if (news.length) this.markers.value = { items: [...items, ...news].sort(byTime), isCut };
+  }
+
+  _marks(event) {
+    return event.kind in SHAPES && this.drives.includes(event.drive);
+  }
+
   _kept(window) {
     const found = [...this.kept.values()].reverse().find((answer) => covers(answer.span, window, plantNow()));
     return found && found.span.isPast ? found : null;
   }
 
-  async _fetch(window) {
+  async _fetch(window, again) {
     this.asked?.abort();
     const asked = this.asked = new AbortController();
     const span = padded(window, plantNow());
     this.state.value = "asking";
     try {
-      const [answer, markers] = await Promise.all([this._trend(span, asked.signal), this._events(span, asked.signal)]);
+      const [answer, markers] = await Promise.all([
+        this._trend(span, asked.signal), again ? this.markers.peek() : this._events(span, asked.signal),
+      ]);
       if (asked.signal.aborted) return;
       this._keep({ span: { ...span, isPast: span.to < plantNow() - 60_000 }, answer, markers });
       this.error.value = null;
@@ -131,9 +151,9 @@ export class Source {
     const query = { from_ms: span.from, to_ms: span.to, limit: EVENTS };
     const asked = this.drives.map((drive) => api.get("/history/markers", { ...query, drive }, { signal: stop }));
     const found = await Promise.all(asked);
-    const items = found.flatMap((answer) => answer.items.filter((event) => event.kind in SHAPES));
+    const items = found.flatMap((answer) => answer.items.filter((event) => this._marks(event)));
     return {
-      items: items.sort((one, other) => one.time_ms - other.time_ms),
+      items: items.sort(byTime),
       isCut: found.some((answer) => answer.next !== null),
     };
   }
@@ -152,5 +172,7 @@ export class Source {
     this.series.value = answer.series;
   }
 }
+
+const byTime = (one, other) => one.time_ms - other.time_ms;
 
 const EMPTY = { t: [], min: [], mean: [], max: [], q: [] };

@@ -13,17 +13,20 @@ export function Toolbar({ view, source }) {
   const span = to - from;
   const chosen = SPANS_S.find((seconds) => Math.abs(seconds * 1000 - span) < 50) ?? null;
   return html`<div class="trend-tools">
-    ${!source.isFixed && html`<${Choice} label=${t("plantpage.span")} value=${chosen} options=${SPANS_S.map((one) => [one, nameOf(one)])}
+    ${!source.isFixed && html`<${Choice} label=${t("plantpage.span")} value=${chosen}
+      options=${SPANS_S.map((one) => [one, nameOf(one)])}
       onChange=${(seconds) => view.span_s(seconds)} />`}
     <div class="trend-ways" role="group" aria-label=${t("plantpage.trend_ways")}>
       ${tool("plantpage.earlier", "◀", () => view.show(panned(view.window.peek(), -0.5)))}
       ${tool("plantpage.zoom_in", "+", () => view.zoom(0.5))}
       ${tool("plantpage.zoom_out", "−", () => view.zoom(2))}
       ${tool("plantpage.later", "▶", () => view.show(panned(view.window.peek(), 0.5)), view.isLive.value)}
-      ${source.isFixed ? html`<${Button} onClick=${() => view.show(source.window, { isStep: true })}>${t("plantpage.whole")}<//>` : html`
+      ${source.isFixed ? html`<${Button}
+        onClick=${() => view.show(source.window, { isStep: true })}>${t("plantpage.whole")}<//>` : html`
         <${Button} aria-pressed=${view.isLive.value ? "true" : "false"} class="toggle" data-trend="live"
           onClick=${() => (view.isLive.peek() ? view.pause() : view.follow())}>${t("plantpage.live")}<//>`}
-      <${Button} aria-pressed=${view.rulers.value ? "true" : "false"} class="toggle" data-trend="rulers" title=${t("plantpage.rulers_title")} aria-label=${t("plantpage.rulers_title")}
+      <${Button} aria-pressed=${view.rulers.value ? "true" : "false"} class="toggle" data-trend="rulers"
+        title=${t("plantpage.rulers_title")} aria-label=${t("plantpage.rulers_title")}
         onClick=${() => view.toggleRulers()}>${t("plantpage.rulers")}<//>
     </div>
     <p class="trend-said"><${Shown} view=${view} source=${source} /></p></div>`;
@@ -41,5 +44,6 @@ function Shown({ view, source }) {
   return html`<span class="trend-window">${moment(from, locale)} – ${moment(to, locale)} · ${length}</span>
     ${resolution && html` <span>${t(`plantpage.points_${resolution}`)}</span>`}
     <span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
-      ? t("page.loading") : ""}${source.error.value ? t("plantpage.trend_failed", { why: source.error.value.sentence }) : ""}</span>`;
+      ? t("page.loading") : ""}${source.error.value ? t("plantpage.trend_failed",
+        { why: source.error.value.sentence }) : ""}</span>`;
 }
