@@ -78,3 +78,18 @@ def test_a_short_lapse_is_forgiven() -> None:
             assert kit.station("pump-1").running
 
     run(story())
+
+
+def test_another_setpoint_trips_nothing_that_requires_running() -> None:
+    """A C320 reports its ramps as states of their own."""
+
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            for frequency_hz in (45.0, 10.0):
+                await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=frequency_hz)
+                await asyncio.sleep(5.0)
+                assert kit.station("pump-1").running
+
+    run(story())

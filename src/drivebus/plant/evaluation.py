@@ -45,6 +45,9 @@ _COMPARE: Mapping[str, Callable[[float, float], bool]] = {
     "==": operator.eq,
     "!=": operator.ne,
 }
+RUNNING = str(DriveState.RUNNING)
+_RUNS = frozenset({RUNNING, str(DriveState.ACCELERATING), str(DriveState.DECELERATING)})
+"""A drive that changes its speed runs: a setpoint must not trip what requires it (C320 reports its ramps as states)."""
 _EITHER = frozenset({True, False})
 Look = Callable[[str, str], tuple[float | str, str] | None]
 """Drive and name → value and unit; None where there is none that is good."""
@@ -72,10 +75,17 @@ def compared(comparison: Comparison, look: Look) -> bool | None:
     (one, one_measures), (other, other_measures) = left, right
     if isinstance(one, str) or isinstance(other, str):
         known = isinstance(one, str) and isinstance(other, str) and comparison.sign in ("==", "!=")
-        return (one == other) is (comparison.sign == "==") if known else None
+        return _alike(comparison, str(one), str(other)) is (comparison.sign == "==") if known else None
     if ANY not in (one_measures, other_measures) and one_measures != other_measures:
         return None
     return _COMPARE[comparison.sign](one, other)
+
+
+def _alike(comparison: Comparison, one: str, other: str) -> bool:
+    """The same state; the word ``running`` stands for every state of a drive that runs, its ramps too."""
+    if RUNNING in (str(comparison.left), str(comparison.right)):
+        return one in _RUNS and other in _RUNS
+    return one == other
 
 
 def _value(side: Operand, look: Look) -> tuple[float | str, str] | None:
