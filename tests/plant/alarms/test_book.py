@@ -72,7 +72,16 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
     story = [(0, view(fault=OVERCURRENT)), (1, view(fault=OVERCURRENT)), (2, view(fault=other)), (3, view())]
     assert run(alarms, *story) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
     assert [alarm.value for alarm in alarms.active()] == [5, 4]
-    assert alarms.active()[0].text == Text("Fan reports fault Er.05: overcurrent", "风机 报告故障 Er.05：过电流")
+    assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
+
+
+def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
+    bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
+    alarms = book()
+    run(alarms, (0, view(fault=bare)), (1, view(fault={"code": 3})))
+    assert [alarm.text.en for alarm in alarms.active()] == [
+        "Fan reports a fault: 3", "Fan reports a fault: fault Fu.9: see the manual",
+    ]  # fmt: skip
 
 
 def test_a_drive_that_can_not_be_asked_does_not_clear_its_fault() -> None:

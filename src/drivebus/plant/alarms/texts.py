@@ -51,7 +51,6 @@ def params_of(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, An
         "threshold": number(found.get("threshold")),
         "signal": signal_name(str(found.get("signal"))),
         "signals": Text(", ".join(one.en for one in signals), "、".join(one.zh for one in signals)),
-        "label": fault.get("label") or fault.get("code"),
         "fault": _fault_text(fault),
     }
 
@@ -71,5 +70,7 @@ def of_service(id: str, kind: Own, drive: str, name: Text, now_ms: int, about: s
 
 
 def _fault_text(fault: Mapping[str, Any]) -> Text:
-    text = fault.get("text") or {}
-    return Text(str(text.get("en", "")), str(text.get("zh", "")))
+    """Its label and what it means; once where the meaning is no more than the label."""
+    label, text = str(fault.get("label") or fault.get("code") or ""), fault.get("text") or {}
+    said = [str(text.get(language) or "") for language in ("en", "zh")]
+    return Text(*(one if label in one else f"{label} {one}".strip() for one in said))
