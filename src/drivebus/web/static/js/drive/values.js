@@ -17,7 +17,7 @@ export function signalsOf(view) {
 function Row({ view, name }) {
   const found = reading(view, name);
   return html`<tr><th scope="row">${signalName(name)}</th><td class="right"><${Value} found=${found} /></td>
-    <td class="right soft">${found.age_s === null ? t("page.never_read") : duration(found.age_s)}</td></tr>`;
+    <td class="right soft">${duration(found.age_s)}</td></tr>`;
 }
 
 function Rows({ view, names }) {
