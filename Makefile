@@ -15,7 +15,7 @@ LOCKS := requirements/base.txt requirements/build.txt
 help: ## List what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14
 
-demo: $(VENV)/.base ## A virtual plant, live in the terminal; no hardware needed
+demo: $(VENV)/.base ## A virtual plant of twelve drives in your browser; no hardware needed
 	@$(BIN)/drivebus demo $(ARGS)
 
 test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_REQUIRE_PEERS=1: fail)
