@@ -39,7 +39,8 @@ class Answers:
     async def drives(self, params: ask.Nothing, actor: Actor) -> Json:
         found: list[Json] = []
         async for unit in by_and_by(tuple(self.plant.units.values())):
-            found.append(drive_view(self.plant, unit).as_json())
+            if self.plant.units.get(unit.id) is unit:
+                found.append(drive_view(self.plant, unit).as_json())
         return {"drives": found}
 
     async def drive(self, params: ask.OfDrive, actor: Actor) -> Json:

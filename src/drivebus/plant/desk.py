@@ -65,8 +65,7 @@ class Desk:
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
-        if operation.changes and not operation.stops and self.plant.state == "stopping":
-            raise ServiceUnavailable("plant.stopping")
+        self._open_for(operation)
         if operation.stops:
             return await self._stop_first(operation, parsed, actor, handler)
         if operation.changes:
@@ -75,6 +74,12 @@ class Desk:
             return await handler(parsed, actor)
         except ParamsError as error:
             raise wrong(operation, error.params["faults"]) from error
+
+    def _open_for(self, operation: Operation) -> None:
+        """A plant that ends takes stops only, one that has ended nothing. Raises ServiceUnavailable."""
+        starts = operation.changes and not operation.stops
+        if self.plant.state == "ended" or (starts and self.plant.state == "stopping"):
+            raise ServiceUnavailable("plant.stopping")
 
     def may_look(self, actor: Actor) -> None:
         """Raises Forbidden."""

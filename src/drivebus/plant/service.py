@@ -116,7 +116,7 @@ class Service:
 
     async def stop(self) -> Json:
         """Stop what this service started (6.6), then let every bus go. Returns what became of each drive."""
-        if self.plant.state == "stopping":
+        if self.plant.state != "running":
             return {}
         self.plant.state = "stopping"
         found = await self.stopping.started_by_us(SERVICE)
@@ -128,6 +128,8 @@ class Service:
         await self.watching.close()
         await self.policies.close()
         await self.plant.hub.close()
+        self.plant.state = "ended"
+        self.plant.units.clear()
         await asyncio.gather(*(line.close() for line in self.plant.lines.values()))
         timers.release(self._loop)
         return found

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from drivebus.plant.topics import closed, shown
+from drivebus.plant.turns import by_and_by
 
 if TYPE_CHECKING:
     from drivebus.plant.hub import Hub
@@ -63,7 +64,7 @@ class Subscription:
 
     async def messages(self) -> AsyncIterator[Json]:
         """The snapshot, deltas, and the reason of the end."""
-        self._put(self._snapshot())
+        self._put(await self._snapshot())
         self._task = asyncio.create_task(self._tell(), name="live")
         while True:
             message = await self._queue.get()
@@ -92,7 +93,7 @@ class Subscription:
             quiet_s += self._interval_s
             if self._changed or self._lists or self._gone or quiet_s >= HEARTBEAT_S - 1e-9:
                 quiet_s = 0.0
-                self._put(self._delta())
+                self._put(await self._delta())
 
     def _put(self, message: Json) -> None:
         if self._is_closed:
@@ -106,23 +107,31 @@ class Subscription:
         self._seq += 1
         return {"type": kind, "seq": self._seq, "time_ms": self._hub.wall_ms(), "topics": topics}
 
-    def _snapshot(self) -> Json:
+    async def _snapshot(self) -> Json:
+        """Everything that is wanted; what changes meanwhile is in the first delta too."""
         hub = self._hub
-        topics: Json = {topic: hub.topic(topic) for topic in hub.contents if self.wants(topic)}
-        topics |= {topic: _shown(hub, topic, 0)[0] for topic in hub.lists if self.wants(topic)}
+        topics: Json = {}
+        async for topic in by_and_by([one for one in (*hub.contents, *hub.lists) if self.wants(one)]):
+            if topic in hub.contents:
+                topics[topic] = hub.topic(topic)
+            elif topic in hub.lists:
+                topics[topic] = _shown(hub, topic, 0)[0]
         return self._message("snapshot", topics)
 
-    def _delta(self) -> Json:
-        hub = self._hub
+    async def _delta(self) -> Json:
+        hub, changed, lists, gone = self._hub, self._changed, self._lists, self._gone
+        self._changed, self._lists, self._gone = {}, {}, set()
+        topics: Json = {}
         dropped: dict[str, int] = {}
-        topics: Json = {topic: hub.part(topic, keys, signals) for topic, (keys, signals) in self._changed.items()}
-        for topic, after in self._lists.items():
+        async for topic in by_and_by([*changed]):
+            if topic in hub.contents:
+                topics[topic] = hub.part(topic, *changed[topic])
+        for topic, after in lists.items():
             topics[topic], missing = _shown(hub, topic, after)
             dropped |= {topic: missing} if missing else {}
         message = self._message("delta", topics)
-        message |= {"gone": sorted(self._gone)} if self._gone else {}
+        message |= {"gone": sorted(gone)} if gone else {}
         message |= {"dropped": dropped} if dropped else {}
-        self._changed, self._lists, self._gone = {}, {}, set()
         return message
 
 
