@@ -55,6 +55,7 @@ class Rooms:
         self.runs = RunBook(self.history)
         self.log = AlarmLog(setting.directory / "alarms.jsonl")
         self.keeping = Keeping(self.log, CaseStore(setting.directory / "cases"), now)
+        self.keeping.stores[self.trail.places.checkpoints.name] = lambda: self.trail.mark_error
         self.alarms: AlarmBook | None = None
 
     async def open(self) -> Parts:

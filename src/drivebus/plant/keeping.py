@@ -10,8 +10,8 @@ from functools import partial
 
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
-from drivebus.plant.alarms import Alarm
-from drivebus.plant.alarms.log import AlarmLog
+from drivebus.plant.alarms import Alarm, Own
+from drivebus.plant.alarms.log import AlarmLog, number
 from drivebus.plant.cases import CaseStore, FlightRecorder
 from drivebus.plant.cases.parameters import that_matter
 from drivebus.plant.cases.recorder import FRAMES, TRIPS, LineSeen
@@ -21,6 +21,9 @@ from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.turns import by_and_by
 from drivebus.plant.view import DriveView, Json, Sample
+
+LOOK_S = 5.0
+"""How often stores that are written in the background are looked at."""
 
 
 class Keeping:
@@ -32,10 +35,29 @@ class Keeping:
         self._views: dict[str, DriveView] = {}
         self._plant: Plant | None = None
         self._tasks: set[asyncio.Task[None]] = set()
+        self._newest = 0
+        """Number of the newest alarm: whatever happens to an older one is no trip."""
+        self.stores: dict[str, Callable[[], Exception | None]] = {
+            "alarms.jsonl": lambda: log.error, "cases": lambda: self.recorder.error,
+        }  # fmt: skip
+        """What is written in the background → why that fails now."""
+        self._looking: asyncio.Task[None] | None = None
 
     def bind(self, plant: Plant) -> None:
         """This is the plant."""
-        self._plant = plant
+        self._plant, self._newest = plant, self._log.first - 1
+        self._looking = asyncio.get_running_loop().create_task(self._look_after(plant), name="look after stores")
+
+    async def _look_after(self, plant: Plant) -> None:
+        """A store that fails in the background is an alarm, and is tried again."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            for name, error in self.stores.items():
+                if (found := error()) is not None:
+                    plant.alarm(Own.STORE, about=name, reason=getattr(found, "strerror", None) or str(found))
+                else:
+                    plant.calm(Own.STORE, about=name)
+            self._log.retry()
 
     @property
     def plant(self) -> Plant:
@@ -47,7 +69,7 @@ class Keeping:
     def put(self, alarm: Alarm) -> None:
         """From the alarm book. A new trip is frozen when this look at the drive is over, so that it shows the trip."""
         self._log.put(alarm)
-        new = alarm.case is None and alarm.cleared_ms is None and alarm.acknowledged_ms is None
+        new, self._newest = number(alarm.id) > self._newest, max(self._newest, number(alarm.id))
         if new and alarm.kind in TRIPS and self._plant is not None:
             asyncio.get_running_loop().call_soon(self._tripped, alarm)
 
@@ -105,6 +127,9 @@ class Keeping:
 
     async def close(self) -> None:
         """Keep what is being kept."""
+        if self._looking is not None:
+            self._looking.cancel()
+            await asyncio.wait([self._looking])
         await self.recorder.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 

@@ -129,3 +129,24 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
                 await kit.call("cases.get", case="000009-fan-1")
 
     run(story())
+
+
+def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with plant(tmp_path) as kit:
+            (tmp_path / "cases").write_text("a file where the folder should be")
+            alarm = await trip(kit)
+            await asyncio.sleep(6)
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
+            assert (store["about"], store["cleared_ms"], alarm["case"]) == ("cases", None, None)
+            (tmp_path / "cases").unlink()
+            await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
+            await asyncio.sleep(1)
+            assert (await kit.call("cases.list"))["items"] == [], "a shelf is no trip"
+            kit.station("fan-2").trip(Trip.OVERLOAD)
+            await asyncio.sleep(12)
+            assert [one["drive"] for one in (await kit.call("cases.list"))["items"]] == ["fan-2"]
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
+            assert store["cleared_ms"] is not None
+
+    run(story())
