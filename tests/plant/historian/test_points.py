@@ -181,8 +181,19 @@ def test_the_level_gives_enough_points(span_ms: int, expected: Level) -> None:
 )
 def test_a_coarser_level_is_taken_where_it_reaches_back_farther(begins: dict[Level, int], expected: Level) -> None:
     def read(level: Level) -> dict[str, Points]:
-        time = [] if level not in begins else [NOON + begins[level], NOON + 999]
+        time = [] if level not in begins else [NOON + begins[level] * HOUR, NOON + 999 * HOUR]
         return {"a": points.of_samples(time, [1.0] * len(time), bytes(len(time)))}
 
-    chosen, found = reaching(Level.RAW, NOON, NOON + 1000, read)
+    chosen, found = reaching(Level.RAW, NOON, NOON + 1000 * HOUR, read)
     assert (chosen, found) == (expected, read(expected))
+
+
+def test_a_plant_that_began_a_minute_ago_is_not_shown_by_the_hour() -> None:
+    """The hour's bucket begins at the full hour, long before the first sample in it."""
+
+    def read(level: Level) -> dict[str, Points]:
+        begins = {Level.RAW: [570_000, 580_000], Level.SECOND: [570_000, 580_000], Level.MINUTE: [540_000]}
+        time = begins.get(level, [0])
+        return {"a": points.of_samples([NOON + at for at in time], [1.0] * len(time), bytes(len(time)))}
+
+    assert reaching(Level.RAW, NOON, NOON + 600_000, read)[0] is Level.RAW

@@ -39,7 +39,9 @@ def reaching(first: Level, from_ms: int, to_ms: int, read: Read) -> tuple[Level,
         if missing * MISSING <= to_ms - from_ms:
             break
         other = read(coarser)
-        if (_begin(found, to_ms) - _begin(other, to_ms)) * MISSING > to_ms - from_ms:
+        # A bucket may begin before its first sample: of what is finer there is nothing missing within its length.
+        within = GRAINS[coarser].width_ms if any(map(len, found.values())) else 0
+        if (_begin(found, to_ms) - _begin(other, to_ms) - within) * MISSING > to_ms - from_ms:
             chosen, found = coarser, other
     return chosen, found
 
