@@ -1,0 +1,168 @@
+"""The page in Chromium with 300 tiles that change once a second: ``python -m benchmarks.page`` (half a minute).
+
+A hub of its own, the real web process and Debian's Chromium, on one machine; without graphics hardware, as in a
+virtual machine. ``load``: bytes over the wire and milliseconds from the address to the first and to every tile;
+``frames``: milliseconds between two frames of the screen (16.7 is every one) while all tiles change; ``busy_ms_per_s``:
+what the page's thread works. ``busy`` is the machine's load beside this when it began: upper bounds where it is busy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks import web
+from benchmarks.__main__ import ROOT, commit
+
+Json = dict[str, Any]
+
+FRAMES = """(seconds) => new Promise((done) => {
+  const found = []; const begun = performance.now(); let last = begun;
+  const step = () => {
+    const now = performance.now(); found.push(now - last); last = now;
+    if (now - begun < seconds * 1000) requestAnimationFrame(step); else done(found);
+  };
+  requestAnimationFrame(step);
+})"""
+CHANGES = """(seconds) => new Promise((done) => {
+  const ids = new Set(); let n = 0;
+  const watch = new MutationObserver((all) => { for (const one of all) {
+    const link = (one.target.parentElement ?? one.target).closest?.('[data-drive]');
+    if (link) { ids.add(link.dataset.drive); n += 1; }
+  } });
+  watch.observe(document.querySelector('.fleet'), { characterData: true, childList: true, subtree: true });
+  setTimeout(() => { watch.disconnect(); done({ tiles: ids.size, changes: n }); }, seconds * 1000);
+})"""
+
+
+class Fleet(web.Synthetic):
+    """Drives whose tiles have something to show: frequency, current and what else a drive tells."""
+
+    async def call(self, operation: str, params: Json, actor: Any) -> Json:
+        return {"tags": []}
+
+    async def publish(self) -> None:
+        from drivebus.plant.topics import Counting
+
+        plain = {"title": {"en": "Benchmark", "zh": "基准"}, "state": "running", "audit_ok": True, "history_ok": True}
+        self.hub.publish("plant", {"id": "bench", **plain})
+        begun, turn = time.monotonic(), 0
+        while True:
+            now = time.monotonic()
+            hertz = round(25 + math.sin(turn / 100), 2)
+            values = {"output_frequency": (hertz, "Hz"), "output_current": (round(hertz / 10, 2), "A")}
+            values |= {f"signal_{number}": (turn % 100, "") for number in range(8)}
+            name = self.names[turn % len(self.names)]
+            signals = {
+                signal: Counting({"value": value, "unit": unit, "quality": "good", "reason": None}, "age_s", now)
+                for signal, (value, unit) in values.items()
+            }
+            self.hub.publish(f"drives/{name}", {**web._still(name), "signals": signals})
+            turn += 1
+            await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
+
+
+async def plant(directory: Path, drives: int) -> None:
+    from drivebus.plant.socket_server import SocketServer
+
+    fleet = Fleet(drives)
+    await SocketServer(fleet, directory / "plant.sock").open()
+    print("ready", flush=True)
+    await fleet.publish()
+
+
+@contextmanager
+def hub(directory: str, drives: int) -> Iterator[None]:
+    words = [sys.executable, "-m", "benchmarks.page", "--plant", directory, "--drives", str(drives)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def code(directory: str) -> str:
+    from drivebus.plant.access.access import Access
+
+    return asyncio.run(Access(Path(directory)).issue_code("bench", 600.0))
+
+
+def seen(port: str, word: str, drives: int, seconds: float) -> Json:
+    """Everything that a browser tells."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        wire = page.context.new_cdp_session(page)
+        wire.send("Network.enable")
+        wire.send("Performance.enable")
+        sizes: list[int] = []
+        wire.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
+        begun = time.monotonic()
+        page.goto(f"http://127.0.0.1:{port}/#login={word}")
+        page.locator(".tile").first.wait_for()
+        first = time.monotonic()
+        page.locator(f".tile >> nth={drives - 1}").wait_for()
+        every = time.monotonic()
+        page.wait_for_timeout(3000)
+        load = {"kibibytes": round(sum(sizes) / 1024, 1), "files": len(sizes)}
+        load |= {"first_tile_ms": round(1000 * (first - begun)), "every_tile_ms": round(1000 * (every - begun))}
+        before = _work(wire)
+        frames = [milliseconds / 1000 for milliseconds in page.evaluate(FRAMES, seconds)]
+        after = _work(wire)
+        changed = page.evaluate(CHANGES, 2.0)
+        found = {"load": load, "frames": {"count": len(frames), "ms": _spread(frames)}, "in_two_seconds": changed}
+        found["busy_ms_per_s"] = round(1000 * (after["TaskDuration"] - before["TaskDuration"]) / seconds, 1)
+        found["heap_mebibytes"] = round(after["JSHeapUsedSize"] / 2**20, 1)
+        browser.close()
+        return found
+
+
+def _work(wire: Any) -> dict[str, float]:
+    return {one["name"]: one["value"] for one in wire.send("Performance.getMetrics")["metrics"]}
+
+
+def _spread(seconds: list[float]) -> Json:
+    known = sorted(seconds)
+    return web.spread(seconds) | {"p95": round(1000 * known[int(0.95 * len(known))], 1)}
+
+
+def measure(drives: int, seconds: float) -> Json:
+    found: Json = {"commit": commit(), "drives": drives, "busy": round(os.getloadavg()[0], 2)}
+    with tempfile.TemporaryDirectory() as directory, hub(directory, drives), web.child("--web", directory) as (_, port):
+        return found | seen(port, code(directory), drives, seconds)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(prog="python -m benchmarks.page", description=__doc__)
+    options.add_argument("--drives", type=int, default=300)
+    options.add_argument("--seconds", type=float, default=10.0, help="of watching frames")
+    options.add_argument("--write", action="store_true", help="write docs/reports/page.json")
+    options.add_argument("--plant", help=argparse.SUPPRESS)
+    chosen = options.parse_args()
+    if chosen.plant:
+        asyncio.run(plant(Path(chosen.plant), chosen.drives))
+        return
+    figures = json.dumps(measure(chosen.drives, chosen.seconds), indent=1)
+    print(figures)
+    if chosen.write:
+        (ROOT / "docs" / "reports" / "page.json").write_text(figures + "\n")
+
+
+if __name__ == "__main__":
+    main()
