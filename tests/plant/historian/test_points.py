@@ -142,6 +142,13 @@ def test_a_line_is_not_drawn_across_what_was_not_recorded() -> None:
     assert found["q"][4] == BAD
 
 
+def test_what_was_read_more_slowly_for_a_while_stays_joined() -> None:
+    """Ten readings at 10 s, then many at 1 s: the slow ones are no row of gaps, the minute without any is one."""
+    time = [NOON + 10_000 * n for n in range(10)] + [NOON + 150_000 + 1000 * n for n in range(30)]
+    found = with_gaps(points.of_samples(time, [1.0] * 40, bytes(40)), 1000)
+    assert [at - NOON for at, count in zip(found.time, found.count, strict=True) if count == 0] == [91_000]
+
+
 def test_a_slow_signal_is_no_row_of_gaps() -> None:
     time = [NOON + 10_000 * n for n in range(5)]
     assert len(with_gaps(points.of_samples(time, [1.0] * 5, bytes(5)), 1000)) == 5

@@ -64,7 +64,9 @@ def thinned(points: Points, one: Level, from_ms: int, to_ms: int, most: int) -> 
 
 
 def with_gaps(points: Points, width_ms: int) -> Points:
-    """A gap after each point that is followed by far too long a silence."""
+    """A gap after each point that is followed by far too long a silence, for the whole and for what is beside it:
+    where a signal was read more slowly for a while, its points stay joined.
+    """
     time = points.time
     if len(time) < 3:
         return points
@@ -76,7 +78,8 @@ def with_gaps(points: Points, width_ms: int) -> Points:
     nan = float("nan")
     for at, row in enumerate(zip(*points.columns(), strict=True)):
         rows = [row]
-        if at < len(steps) and steps[at] > SILENT * usual:
+        beside = steps[max(0, at - 1) : at] + steps[at + 1 : at + 2]
+        if at < len(steps) and steps[at] > SILENT * max(usual, min(beside)):
             rows.append((row[0] + int(usual), 0, nan, nan, nan, BAD))
         for one in rows:
             for column, cell in zip(found, one, strict=True):
