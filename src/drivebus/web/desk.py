@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
 from drivebus.plant.access.access import Access, Opened
-from drivebus.plant.access.refusals import Unavailable
+from drivebus.plant.access.refusals import TooManyAttempts, Unavailable
 from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S
 from drivebus.plant.access.visitor import BySession, Visitor
 from drivebus.plant.actor import Actor
@@ -54,8 +54,9 @@ class Desk:
         try:
             opened = await login
         except DrivebusError as error:
-            stranger = Actor(name, frozenset(), "", address=address(request.scope))
-            await self.refusals.refused(how, name, error.key, stranger)
+            told = "" if isinstance(error, TooManyAttempts) else name  # else a flood of names would be one of entries
+            stranger = Actor(told, frozenset(), "", address=address(request.scope))
+            await self.refusals.refused(how, told, error.key, stranger)
             raise
         before: Visitor | None = request.state.visitor
         if isinstance(before, BySession) and before.session is not opened.session:

@@ -12,9 +12,9 @@ from drivebus.plant.actor import Actor
 from drivebus.plant.client import Json, PlantClient
 from drivebus.seams import Clock
 
-PERIOD_S = 10.0
-KINDS = 32
-"""So many different ones are told in a period; what is beyond is counted together."""
+PERIOD_S = 30.0
+KINDS = 16
+"""So many different ones are told in a period, what is beyond is counted together: at most 25 MB a day."""
 _LONGEST_S = 2.0
 
 
@@ -30,12 +30,13 @@ async def tell(client: PlantClient, entry: Json, actor: Actor) -> bool:
 
 @dataclass(slots=True)
 class Refusals:
-    """Counts by kind; ``flush`` tells what was only counted."""
+    """Tells the first of a kind, counts the others, and tells their number when the period is over."""
 
     client: PlantClient
     clock: Clock
     _counts: dict[tuple[str, str, str, str], int] = field(default_factory=dict)
     _since: float = -PERIOD_S
+    _later: asyncio.Task[None] | None = None
 
     async def refused(self, what: str, target: str, why: str, actor: Actor) -> None:
         """``what`` is the method, ``target`` the address as the table has it, ``why`` the error's key."""
@@ -47,9 +48,15 @@ class Refusals:
             kind = ("*", "*", "*", "*")
         if kind in self._counts or kind[0] == "*":
             self._counts[kind] = self._counts.get(kind, 0) + 1
+            if self._later is None or self._later.done():
+                self._later = asyncio.get_running_loop().create_task(self._flush_later(), name="refusals")
             return
         self._counts[kind] = 0
         await tell(self.client, _entry(kind, 1), actor)
+
+    async def _flush_later(self) -> None:
+        await asyncio.sleep(PERIOD_S)
+        await self.flush()
 
     async def flush(self) -> None:
         """Tell the repetitions."""

@@ -116,6 +116,20 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
     assert path.read_text() == content
 
 
+def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp_path: Path) -> None:
+    file = AccessFile(tmp_path / "access.json")
+    file.change(lambda register: register.added(ADMIN))
+    file.read()
+    file.path.write_text("{ oops")
+    assert file.read().users == (ADMIN,)
+    with pytest.raises(ConfigurationError):
+        file.change(lambda register: register.with_token(TOKEN))
+    assert file.path.read_text() == "{ oops"
+    mended = AccessFile(tmp_path / "other.json").change(lambda register: register.added(replace(ADMIN, name="bob")))
+    (tmp_path / "other.json").replace(file.path)
+    assert file.read() == mended
+
+
 def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> None:
     def add(n: int) -> None:
         AccessFile(tmp_path / "access.json").change(lambda register: register.added(replace(ADMIN, name=f"u{n}")))

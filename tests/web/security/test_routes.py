@@ -104,7 +104,7 @@ def test_s01_without_a_good_credential_every_address_is_401_and_asks_nothing(kin
         assert house.plant.calls == []
         told = [entry["target"] for entry, _ in house.plant.records if entry["what"] == "refused"]
         assert counted(house) == len(CLOSED)
-        assert f"POST {PREFIX}/stop" in told
+        assert told[0] == f"POST {PREFIX}/logout"
 
     run(story())
 

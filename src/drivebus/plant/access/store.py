@@ -19,7 +19,8 @@ _PRIVATE = 0o600
 class AccessFile:
     """The register; several programs may use one file: each change reads it again under a lock.
 
-    Raises ConfigurationError where it can't be read or written, or is none of ours: nobody starts from nothing.
+    Raises ConfigurationError where it can't be read or written, or is none of ours: nobody starts from nothing. Whoever
+    has read it once goes on with what it said then: a slip of an editor takes nobody's stop away.
     """
 
     def __init__(self, path: Path) -> None:
@@ -29,6 +30,14 @@ class AccessFile:
 
     def read(self) -> Register:
         """What the file says now; read again only where it changed."""
+        try:
+            return self._current()
+        except ConfigurationError:
+            if self._seen is None:
+                raise
+            return self._register
+
+    def _current(self) -> Register:
         try:
             state = self.path.stat()
         except FileNotFoundError:
@@ -46,7 +55,7 @@ class AccessFile:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             with os.fdopen(_private(self.path.with_suffix(".lock")), "w") as lock:
                 flock(lock, LOCK_EX)
-                after = change(self.read())
+                after = change(self._current())
                 replace_private(self.path, _FORM.dump_json(after, indent=1))
         except OSError as error:
             raise self._unusable(error.strerror or str(error)) from error
