@@ -246,42 +246,51 @@ async def trends(historian: Historian, chance: random.Random, end_ms: int, turns
     return found
 
 
-async def measure(seed: int, *, small: bool) -> Figures:
-    values = Values(seed)
-    seconds, days = (2_000, 20) if small else (2 * 86_400, 363)
-    found: Figures = {"commit": commit(), "seed": seed, "tags": len(TAGS), "small": small}
+async def writing(values: Values, *, small: bool) -> Figures:
+    found: Figures = {}
     written: dict[str, Callable[[Path, Values, int], Any]] = {"drivebus": ours, "rows": plain}
     for name, way in written.items():
         with tempfile.TemporaryDirectory() as folder:
             found[name] = await way(Path(folder), values, 2_000 if small else 20_000)
-        print(name, found[name], flush=True)
     for figure in ("samples_per_s", "cpu_us_per_sample", "bytes_per_sample"):
         found[f"{figure}_to_rows"] = round(found["drivebus"][figure] / found["rows"][figure], 3)
-    found["loop"] = await lateness(values, 5 if small else 60)
-    print("loop", found["loop"], flush=True)
+    return found
+
+
+async def lateness_of(values: Values, *, small: bool) -> Figures:
+    return await lateness(values, 5 if small else 60)
+
+
+async def trends_of(values: Values, *, small: bool) -> Figures:
+    seconds, days = (2_000, 20) if small else (2 * 86_400, 363)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found["two_days"] = await ours(folder, values, seconds)
-        print("two_days", found["two_days"], flush=True)
+        found: Figures = {"two_days": await ours(folder, values, seconds)}
         async with Historian(HistorySetting(), folder) as historian:
             found["year"] = await year(historian, values, days)
             found["year"]["file_mb"] = round(files_bytes(folder) / 1e6)
-            print("year", found["year"], flush=True)
-            end_ms = START_MS + 1000 * seconds
-            found["trend"] = await trends(historian, values.chance, end_ms, 5 if small else 50)
+            found["spans"] = await trends(historian, values.chance, START_MS + 1000 * seconds, 5 if small else 50)
     return found
+
+
+PARTS: dict[str, Callable[..., Any]] = {"writing": writing, "loop": lateness_of, "trends": trends_of}
 
 
 def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks.historian", description=__doc__)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--small", action="store_true", help="a hundredth of it")
+    options.add_argument("--part", choices=PARTS, help="only this part; the others stay in the report as they are")
     options.add_argument("--write", action="store_true", help="write docs/reports/historian.json")
     chosen = options.parse_args()
-    figures = asyncio.run(measure(chosen.seed, small=chosen.small))
-    print(json.dumps(figures, indent=1))
+    report = ROOT / "docs" / "reports" / "historian.json"
+    figures = json.loads(report.read_text()) if chosen.part and report.exists() else {}
+    for name in [chosen.part] if chosen.part else PARTS:
+        found = asyncio.run(PARTS[name](Values(chosen.seed), small=chosen.small))
+        figures[name] = {"commit": commit(), "seed": chosen.seed, "small": chosen.small} | found
+        print(name, json.dumps(figures[name], indent=1), flush=True)
     if chosen.write:
-        (ROOT / "docs" / "reports" / "historian.json").write_text(json.dumps(figures, indent=1) + "\n")
+        report.write_text(json.dumps(figures, indent=1) + "\n")
 
 
 if __name__ == "__main__":
