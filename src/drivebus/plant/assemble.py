@@ -19,7 +19,6 @@ from drivebus.plant.config.polling import profile_of
 from drivebus.plant.historian import Historian
 from drivebus.plant.interlocks import Interlocks
 from drivebus.plant.keeping import Keeping
-from drivebus.plant.logs import happened
 from drivebus.plant.model import PlantSetting
 from drivebus.plant.parts import Handler, Parts
 from drivebus.plant.runbook import RunBook
@@ -101,7 +100,6 @@ class Rooms:
     def _event(self, event: Json) -> None:
         self.history.put_event(event)
         self.keeping.event(event)
-        happened(event)
 
     def handlers(self) -> Mapping[str, Handler]:
         """The operations that these rooms answer."""

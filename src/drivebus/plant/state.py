@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from drivebus.drives.memory import DriveLimits
 from drivebus.errors import NotFound
@@ -14,13 +14,15 @@ from drivebus.plant.failure import both
 from drivebus.plant.hub import Hub
 from drivebus.plant.leases import Arms, Leases
 from drivebus.plant.lines import Line
-from drivebus.plant.model import GroupSetting, PlantSetting
+from drivebus.plant.logs import happened
+from drivebus.plant.model import AlarmKind, GroupSetting, PlantSetting
 from drivebus.plant.parts import Parts
 from drivebus.plant.units import Unit
-from drivebus.plant.view import text_json
 from drivebus.seams import Store
 
 Json = dict[str, Any]
+TOLD = frozenset({str(AlarmKind.SILENT), str(AlarmKind.FAULT), str(Own.PORT)})
+"""Alarms of what has a line of its own in the log when it begins and ends."""
 
 
 @dataclass
@@ -84,7 +86,9 @@ class Plant:
         """Something happened: everybody who listens is told, and the history keeps a marker."""
         self.event(kind, drive, both(key, params), actor, outcome)
 
-    def event(self, kind: str, drive: str | None, text: Json, actor: str | None, outcome: str | None) -> None:
+    def event(
+        self, kind: str, drive: str | None, text: Json, actor: str | None, outcome: str | None, *, log: bool = True
+    ) -> None:
         """The same with its text ready."""
         self.events += 1
         event = {
@@ -93,6 +97,8 @@ class Plant:
         }  # fmt: skip
         self.hub.append("events", event)
         self.parts.on_event(event)
+        if log:
+            happened(event)
 
     def alarm(self, kind: Own, drive: str = "", *, about: str = "", **params: Any) -> None:
         """Raise an alarm of the plant's own."""
@@ -105,7 +111,8 @@ class Plant:
     def alarmed(self, changes: Sequence[Change]) -> None:
         """Tell everybody what happened to some alarms; that one has its case now is seen in the alarm itself."""
         for word, alarm in ((change.word, change.alarm) for change in changes if change.word != "case"):
-            self.event("alarm", alarm.drive or None, cast(Json, text_json(alarm.text)), alarm.by, word)
+            text = both(f"plant.alarm_{word}", {"text": alarm.text})
+            self.event("alarm", alarm.drive or None, text, alarm.by, word, log=alarm.kind not in TOLD)
 
     def stopped(self, *units: Unit) -> None:
         """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""

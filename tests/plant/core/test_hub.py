@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import pytest
+
 from drivebus.plant.hub import Hub
 from drivebus.plant.subscription import BURST, QUEUE
 from drivebus.plant.topics import Counting
@@ -156,7 +158,10 @@ def silence(kit: Kit) -> None:
     bench._group()
 
 
-def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return() -> None:
+def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return(caplog: pytest.LogCaptureFixture) -> None:
+    """On the hub, and as one line of the log each."""
+    caplog.set_level("INFO", "drivebus.plant")
+
     async def story() -> None:
         async with plant() as kit:
             await asyncio.sleep(5)
@@ -171,6 +176,8 @@ def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return() -> None:
             assert [event["text"]["en"] for event in told if event["drive"] == "fan-1"] == [
                 "fan-1 does not answer any more", "fan-1 answers again",
             ]  # fmt: skip
+            logged = [r.getMessage() for r in caplog.records if getattr(r, "event", {}).get("drive") == "fan-1"]
+            assert len(logged) == 2
 
     run(story())
 

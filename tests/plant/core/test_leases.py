@@ -1,0 +1,85 @@
+"""Leases and arms, by themselves: time is an argument (S16, S20)."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.errors import ArmNeeded, NotOwner
+from drivebus.plant.access.rights import Role
+from drivebus.plant.leases import ARM_S, MOST_ARMS, TTL_S, Arms, Leases
+from plantkit import LOCAL, remote
+
+ANN, BOB, EVE = remote("ann"), remote("bob"), remote("eve", Role.ENGINEER)
+ANN_AGAIN = remote("ann", session="another")
+
+
+def test_a_lease_ends_to_the_tick_unless_it_is_renewed() -> None:
+    leases = Leases()
+    leases.take("a", ANN, 100.0)
+    assert leases.get("a", 100.0 + TTL_S - 0.001) is not None
+    assert leases.get("a", 100.0 + TTL_S) is None
+    with pytest.raises(NotOwner):
+        leases.renew("a", ANN, 100.0 + TTL_S)
+    assert leases.renew("a", ANN, 109.0).until == 109.0 + TTL_S
+    assert leases.expired(109.0 + TTL_S - 0.001) == []
+    assert [lease.drive for lease in leases.expired(109.0 + TTL_S)] == ["a"]
+    assert leases.expired(200.0) == []
+
+
+def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:
+    leases = Leases()
+    leases.take("a", ANN, 0.0)
+    for other in (BOB, ANN_AGAIN, LOCAL):
+        with pytest.raises(NotOwner):
+            leases.need("a", other, 1.0)
+        with pytest.raises(NotOwner):
+            leases.renew("a", other, 1.0)
+        with pytest.raises(NotOwner):
+            leases.release("a", other, 1.0)
+    with pytest.raises(NotOwner):
+        leases.take("a", BOB, 1.0)
+    assert leases.take("a", ANN, 1.0) is None
+    taken = leases.take("a", EVE, 1.0)
+    assert taken is not None and taken.actor is ANN
+    leases.release("a", EVE, 2.0)
+    leases.need("a", LOCAL, 2.0)
+    assert leases.get("a", 2.0).actor is LOCAL  # type: ignore[union-attr]
+
+
+def test_a_remote_actor_needs_a_lease_of_its_own_before_it_commands() -> None:
+    with pytest.raises(NotOwner):
+        Leases().need("a", ANN, 0.0)
+
+
+def test_an_arm_serves_once_in_time_for_one_thing_and_one_session() -> None:
+    arms = Arms()
+    word = arms.arm("a", ANN, 0.0)
+    arms.use(word, "a", ANN, ARM_S)
+    for what, actor, now, given in (
+        ("a", ANN, ARM_S, word),
+        ("b", ANN, 0.0, arms.arm("a", ANN, 0.0)),
+        ("a", ANN_AGAIN, 0.0, arms.arm("a", ANN, 0.0)),
+        ("a", ANN, ARM_S + 0.001, arms.arm("a", ANN, 0.0)),
+        ("a", ANN, 0.0, "made up"),
+        ("a", ANN, 0.0, None),
+    ):  # fmt: skip
+        with pytest.raises(ArmNeeded):
+            arms.use(given, what, actor, now)
+    arms.use(None, "a", LOCAL, 0.0)
+
+
+def test_a_stop_voids_the_arms_of_its_drive_and_of_no_other() -> None:
+    arms = Arms()
+    one, other = arms.arm("a", ANN, 0.0), arms.arm("b", ANN, 0.0)
+    arms.void("a", "group:x")
+    with pytest.raises(ArmNeeded):
+        arms.use(one, "a", ANN, 0.0)
+    arms.use(other, "b", ANN, 0.0)
+
+
+def test_arms_are_bounded_and_no_two_are_alike() -> None:
+    """I12."""
+    arms = Arms()
+    words = [arms.arm("a", ANN, 0.0) for _ in range(2 * MOST_ARMS)]
+    assert len(set(words)) == 2 * MOST_ARMS and len(arms._live) == MOST_ARMS
+    arms.use(words[-1], "a", ANN, 0.0)
