@@ -11,10 +11,11 @@ from doorkit import PASSWORD, QUICK, Clock
 from drivebus.plant.access.access import KEEP_S, Access
 from drivebus.plant.access.passwords import Passwords, check_new
 from drivebus.plant.access.refusals import Conflict, Forbidden, NotLoggedIn, TooManyAttempts, Unfit
-from drivebus.plant.access.register import User
+from drivebus.plant.access.register import Token, User
 from drivebus.plant.access.rights import RIGHTS, Right, Role
 from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S, PER_USER, digest
-from drivebus.plant.access.visitor import BySession
+from drivebus.plant.access.visitor import BySession, ByToken
+from drivebus.plant.actor import Actor
 from drivebus.testing.virtual import run
 
 
@@ -329,3 +330,58 @@ def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.Mo
     assert access.by_cookie(secret) is not None
     run(access.log_out(visitor.session))
     assert access.by_cookie(secret) is None
+
+
+def token_of(access: Access, clock: Clock, *rights: Right) -> ByToken:
+    token = Token("t1", "scada", "operator", rights, digest("secret"), 0, clock.wall_ms() + 1000)
+    access.file.change(lambda register: register.with_token(token))
+    visitor = access.by_token("secret", "10.0.0.9")
+    assert visitor is not None
+    return visitor
+
+
+def test_a_token_acts_in_its_users_name_from_afar_with_its_scope(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    actor = token_of(access, clock, Right.VIEW, Right.STOP).actor
+    assert actor == Actor("operator/scada", frozenset({Right.VIEW, Right.STOP}), "token-t1", True, "10.0.0.9")
+    _, visitor = login(access)
+    assert visitor.actor.remote, "two steps to a start (6.5)"
+
+
+def test_a_token_ends_with_its_date_its_withdrawal_and_its_user(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    visitor = token_of(access, clock, Right.VIEW, Right.STOP)
+    clock.now += 0.999
+    assert visitor.why_over is None
+    clock.now += 0.001
+    assert (visitor.why_over, visitor.actor.rights) == ("expired", frozenset())
+    assert access.by_token("secret", "local") is None
+    clock.now -= 1.0
+    access.file.change(lambda register: register.removed("operator"))
+    assert (visitor.why_over, visitor.actor.rights) == ("rights", frozenset())
+    assert run(visitor.ended()) == "rights"
+
+
+def test_a_token_of_a_disabled_user_may_nothing(tmp_path: Path) -> None:
+    access, clock = made(tmp_path)
+    visitor = token_of(access, clock, Right.VIEW)
+    access.file.change(lambda register: register.changed(replace(register.user("operator"), disabled=True)))
+    assert visitor.actor.rights == frozenset()
+
+
+def test_s04_a_connection_of_a_token_ends_when_its_user_may_less(tmp_path: Path) -> None:
+    import asyncio
+
+    access, clock = made(tmp_path)
+    visitor = token_of(access, clock, Right.VIEW, Right.STOP)
+
+    async def story() -> float:
+        waiting = asyncio.create_task(visitor.ended())
+        await asyncio.sleep(10)
+        assert not waiting.done()
+        access.file.change(lambda register: register.changed(replace(register.user("operator"), role=Role.VIEWER)))
+        begun = asyncio.get_running_loop().time()
+        assert await waiting == "rights"
+        return asyncio.get_running_loop().time() - begun
+
+    assert run(story()) <= 1.0

@@ -78,6 +78,11 @@ class Register:
             raise NoSuch("access.no_such_user", name=name)
         return found
 
+    def rights_of(self, name: str) -> frozenset[Right]:
+        """None at all for somebody who is not there."""
+        found = self.find(name)
+        return frozenset() if found is None else found.rights
+
     @property
     def has_administrator(self) -> bool:
         """One who can log in: commands and addresses beyond this machine wait for that (S06, S15)."""

@@ -51,8 +51,7 @@ class BySession:
     @property
     def actor(self) -> Actor:
         """As of now: no rights at all once it is over."""
-        user = self.around.register().find(self.session.user)
-        rights = frozenset() if user is None or self.why_over else user.rights
+        rights = frozenset() if self.why_over else self.around.register().rights_of(self.session.user)
         allowed = rights & _IDLE if self.is_idle else rights
         return Actor(self.session.user, allowed, self.session.id, remote=True, address=self.session.address)
 
@@ -75,16 +74,15 @@ class ByToken:
 
     @property
     def why_over(self) -> str | None:
-        register = self.around.register()
-        if self.token not in register.tokens or register.find(self.token.user) is None:
+        if self.token not in self.around.register().tokens:  # with a user go the user's tokens
             return "rights"
         return "expired" if self.around.wall_ms() >= self.token.expires_ms else None
 
     @property
     def actor(self) -> Actor:
         """As of now: what the token says, as far as its user still may it."""
-        user = self.around.register().find(self.token.user)
-        rights = frozenset() if user is None or self.why_over else user.rights & set(self.token.rights)
+        held = self.around.register().rights_of(self.token.user) & set(self.token.rights)
+        rights: frozenset[Right] = frozenset() if self.why_over else held
         name = f"{self.token.user}/{self.token.name}"
         return Actor(name, rights, f"token-{self.token.id}", remote=True, address=self.address)
 
