@@ -91,6 +91,7 @@ def test_g17_an_unknown_state_does_not_hold_either_way() -> None:
 def test_before_the_first_look_nothing_may_start() -> None:
     found = interlocks()
     assert ids(found.violated("fan")) == ["flow"] and found.stopping("fan") == []
+    assert 'interlock "flow"' in found.violations("fan")[0].text.en and "“flow”" in found.violations("fan")[0].text.zh
     assert "nothing has been read yet" in found.violations("fan")[0].text.en
 
 

@@ -5,6 +5,7 @@ Other files than profiles (``plant.toml``) complain in the same form, with sente
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,8 @@ from drivebus.errors import ProfileError
 from drivebus.profiles.model import Text
 
 Path = tuple[str | int, ...]
+CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""Control characters, line separators, and those that turn the direction of writing round."""
 ROOM = "profiles"
 """The room of the catalogues whose sentences every file's faults may use."""
 
@@ -35,7 +38,7 @@ class Complaint:
 
     def text(self, language: str = "en") -> str:
         """The whole sentence: where, what was found, what was expected, what to do."""
-        return i18n.text(
+        return plain(
             "profiles.complaint",
             language,
             file=self.file,
@@ -46,6 +49,11 @@ class Complaint:
             expected=self.expected,
             remedy=self.remedy,
         )
+
+
+def plain(key: str, language: str, /, **params: Any) -> str:
+    """A sentence without control characters: a file may have them, a log or a terminal must not get them (S13)."""
+    return CONTROL.sub("�", i18n.text(key, language, **params))
 
 
 @dataclass(frozen=True, slots=True)

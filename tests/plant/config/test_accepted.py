@@ -257,3 +257,9 @@ def test_folders_that_are_there_and_that_are_not(tmp_path: Path) -> None:
 def test_passwords_are_hidden_and_users_are_not() -> None:
     assert hidden("postgresql://u:p%40w@h/d") == "postgresql://u:…@h/d"
     assert hidden("postgresql://u@h/d") == "postgresql://u@h/d"
+
+
+def test_an_expression_may_stand_on_several_lines_and_names_may_be_chinese() -> None:
+    require = '"""\npump.state == running and\n\tpump.temperature < 80 ℃"""'
+    more = f'[interlock.i]\ndrives = ["fan"]\nrequire = {require}\ntitle = "水泵先行 №1"\n'
+    assert plant(more).interlocks[0].title.en == "水泵先行 №1"

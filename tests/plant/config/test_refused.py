@@ -79,6 +79,18 @@ def test_s15_no_page_for_the_network_without_a_certificate() -> None:
     assert config.loads(closed).web.enabled is False
 
 
+def test_s13_no_complaint_carries_a_control_character_into_a_log() -> None:
+    text = (REFUSED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace('"aa"', '"a\\nb"'))
+    kinds = [one.kind for one in caught.value.params["complaints"]]
+    assert kinds == ["control", "link", "pattern", "control"]
+    for language in ("en", "zh"):
+        said = caught.value.text(language)
+        assert said.count("\n") == len(kinds), "a line each"
+        assert not set(said) & {"\x1b", "\u202e"}
+
+
 def test_a_password_in_a_database_url_is_not_repeated() -> None:
     said = refusal(REFUSED / "history-url.toml").text("en")
     assert "secret" not in said and "root" in said
