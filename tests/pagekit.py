@@ -85,6 +85,7 @@ class Stage:
     def __init__(self, directory: Path) -> None:
         self.at = ""
         self.service: Any = None
+        self.access: Any = None
         self._directory = directory
         self._loop = asyncio.new_event_loop()
         self._ready, self._ending = threading.Event(), asyncio.Event()
@@ -192,9 +193,9 @@ class Stage:
         kept = MemoryStore()
         self.service = Service(setting, await rooms.open(), store=kept, drive_store=MemoryStore())
         await self.service.start()
-        access = Access(setting.directory, passwords=Passwords(QUICK))
-        access.file.change(lambda _: USERS)
-        self._app = make_app(self.service, access, setting.web)
+        self.access = Access(setting.directory, passwords=Passwords(QUICK))
+        self.access.file.change(lambda _: USERS)
+        self._app = make_app(self.service, self.access, setting.web)
         await self._up()
         return rooms
 

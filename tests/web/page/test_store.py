@@ -134,16 +134,20 @@ def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> 
     stage.lose_server()
     page.locator(".banner.bad").wait_for()
     page.wait_for_timeout(600)
-    changed = page.evaluate("""() => new Promise((done) => {
-      const ids = new Set();
-      const watch = new MutationObserver((all) => { for (const { target } of all) {
-        const element = target.parentElement ?? target;
-        if (!element.closest('.tileage')) ids.add(element.closest('.tile')?.querySelector('[data-drive]').dataset.drive);
-      } });
-      watch.observe(document.querySelector('.fleet'), { childList: true, characterData: true, subtree: true });
+    drawn = page.evaluate("""async () => {
+      const { options } = await import('/vendor/preact.js');
+      const store = await import('/static/js/store.js');
+      const found = [];
+      const before = options.diffed;
+      options.diffed = (vnode) => {
+        if (vnode.type?.name === 'Tile') found.push(vnode.props.id);
+        before?.(vnode);
+      };
       const signals = { output_frequency: { value: 12.34, unit: 'Hz', quality: 'good', reason: null, age_s: 0 } };
-      import('/static/js/store.js').then((m) => m.delta({ topics: { 'drives/fan-2': { state: 'running', signals } } }));
-      setTimeout(() => done([...ids]), 700);
-    })""")
+      store.delta({ topics: { 'drives/fan-2': { state: 'running', signals } } });
+      await new Promise((resolve) => { setTimeout(resolve, 1200); });
+      options.diffed = before;
+      return found;
+    }""")
     stage.regain_server()
-    assert changed == ["fan-2"]
+    assert drawn == ["fan-2"]
