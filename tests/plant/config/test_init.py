@@ -123,11 +123,13 @@ def test_without_a_terminal_nobody_is_asked(tmp_path: Path) -> None:
 def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(verb, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
-    told = "Pump station\n/dev/ttyUSB0\nvc660\n1-2\nMain pump\n\nn\n"
+    told = "Pump station\nttyUSB0\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n1-2\nMain pump\n\nn\n"
     result = init("-o", path, "--lang", "en", input=told)
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
+    for wrong in ("ttyUSB0 is no LINK", "there is no model vc66", "found 1-x"):
+        assert wrong in result.output, "asked again, with the reason"
     assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
         ("main-pump", 1, "Main pump"), ("vc660-2", 2, "vc660 2"),
     ]  # fmt: skip

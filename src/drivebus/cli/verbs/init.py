@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -160,13 +161,14 @@ def _asked(links: tuple[str, ...]) -> Answers:
     """A few questions on the terminal. Raises ConfigurationError where there is none."""
     from drivebus.errors import ConfigurationError
     from drivebus.plant.config.answers import Answers
+    from drivebus.ports.link import parse_link
 
     if not _on_terminal():
         raise ConfigurationError("plant_init.no_terminal")
     title = _ask("title", voice.say("plant_init.default_title"))
-    lines = [_asked_line(link) for link in links or (_ask("link"),)]
+    lines = [_asked_line(link) for link in links or (_ask("link", check=parse_link),)]
     while not links and click.confirm(voice.say("plant_init.ask_more"), default=False, err=True):
-        lines.append(_asked_line(_ask("link")))
+        lines.append(_asked_line(_ask("link", check=parse_link)))
     return Answers(title, tuple(lines))
 
 
@@ -175,18 +177,32 @@ def _on_terminal() -> bool:
 
 
 def _asked_line(link: str) -> LineAnswer:
+    from drivebus import profiles
     from drivebus.plant.config.answers import DriveAnswer, LineAnswer
 
     voice.note("plant_init.about", link=link)
-    model = _ask("model", "c320")
-    addresses = click.prompt(voice.say("plant_init.ask_addresses"), default="1", type=options.ADDRESSES, err=True)
-    drives = [DriveAnswer(address, model, _ask("name", f"{model} {address}", address=address)) for address in addresses]
+    model = _ask("model", "c320", check=profiles.load)
+    addresses = options.addresses(_ask("addresses", "1", check=options.addresses))
+    names = [_ask("name", f"{model} {address}", address=address) for address in addresses]
+    drives = (DriveAnswer(address, model, name) for address, name in zip(addresses, names, strict=True))
     return LineAnswer(link, tuple(drives))
 
 
-def _ask(name: str, default: str | None = None, **params: object) -> str:
-    answer: str = click.prompt(voice.say(f"plant_init.ask_{name}", **params), default=default, err=True)
-    return answer.strip()
+def _ask(name: str, default: str | None = None, check: Callable[[str], object] | None = None, **params: object) -> str:
+    """The answer, asked for again until ``check`` raises neither ValueError nor an error of ours."""
+    from drivebus.cli.exits import sentence
+    from drivebus.errors import DrivebusError
+
+    while True:
+        answer: str = click.prompt(voice.say(f"plant_init.ask_{name}", **params), default=default, err=True).strip()
+        try:
+            if check is not None:
+                check(answer)
+            return answer
+        except DrivebusError as error:
+            click.echo(sentence(error), err=True)
+        except ValueError:
+            voice.note("cli.found_expected", found=answer, expected=voice.say(f"cli.expect.{name}"))
 
 
 command = Verb(
