@@ -208,6 +208,15 @@ async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> 
         assert (await trend(restored, NOON, NOON + 200_000))["mean"] == list(range(100))
 
 
+async def test_after_an_orderly_end_the_file_alone_is_the_history(tmp_path: Path) -> None:
+    """Else a copy of it, made while the service is down, would lack the newest."""
+    async with Historian(HistorySetting(), tmp_path) as historian:
+        historian.append(samples([1.0, 2.0]))
+        await historian.flush()
+        await trend(historian, NOON, NOON + 5000)
+    assert [file.name for file in tmp_path.iterdir()] == ["history.db"]
+
+
 async def test_a_loaded_past_may_be_larger_than_the_queue(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.plant.historian.historian.PIECE", 500)
     async with database.historian() as historian:

@@ -85,8 +85,9 @@ class Historian(Past):
             self._task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._task
-        await self._write(self.writer.close)
+        # The writer goes last: SQLite puts the newest into the file itself only when nobody else has it open.
         await self._read(self._reader.close)
+        await self._write(self.writer.close)
         self._writing.shutdown()
         self._reading.shutdown()
 
