@@ -52,6 +52,10 @@ class Database:
         return Historian(setting or self.setting, self.directory, **more)
 
 
+def files(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.iterdir())
+
+
 async def trend(historian: Historian, from_ms: int, to_ms: int, points: int = 1000, tag: str | None = None) -> Json:
     """One tag's series, with ``resolution`` beside its columns."""
     name = tag or "fan-1.output_frequency"

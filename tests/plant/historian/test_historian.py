@@ -19,7 +19,7 @@ from drivebus.plant.view import Sample
 from drivebus.profiles.model import Text
 from drivebus.reading import Quality
 from drivebus.testing import virtual
-from historykit import NOON, Database, samples, samples_of, sealed, trend
+from historykit import NOON, Database, files, samples, samples_of, sealed, trend
 
 HOUR = 3_600_000
 
@@ -214,7 +214,7 @@ async def test_after_an_orderly_end_the_file_alone_is_the_history(tmp_path: Path
         historian.append(samples([1.0, 2.0]))
         await historian.flush()
         await trend(historian, NOON, NOON + 5000)
-    assert [file.name for file in tmp_path.iterdir()] == ["history.db"]
+    assert files(tmp_path) == ["history.db"]
 
 
 async def test_a_loaded_past_may_be_larger_than_the_queue(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
