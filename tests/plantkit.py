@@ -59,6 +59,8 @@ class PaperTrail:
 
     entries: list[Entry] = field(default_factory=list)
     broken: bool = False
+    unseen: bool = False
+    """It can't be written and nobody knows yet: ``ok`` tells of the last attempt."""
     takes_s: float = 0.0
 
     @property
@@ -68,7 +70,7 @@ class PaperTrail:
     async def record(self, entry: Entry) -> int:
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
-        if self.broken:
+        if self.broken or self.unseen:
             raise AuditUnavailable("plant.audit_unavailable")
         self.entries.append(entry)
         return len(self.entries)

@@ -9,9 +9,10 @@ import pytest
 
 from drivebus.drives.state import DriveState
 from drivebus.errors import ArmNeeded, Forbidden, NotFound, NotOwner, ParamsError, WaiverNeeded
-from drivebus.plant.access.rights import Role
+from drivebus.plant.access.rights import Right, Role
+from drivebus.plant.actor import Actor
 from drivebus.testing.virtual import run
-from plantkit import LOCAL, Kit, plant, remote
+from plantkit import LOCAL, Kit, plant, remote, setting
 
 
 def test_every_drive_is_seen_within_seconds() -> None:
@@ -22,6 +23,19 @@ def test_every_drive_is_seen_within_seconds() -> None:
             assert [view["presence"] for view in found] == ["online"] * 4
             assert [view["state"] for view in found] == ["stopped"] * 4
             assert found[0]["signals"]["output_frequency"]["quality"] == "good"
+
+    run(story())
+
+
+def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
+    async def story() -> None:
+        buses = (BusSetting("a", "sim://c320@1"), BusSetting("b", "sim://vc660@1,2"))
+        async with plant(setting(buses=buses)) as kit:
+            await asyncio.sleep(10)
+            bus = await kit.call("buses.get", bus="a")
+            silent = next(station for station in bus["stations"] if station["address"] == 2)
+            assert silent["errors"]["NoReply"] > 1
+            assert bus["errors"] == silent["errors"]
 
     run(story())
 
@@ -132,5 +146,45 @@ def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
             second = await anext(live)
             assert second["type"] == "delta" and second["seq"] == first["seq"] + 1
             assert "title" not in second["topics"].get("drives/fan-1", {})
+
+    run(story())
+
+
+def test_to_save_parameters_takes_a_right_of_its_own() -> None:
+    """S08: EEPROM is not RAM."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            tuner = Actor("tom", frozenset({Right.VIEW, Right.OPERATE, Right.TUNE}), "s-tom", remote=False)
+            values = {"F0.1": 2.0}
+            with pytest.raises(Forbidden):
+                await kit.call("parameters.write", tuner, drive="fan-1", values=values, save=True)
+            found = await kit.call("parameters.write", tuner, drive="fan-1", values=values)
+            assert found["outcome"]["word"] == "confirmed"
+
+    run(story())
+
+
+def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_owner() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(5)
+            found = (await kit.call("parameters.read", drive="fan-1", names=["F0.1", "output_frequency"]))["parameters"]
+            assert (found["F0.1"]["value"], found["F0.1"]["address_hex"]) == (2, "0001H")
+            assert found["output_frequency"]["unit"] == "Hz"
+            with pytest.raises(NotOwner):
+                await kit.call("parameters.write", remote(role=Role.ENGINEER), drive="fan-1", values={"F0.1": 2.0})
+
+    run(story())
+
+
+def test_a_profile_is_told_whole() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            found = await kit.call("drives.profile", drive="fan-1")
+            assert found["model"] == "c320" and found["can_write_ram"] and found["can_save"]
+            assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
+            assert all(text["en"] and text["zh"] for text in found["keypad"])
 
     run(story())

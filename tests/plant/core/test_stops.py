@@ -60,6 +60,23 @@ async def blocked(kit: Kit, drive: str) -> list[dict[str, object]]:
     return found
 
 
+def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
+    """G14: nobody knew before."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            kit.trail.unseen = True
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.jog", drive="fan-1")
+            assert kit.station("fan-1").motor.starts == 0
+            await kit.call("drive.stop", drive="fan-1")
+
+    run(story())
+
+
 def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
     """G14: a setpoint and a reset are no start."""
 
@@ -285,6 +302,21 @@ def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> N
             found = (await start)["outcomes"]
             assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
             assert found["pump-1"]["kind"] == "Superseded"
+            assert kit.station("pump-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_group_whose_owner_is_gone_starts_no_further_drive() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(replace(GROUP, stagger_s=7.0),))) as kit:
+            await ready(kit)
+            ann = remote()
+            for drive in GROUP.drives:
+                await kit.call("lease.take", ann, drive=drive)
+            arm = (await kit.call("group.arm", ann, group="fans"))["arm"]
+            found = (await kit.call("group.start", ann, group="fans", frequency_hz=20.0, arm=arm))["outcomes"]
+            assert [found[drive].get("kind") for drive in GROUP.drives] == [None, None, "NotOwner"]
             assert kit.station("pump-1").motor.starts == 0
 
     run(story())
