@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -64,19 +63,17 @@ def fault_json(fault: Fault | None) -> Json | None:
 
 
 def bus_view(plant: Plant, line: Line) -> Json:
-    """One bus now. Error classes and counters of the whole bus are the sums of its stations' and its own."""
+    """One bus now. A bus counts the failures of its stations as its own too."""
     bus, setting = line.bus, line.setting
     found = bus.statistics()
     own = [_station(line, unit, found.stations[unit.setting.address]) for unit in line.units.values()]
-    stations = tuple(found.stations.values())
     return {
         "id": setting.id, "title": text_json(setting.title), "link": setting.link, "line": str(bus.line),
         "is_open": bus.is_open and not bus.is_closed,
         "problem": None if line.problem is None else both(line.problem.key, line.problem.params),
         "load_percent": round(found.load_percent, 1), "occupied_percent": round(found.occupied_percent, 1),
         "transactions_per_s": round(found.transactions_per_s, 1), "error_rate": round(found.error_rate, 4),
-        "errors": _sums([found.errors, *(one.errors for one in stations)]),
-        "counters": _sums([found.counters, *(one.counters for one in stations)]),
+        "errors": dict(found.errors), "counters": dict(found.counters),
         "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s, "reply_p99_s": found.reply_p99_s,
         "foreign_master": bus.core.listener.foreign_master(plant.now()),
         "stop_bound_s": line.stop_bound_s(), "stations": own,
@@ -90,14 +87,6 @@ def _station(line: Line, unit: Unit, found: Any) -> Json:
         "error_rate": round(found.error_rate, 4), "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s,
         "errors": dict(found.errors), "counters": dict(found.counters), "load_percent": round(found.load_percent, 2),
     }  # fmt: skip
-
-
-def _sums(many: list[Mapping[str, int]]) -> dict[str, int]:
-    found: dict[str, int] = {}
-    for one in many:
-        for name, count in one.items():
-            found[name] = found.get(name, 0) + count
-    return found
 
 
 def plant_topic(plant: Plant) -> Json:

@@ -96,6 +96,6 @@ function CaseFrames({ frames }) {
     [t("plantpage.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
     [t("plantpage.meaning"), (frame) => `${both(frame.text)} ${both(frame.error?.text)}`],
   ];
-  return html`<${Table} caption=${t("plantpage.frames")} columns=${columns} rows=${frames}
-    keyOf=${(frame) => frame.n} />`;
+  return html`<div class="case-frames"><${Table} caption=${t("plantpage.frames")} columns=${columns} rows=${frames}
+    keyOf=${(frame) => frame.n} /></div>`;
 }
