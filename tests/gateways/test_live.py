@@ -234,6 +234,20 @@ def test_what_goes_away_and_what_was_dropped_is_told() -> None:
     told(story)
 
 
+def test_what_went_and_came_back_while_a_message_waited_is_there() -> None:
+    async def story(plant: Plant, feed: Feed) -> None:
+        ear = Ear()
+        feed.join(ear, DRIVES, 10.0)
+        plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
+        plant.messages.put_nowait(delta(gone=["drives/a"]))
+        plant.messages.put_nowait(delta({"drives/a": {"state": "stopped"}}))
+        await asyncio.sleep(0.5)
+        assert [one["topics"] for one in ear.heard][1:] == [{"drives/a": {"state": "stopped"}}]
+        assert "gone" not in ear.heard[-1]
+
+    told(story)
+
+
 def test_more_items_than_a_message_holds_leave_the_oldest_out_and_say_how_many() -> None:
     async def story(plant: Plant, feed: Feed) -> None:
         ear = Ear()
@@ -309,7 +323,9 @@ def test_a_subscription_is_changed_while_it_runs() -> None:
         await asyncio.sleep(0.1)
         socket.says.put_nowait('{"subscribe": ["drives/a"]}')
         await asyncio.sleep(0.1)
-        assert [list(one["topics"]) for one in socket.sent] == [["alarms"], ["drives/a"]]
+        plant.messages.put_nowait(delta({"alarms": {"active": [{"id": "x"}]}}))
+        await asyncio.sleep(0.5)
+        assert [list(one["topics"]) for one in socket.sent if one["topics"]] == [["alarms"], ["drives/a"]]
         socket.says.put_nowait(None)
         await task
 
