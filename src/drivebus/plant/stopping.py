@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from drivebus.drives import bus_stop
@@ -38,11 +38,12 @@ class Stopping:
         """Every bus at once, each with its broadcast and then one by one; everything stays latched."""
         plant = self.plant
         plant.stopped(*plant.units.values())
-        reports = await asyncio.gather(*(_bus(line) for line in plant.lines.values()))
+        everything = [(line.setting.id, line, list(line.units.values())) for line in plant.lines.values()]
+        reports = await asyncio.gather(*(_bus(line, units) for _, line, units in everything))
         buses: Json = {}
         outcomes: Json = {}
-        for line, report in zip(plant.lines.values(), reports, strict=True):
-            buses[line.setting.id], told = self._report(line, report)
+        for (bus, _, units), report in zip(everything, reports, strict=True):
+            buses[bus], told = self._report(units, report)
             outcomes |= told
         plant.last_stop = {"time_ms": plant.wall_ms(), "actor": actor.name, "buses": buses}
         left = [drive for bus in buses.values() for drive in bus["unconfirmed"]]
@@ -50,8 +51,8 @@ class Stopping:
         plant.tell("stop", None, key, actor=actor.name, drives=", ".join(left))
         return {"buses": buses, "outcomes": outcomes}
 
-    def _report(self, line: Line, report: StopReport) -> tuple[Json, Json]:
-        by_address = {unit.setting.address: unit for unit in line.units.values()}
+    def _report(self, units: Sequence[Unit], report: StopReport) -> tuple[Json, Json]:
+        by_address = {unit.drive.address: unit for unit in units}
         outcomes: Json = {}
         for address, outcome in report.outcomes:
             unit = by_address[address]
@@ -98,5 +99,5 @@ class Stopping:
         return {unit.id: task.result() if task.done() else None for unit, task in stops.items()}
 
 
-async def _bus(line: Line) -> StopReport:
-    return await bus_stop(line.bus, [unit.drive for unit in line.units.values()])
+async def _bus(line: Line, units: Sequence[Unit]) -> StopReport:
+    return await bus_stop(line.bus, [unit.drive for unit in units])

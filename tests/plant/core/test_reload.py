@@ -155,3 +155,22 @@ def test_a_wrong_file_changes_nothing_and_every_mistake_is_told(tmp_path: Path) 
             assert good == {"complaints": [], "difference": {"added": ["fan-2"], "changed": [], "removed": ["pump-1"]}}
 
     run(story())
+
+
+def test_a_drive_that_leaves_the_plant_while_everything_is_stopped_is_in_the_answer_all_the_same(
+    tmp_path: Path,
+) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(5)
+            write(file, FAN_1, PUMP)
+            stop = asyncio.create_task(kit.call("plant.stop"))
+            await asyncio.sleep(0.02)
+            await kit.call("configuration.reload")
+            found = await stop
+            assert {*found["outcomes"]} == {"fan-1", "fan-2", "pump-1"}
+            assert [*kit.service.plant.units] == ["fan-1", "pump-1"]
+
+    run(story())
