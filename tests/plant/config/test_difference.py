@@ -132,6 +132,8 @@ model = "c320"
         ("address = 2", "address = 2\nlimits = { maximum_hz = 40.0 }", Fate.LIVE),
         ("address = 2", "address = 2\ntitle = 'Fan'", Fate.LIVE),
         ("address = 2", "address = 2\non_client_lost = 'stop'", Fate.LIVE),
+        ("address = 2", "address = 2\non_service_stop = 'hold'", Fate.LIVE),
+        ("address = 2", "address = 2\non_restart = 'stop'", Fate.LIVE),
         ('id = "p"', 'id = "p"\ntitle = "Plant"', Fate.UNTOUCHED),
     ],
 )
