@@ -15,9 +15,10 @@ Json = dict[str, Any]
 
 def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
     """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
-    address = unit.setting.address
-    if plant.state == "stopping":
+    if plant.state != "running":
         yield ServiceUnavailable("plant.stopping")
+        return
+    address = unit.setting.address
     if unit.bus.latched(address):
         yield GateError("drives.latched", station=address)
     health = unit.bus.health(address)

@@ -506,3 +506,22 @@ def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> 
             assert "store" not in kinds(kit)
 
     run(story())
+
+
+def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -> None:
+    """No stop of theirs takes the rest of the group away, and its buses are closed before its turn comes."""
+
+    async def story() -> None:
+        drives = tuple(replace(one, on_service_stop=OnServiceStop.HOLD) for one in DRIVES)
+        drives = (*drives[:3], replace(drives[3], on_service_stop=OnServiceStop.STOP))
+        async with plant(setting(drives=drives, groups=(GROUP,))) as kit:
+            await ready(kit, "pump-2")
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(2)
+            pump = kit.station("pump-1")
+            ending = asyncio.create_task(kit.service.stop())
+            found = (await start)["outcomes"]
+            assert [found[drive].get("code") for drive in GROUP.drives] == [None, "plant.stopping", "plant.stopping"]
+            assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
+
+    run(story())
