@@ -17,6 +17,8 @@ ALLOWED_NOISE = (
     "ERR_EMPTY_RESPONSE",
     "ERR_FAILED",
     "401 (Unauthorized)",
+    "403 (Forbidden)",
+    "503 (Service Unavailable)",
     "WebSocket connection",
 )
 """What the browser itself says when a server, a session or an answer is gone: the tests take them away."""

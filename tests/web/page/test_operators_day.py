@@ -90,6 +90,22 @@ def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_b
     assert not running(stage, "fan-1")
 
 
+def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is_old(stage: Stage, visit: Any) -> None:
+    """Two answers that mean "not now", then the plant's own: the third is what is told."""
+    page = visit("#/fleet", role="operator")
+    problem = {"kind": "x", "text": {"en": "not now", "zh": "x"}, "params": {}, "outcome": None}
+    answers = [
+        {"status": 503, "json": {"error": problem | {"code": "plant.unavailable", "status": 503}}},
+        {"status": 403, "json": {"error": problem | {"code": "access.csrf", "status": 403}}},
+        {"status": 200, "json": {"outcomes": {"fan-1": {"word": "confirmed"}}, "buses": {}}},
+    ]
+    page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)))
+    page.click("[data-stop=all]")
+    page.locator(".told.waiting").wait_for()
+    page.locator(".told.good").wait_for()
+    assert answers == []
+
+
 def test_a_stop_needs_no_hand_and_takes_it_from_nobody(stage: Stage, visit: Any) -> None:
     """6.5: no lease, no second step; the one who has the drive in hand keeps it."""
     stage.call("drive.waiver", drive="fan-1", reason="watched bench")

@@ -43,6 +43,10 @@ export async function stop(kind, id = null, how = "stop") {
   batch(() => change(mine, end));
 }
 
+/** Nobody answered, the plant's own process is just not there, or the page's token is an old server's: asking again can
+ * do no harm and may help. */
+const mayPass = (error) => error.unreachable || error.status === 503 || error.code === "access.csrf";
+
 async function ended(mine, path, body) {
   const until = nowMs() + TRY_AGAIN_MS;
   let renewed = false;
@@ -56,7 +60,7 @@ async function ended(mine, path, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!error.unreachable || nowMs() > until) return failed(error);
+      if (!mayPass(error) || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, PAUSE_MS); });
       // Another server process may want another CSRF token.

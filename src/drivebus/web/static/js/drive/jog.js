@@ -83,7 +83,7 @@ export function JogPanel({ view, disabled }) {
     onHold=${hold(direction)}
     onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", {
       way: t(`drives.way_${direction}`) })}<//>`;
-  return html`<section class="stack jog" aria-labelledby="jog-title"><h3 id="jog-title">${t("page.jog")}</h3><p>
+  return html`<section class="stack jog" aria-labelledby="jog-title"><h3 class="sr" id="jog-title">${t("page.jog")}</h3><p>
     ${t("page.jog_how")}</p>
     <${Frequency} label=${t("page.jog_frequency")} value=${hertz} onChange=${setHertz} limits=${view}
       disabled=${disabled} />
