@@ -75,6 +75,13 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
     assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
 
 
+def test_another_fault_has_a_delay_of_its_own() -> None:
+    late = book(AlarmSetting("trip", AlarmKind.FAULT, (), delay_s=5.0))
+    one, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
+    told = run(late, (0, one), (5, one), (6, other), (10.9, other), (11, other))
+    assert told == ["5 raised trip", "6 cleared trip", "11 raised trip"]
+
+
 def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
     bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
     alarms = book()
