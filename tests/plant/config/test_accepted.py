@@ -263,3 +263,13 @@ def test_an_expression_may_stand_on_several_lines_and_names_may_be_chinese() -> 
     require = '"""\npump.state == running and\n\tpump.temperature < 80 ℃"""'
     more = f'[interlock.i]\ndrives = ["fan"]\nrequire = {require}\ntitle = "水泵先行 №1"\n'
     assert plant(more).interlocks[0].title.en == "水泵先行 №1"
+
+
+def test_a_lower_limit_below_the_models_own_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "slow.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nminimum_hz = 10.0\n')
+    text = HEAD.replace('model = "vc660"', 'model = "slow.toml"\nlimits = { minimum_hz = 10.0 }')
+    assert config.loads(text, base=tmp_path).drive("pump").limits.minimum_hz == 10.0
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace("{ minimum_hz = 10.0", "{ minimum_hz = 9.9"), base=tmp_path)
+    found = caught.value.params["complaints"]
+    assert [(one.kind, one.expected.en) for one in found] == [("limit_wide", ">= 10 for vc660")]
