@@ -10,6 +10,7 @@ import pytest
 
 from drivebus.bus.trace import Kind
 from drivebus.drives import MemoryStore
+from drivebus.drives.memory import DriveLimits
 from drivebus.message import Effect
 from drivebus.plant.model import BusSetting, InterlockSetting, OnRestart
 from drivebus.plant.service import Service
@@ -109,5 +110,8 @@ def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file(
             await kit.call("drive.unwaive", drive="pump-1")
         async with plant(store=store) as kit:
             assert (await kit.call("drives.get", drive="pump-1"))["host_dies"]["waiver"] is None
+        drives = tuple(replace(drive, limits=DriveLimits(maximum_hz=30.0)) for drive in DRIVES)
+        async with plant(setting(drives=drives), store=store) as kit:  # the file was made narrower meanwhile
+            assert (await kit.call("drives.get", drive="pump-1"))["maximum_hz"] == 30.0
 
     run(story())

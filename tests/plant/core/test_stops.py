@@ -525,3 +525,18 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
             assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
 
     run(story())
+
+
+def test_an_ending_service_does_not_wait_for_a_long_ramp() -> None:
+    """6.6: confirmed or told within three seconds; the drive goes on slowing down by itself."""
+
+    async def story() -> None:
+        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=30"), BUSES[1])
+        async with plant(setting(buses=buses)) as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(15)
+            begun = kit.service.plant.now()
+            assert await kit.service.stop() == {"fan-1": None}
+            assert kit.service.plant.now() - begun <= 3.0
+
+    run(story())
