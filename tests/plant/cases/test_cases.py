@@ -235,6 +235,12 @@ def test_i12_memory_is_bounded() -> None:
     assert len(ring._samples) == 1
 
 
+def test_what_a_silent_drive_said_more_than_a_minute_ago_is_not_in_its_case() -> None:
+    ring = Ring()
+    ring.samples([sample(1.0)], 39.0)
+    assert ring.frozen(100.0)["signals"] == {}
+
+
 def test_faults_interlocks_and_unconfirmed_stops_are_trips() -> None:
     assert {"fault", "interlock", "stop_unconfirmed"} == TRIPS
 
