@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from threading import Barrier, BrokenBarrierError
 from typing import Any
 
 import pytest
@@ -196,6 +198,23 @@ def test_the_oldest_go_when_there_are_too_many_or_too_much(tmp_path: Path) -> No
     small = CaseStore(tmp_path, largest=10)
     small.write("fan-1", {"time_ms": 9, "drive": "fan-1"}, {}, Header(LINE), [])
     assert [one["id"][:6] for one in store.list(*EVER)["items"]] == ["000006"]
+
+
+def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever tidies up must not take another writer's half for a dead one's."""
+    store, together, real = CaseStore(tmp_path), Barrier(2, timeout=0.2), os.fsync
+
+    def slow(fd: int) -> None:
+        with suppress(BrokenBarrierError):
+            together.wait()
+        real(fd)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    with ThreadPoolExecutor(2) as threads:
+        summaries = [(drive, {"time_ms": 1, "drive": drive}) for drive in ("fan-1", "pump-1")]
+        done = [threads.submit(store.write, drive, summary, {}, Header(LINE), []) for drive, summary in summaries]
+        assert sorted(one.result()[:6] for one in done) == ["000001", "000002"]
+    assert len(store.list(*EVER)["items"]) == 2
 
 
 def test_cases_come_in_pages_by_span_and_drive(tmp_path: Path) -> None:
