@@ -86,6 +86,24 @@ async def test_t19_s08_a_start_that_is_not_exactly_right_is_refused_and_reaches_
     assert error["params"]["faults"] and plant.asked == []
 
 
+@pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])
+async def test_t19_what_is_no_number_is_refused_before_anybody_reads_it(number: str) -> None:
+    """The plant's own models refuse it too; here even where no model looks."""
+    answer = await ask(Plant(), "POST", RUN, content=f'{{"anything": {number}}}'.encode())
+    assert "is no number" in answer.json()["error"]["params"]["problems"]
+
+
+async def test_a_whole_number_may_be_written_with_a_point() -> None:
+    """JSON has one kind of number. Found by schemathesis: 60.0 minutes fit the description and were refused."""
+    plant, path = Plant(), f"{PREFIX}/alarms/a/shelve"
+    answers = [
+        await ask(plant, "POST", path, content=f'{{"minutes": {minutes}, "reason": "work"}}'.encode())
+        for minutes in ("60.0", "60.5", '"60"', "true")
+    ]
+    assert [answer.status_code for answer in answers] == [200, 422, 422, 422]
+    assert type(plant.asked[0][1]["minutes"]) is int
+
+
 @pytest.mark.parametrize(
     "query", ["after=1.0", "after=１", "after=+1", "after=1_0", "after=", "after=1&after=2", "x=1"]
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivebus.plant.access.rights import Right, Role
 
@@ -61,7 +61,12 @@ class ChangedUser(Given):
     end_sessions: Annotated[bool, Field(strict=True)] = False
 
 
+def whole(found: object) -> object:
+    """JSON has one kind of number: 30.0 days are 30."""
+    return int(found) if isinstance(found, float) and found.is_integer() else found
+
+
 class NewToken(Given):
     name: Name
     rights: Annotated[list[Right], Field(min_length=1, max_length=len(Right))]
-    days: Annotated[int, Field(strict=True, ge=1, le=366)] = 90
+    days: Annotated[int, BeforeValidator(whole), Field(strict=True, ge=1, le=366)] = 90

@@ -76,8 +76,11 @@ def _no_number(text: str) -> float:
 
 
 def _number(text: str) -> float:
+    """JSON has one kind of number: 60.0 is the whole number 60. Raises ValueError."""
     value = float(text)
-    return value if math.isfinite(value) else _no_number(text)
+    if not math.isfinite(value):
+        return _no_number(text)
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
 
 
 def _fault(operation: str, problem: str) -> ParamsError:
