@@ -44,7 +44,8 @@ export function LeaseLine({ view }) {
   const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
   return html`<div class=${`lease ${mine ? "mine" : ""}`}><span class="who" role="status">${words}</span>
-    ${!view.lease && html`<${Button} kind="main" disabled=${!can} busy=${busy} onClick=${() => run(() => take(view.id))}
+    ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
+      onClick=${() => run(() => take(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
     ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => giveBack(view.id))}>${t("page.lease_give")}<//>`}
     ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
