@@ -69,4 +69,4 @@ def whole(found: object) -> object:
 class NewToken(Given):
     name: Name
     rights: Annotated[list[Right], Field(min_length=1, max_length=len(Right))]
-    days: Annotated[int, BeforeValidator(whole), Field(strict=True, ge=1, le=366)] = 90
+    days: Annotated[int, Field(strict=True, ge=1, le=366), BeforeValidator(whole)] = 90
