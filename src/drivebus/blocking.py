@@ -26,7 +26,7 @@ from drivebus.bus import BusStatistics, Health
 from drivebus.drives.commloss import CommLossReport
 from drivebus.drives.identity import Identity
 from drivebus.drives.lease import JogLease
-from drivebus.drives.memory import Preflight
+from drivebus.drives.memory import DriveLimits, Preflight
 from drivebus.drives.proofs import KEYPAD_HZ, CodingFound
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
@@ -236,6 +236,36 @@ class Drive:
     def stop_pending(self) -> bool:
         """A stop was sent that the drive has not confirmed; it is being repeated while the bus is open."""
         return self.drive.stop_pending
+
+    def stop_among(self, drives: int) -> Outcome:
+        return self._bus.wait(self.drive.stop_among(drives))
+
+    @property
+    def limits(self) -> DriveLimits:
+        """The user's own limits; what is set here holds from the next command on."""
+        return self.drive.limits
+
+    @limits.setter
+    def limits(self, limits: DriveLimits) -> None:
+        self._bus.call(lambda: setattr(self.drive, "limits", limits))
+
+    @property
+    def range_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that may be set."""
+        return self.drive.range_hz
+
+    @property
+    def acceleration_s(self) -> float | None:
+        """Its ramp, where the pre-flight has read it."""
+        return self.drive.acceleration_s
+
+    def check_frequency(self, frequency_hz: float) -> float:
+        """What the drive makes of a frequency, in Hz. Raises LimitError; nothing is sent."""
+        return self.drive.check_frequency(frequency_hz)
+
+    def repace(self, profile: DriveProfile) -> None:
+        """The same model with other periods: for the monitors that follow."""
+        self._bus.call(lambda: self.drive.repace(profile))
 
     def reset_fault(self) -> Outcome:
         return self._bus.wait(self.drive.reset_fault())

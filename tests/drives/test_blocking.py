@@ -15,7 +15,7 @@ from drivebus.drives.state import Direction, OutcomeWord
 from drivebus.errors import GateError, NotReached
 
 LOOP_ONLY = {"add", "remove", "submit", "transact", "watch", "trace", "now", "generation", "presence", "line", "open"}
-LOOP_ONLY |= {"is_open", "is_closed", "data_received", "port_lost"}
+LOOP_ONLY |= {"is_open", "is_closed", "data_received", "port_lost", "late_s"}
 """Of Bus: its wiring. ``blocking.Bus.bus`` is the bus itself; ``health`` tells presence."""
 
 
