@@ -24,7 +24,8 @@ from drivebus.plant.access.access import Access
 from drivebus.plant.access.passwords import Passwords
 from drivebus.plant.assemble import Rooms
 from drivebus.plant.config import load
-from drivebus.plant.service import Service, utc_ms
+from drivebus.plant.service import Service
+from drivebus.seams import wall_ms
 from drivebus.sim.port import SimPort, forget_benches
 from drivebus.web.app import make_app
 from drivebus.web.server import Server, bound, config
@@ -191,7 +192,7 @@ class Stage:
         setting = load(file)
         setting.directory.mkdir(parents=True, exist_ok=True)
         loop = asyncio.get_running_loop()
-        rooms = Rooms(setting, lambda: timers.clock_of(loop), utc_ms)
+        rooms = Rooms(setting, lambda: timers.clock_of(loop), wall_ms)
         kept = MemoryStore()
         self.service = Service(setting, await rooms.open(), store=kept, drive_store=MemoryStore())
         await self.service.start()

@@ -12,6 +12,11 @@ def wall_clock() -> datetime:
     return datetime.now(UTC)
 
 
+def wall_ms() -> int:
+    """The same in UTC milliseconds."""
+    return int(wall_clock().timestamp() * 1000)
+
+
 class Clock(Protocol):
     """Monotonic seconds; never the wall clock (F21)."""
 

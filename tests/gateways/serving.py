@@ -21,8 +21,9 @@ from drivebus.plant.access.sessions import digest
 from drivebus.plant.assemble import Rooms
 from drivebus.plant.client import PlantClient
 from drivebus.plant.model import WebSetting
-from drivebus.plant.service import Service, utc_ms
+from drivebus.plant.service import Service
 from drivebus.plant.socket_server import SocketServer
+from drivebus.seams import wall_ms
 from drivebus.sim.port import forget_benches
 from drivebus.web.app import make_app
 from drivebus.web.server import LOOPBACK, Server, bound, config
@@ -68,7 +69,7 @@ def register() -> Register:
 async def whole(directory: Path) -> AsyncIterator[Kit]:
     """A plant over simulated drives with its real trail, history, alarms and cases on disk."""
     chosen, store = setting(buses=QUICK_BUSES, directory=directory), MemoryStore()
-    rooms = Rooms(chosen, asyncio.get_running_loop().time, utc_ms)
+    rooms = Rooms(chosen, asyncio.get_running_loop().time, wall_ms)
     try:
         async with Service(chosen, await rooms.open(), store=store, drive_store=MemoryStore()) as service:
             yield Kit(service, PaperTrail(), PaperHistory(), store)

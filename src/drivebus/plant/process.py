@@ -17,10 +17,11 @@ from drivebus.plant.assemble import Rooms
 from drivebus.plant.lock import only_one
 from drivebus.plant.model import PlantSetting
 from drivebus.plant.notify import Notify
-from drivebus.plant.service import SERVICE, Service, utc_ms
+from drivebus.plant.service import SERVICE, Service
 from drivebus.plant.socket_paths import PLANT, STOP
 from drivebus.plant.socket_server import SocketServer, StopServer
 from drivebus.plant.supervisor import Supervisor
+from drivebus.seams import wall_ms
 
 Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.plant")
@@ -36,7 +37,7 @@ async def run(setting: PlantSetting, *, web: bool = True, ready: Callable[[], No
     notify, ending = Notify(), asyncio.Event()
     with only_one(setting.directory), heeding(loop, ending) as on_reload:
         async with AsyncExitStack() as stack:
-            rooms = Rooms(setting, lambda: timers.clock_of(loop), utc_ms)
+            rooms = Rooms(setting, lambda: timers.clock_of(loop), wall_ms)
             stack.push_async_callback(rooms.close)
             service = Service(setting, await rooms.open())
             service.watching.after_look = lambda now: notify.feed(service.plant.lines.values(), now)

@@ -29,16 +29,11 @@ from drivebus.plant.stopping import Stopping
 from drivebus.plant.units import Unit
 from drivebus.plant.view import Sample
 from drivebus.plant.watching import Watching
-from drivebus.seams import Store, wall_clock
+from drivebus.seams import Store, wall_ms
 
 Json = dict[str, Any]
 SERVICE = local("drivebus", "service")
 """Who acts where a policy acts."""
-
-
-def utc_ms() -> int:
-    """The wall clock: for labels only."""
-    return int(wall_clock().timestamp() * 1000)
 
 
 class Service:
@@ -50,7 +45,7 @@ class Service:
         parts: Parts,
         *,
         store: Store | None = None,
-        wall_ms: Callable[[], int] = utc_ms,
+        wall_ms: Callable[[], int] = wall_ms,
         drive_store: Store | None = None,
     ) -> None:
         """``store`` keeps waivers and limits; ``drive_store`` what was proved and worn (None: as ``Drive`` does)."""

@@ -33,6 +33,7 @@ from drivebus.plant.model import PlantSetting
 from drivebus.plant.process import run
 from drivebus.plant.socket_client import SocketClient
 from drivebus.plant.socket_paths import PLANT
+from drivebus.seams import wall_ms
 
 PORT = 8080
 CODE_S = 12 * 3600.0
@@ -98,7 +99,7 @@ async def prepared(setting: PlantSetting) -> str:
 
 
 async def _history(setting: PlantSetting) -> None:
-    start_ms = time.time_ns() // 1_000_000 - int(HOURS * 3_600_000)
+    start_ms = wall_ms() - int(HOURS * 3_600_000)
     async with Historian(setting.history, setting.directory) as history:
         for line in LINES:
             for part in line.drives:

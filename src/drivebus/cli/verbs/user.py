@@ -23,9 +23,9 @@ _DAY_MS = 86_400_000
 
 
 def _add(plant: str, name: str, role: str) -> None:
-    from drivebus.plant.access.access import wall_ms
     from drivebus.plant.access.register import User, plain
     from drivebus.plant.access.rights import Role
+    from drivebus.seams import wall_ms
 
     user = User(plain(name), Role(role), _hash(name), wall_ms())
     _change(plant, "user.add", name, {"role": role}, lambda register: register.added(user))
@@ -66,10 +66,10 @@ def _remove(plant: str, name: str) -> None:
 
 
 def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
-    from drivebus.plant.access.access import wall_ms
     from drivebus.plant.access.register import Token, plain
     from drivebus.plant.access.rights import Right
     from drivebus.plant.access.sessions import digest
+    from drivebus.seams import wall_ms
 
     secret, now_ms, rights = "dbt_" + secrets.token_urlsafe(32), wall_ms(), tuple(sorted(Right(one) for one in right))
     made = Token(secrets.token_hex(6), label, plain(name), rights, digest(secret), now_ms, now_ms + days * _DAY_MS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import time
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any, Protocol
@@ -164,8 +163,3 @@ class Channel:
 
 _EARLY_S = 0.01
 """The plant's own beat is as long as the usual interval: a message that comes a hair early is not held back for it."""
-
-
-def wall_ms() -> int:
-    """UTC milliseconds, a label only."""
-    return time.time_ns() // 1_000_000

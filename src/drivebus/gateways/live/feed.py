@@ -9,11 +9,12 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from drivebus.errors import DrivebusError
-from drivebus.gateways.live.channel import Channel, Ear, wall_ms
+from drivebus.gateways.live.channel import Channel, Ear
 from drivebus.gateways.live.mirror import Mirror
 from drivebus.plant.access.rights import Right
 from drivebus.plant.actor import Actor
 from drivebus.plant.client import PlantClient
+from drivebus.seams import wall_ms
 
 Json = dict[str, Any]
 Patterns = tuple[str, ...]

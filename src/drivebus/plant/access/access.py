@@ -20,15 +20,10 @@ from drivebus.plant.access.setup import SetUp
 from drivebus.plant.access.store import AccessFile
 from drivebus.plant.access.throttle import Throttle
 from drivebus.plant.access.visitor import Around, BySession, ByToken, Visitor
-from drivebus.seams import Clock, wall_clock
+from drivebus.seams import Clock, wall_ms
 
 KEEP_S = 60.0
 """How far back the last touch of a session may lie after a crash of the web process."""
-
-
-def wall_ms() -> int:
-    """UTC milliseconds, for dates in the register only."""
-    return int(wall_clock().timestamp() * 1000)
 
 
 @dataclass(frozen=True, slots=True)

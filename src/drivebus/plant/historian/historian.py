@@ -9,13 +9,13 @@ import asyncio
 import contextlib
 import json
 import logging
-import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
+from drivebus import seams
 from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.plant.historian.intake import Intake
 from drivebus.plant.historian.past import Past
@@ -61,7 +61,7 @@ class Historian(Past):
         directory: Path,
         *,
         flush_s: float = FLUSH_S,
-        wall_ms: Callable[[], int] = lambda: time.time_ns() // 1_000_000,
+        wall_ms: Callable[[], int] = seams.wall_ms,
         made: Callable[[HistorySetting, Path], tuple[Store, Store]] = stores,
     ) -> None:
         writing, reading = made(setting, directory)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from drivebus import seams
 from drivebus.plant.historian import retention
 from drivebus.plant.historian.blocks import Damaged, decode_batch
 from drivebus.plant.historian.intake import Intake
@@ -47,7 +48,7 @@ class Writer:
         setting: HistorySetting,
         intake: Intake,
         *,
-        wall_ms: Callable[[], int] = lambda: time.time_ns() // 1_000_000,
+        wall_ms: Callable[[], int] = seams.wall_ms,
         monotonic_s: Callable[[], float] = time.monotonic,
         breath_s: float = BREATH_S,
     ) -> None:
