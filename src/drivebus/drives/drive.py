@@ -303,11 +303,17 @@ class Drive:
         begun = begin(conversation, self.bus, self.address)
         stopping_it = asyncio.ensure_future(self._stopped(conversation, how, begun))
         self._stops.add(stopping_it)
-        stopping_it.add_done_callback(self._stops.discard)
+        stopping_it.add_done_callback(self._stop_ended)
         outcome = await self._told_in_time(stopping_it, talk, progress, how)
         if outcome.key == "drives.stop_answered":
             return outcome
         return settled(outcome, stop=True)
+
+    def _stop_ended(self, stop: asyncio.Task[Outcome]) -> None:
+        """Whoever still waits for it hears how; one that nobody waits for may end with its drive's registration."""
+        self._stops.discard(stop)
+        if not stop.cancelled():
+            stop.exception()
 
     async def _told_in_time(
         self, stopping_it: asyncio.Task[Outcome], talk: Talk, progress: stopping.Progress, how: Stop

@@ -92,11 +92,15 @@ class Stopping:
             unit for unit in self.plant.units.values()
             if unit.started and unit.setting.on_service_stop is OnServiceStop.STOP
         ]  # fmt: skip
-        stops = {unit: asyncio.create_task(self._one(unit, actor, 1)) for unit in units}
+        self.plant.stopped(*units)
+        stops = {unit: asyncio.create_task(self._one(unit, actor, len(units))) for unit in units}
         if stops:
-            self.plant.stopped(*stops)
             await asyncio.wait(stops.values(), timeout=PATIENCE_S)
-        return {unit.id: task.result() if task.done() else None for unit, task in stops.items()}
+        found = {unit.id: task.result() if task.done() else None for unit, task in stops.items()}
+        for task in stops.values():  # the stops themselves have been sent; nobody waits for their end any more
+            task.cancel()
+        await asyncio.gather(*stops.values(), return_exceptions=True)
+        return found
 
 
 async def _bus(line: Line, units: Sequence[Unit]) -> StopReport:

@@ -29,6 +29,7 @@ from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import local
 from drivebus.plant.config import loads
 from drivebus.plant.historian import Historian
+from drivebus.plant.logs import begin
 from drivebus.plant.model import PlantSetting
 from drivebus.plant.process import run
 from drivebus.plant.socket_client import SocketClient
@@ -50,6 +51,7 @@ TRIP_S, TRIPS = 25.0, ("fan-3", 0, 3)
 
 def show(port: int = PORT) -> Exit:
     """Until Ctrl-C."""
+    begin("text")
     with tempfile.TemporaryDirectory(prefix="drivebus-plant-") as folder:
         return asyncio.run(_demo(Path(folder), port))
 
