@@ -113,7 +113,7 @@ def test_a_start_that_the_bus_repeats_by_itself_is_found(monkeypatch: pytest.Mon
     monkeypatch.setattr(commands, "TROUBLE_S", 0.2)
     monkeypatch.setattr(commands.Episode, "_trouble", lambda self: [s.press_stop() for s in self.stand.bench.stations])
     only(monkeypatch, "c320-ascii")
-    assert found(campaign(400), "I2")
+    assert found(campaign(800), "I2")
 
 
 def test_a_write_that_is_believed_unread_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

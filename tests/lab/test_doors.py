@@ -33,5 +33,5 @@ DOORS: dict[str, tuple[type, str, Callable[..., Any]]] = {
 def test_g21_strangers_come_in_where_the_door_is_open(door: str, monkeypatch: pytest.MonkeyPatch) -> None:
     owner, name, instead = DOORS[door]
     monkeypatch.setattr(owner, name, instead)
-    session = perform(find("doors"), Session("doors", 3, 400))
+    session = perform(find("doors"), Session("doors", 3, 2000))
     assert session.violated > 0

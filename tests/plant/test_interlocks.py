@@ -144,6 +144,7 @@ def test_a_reload_keeps_what_unchanged_interlocks_know() -> None:
     found.evaluate(views("stopped"), 1.0)
     flow = InterlockSetting("flow", ("fan",), "pump.state == running", delay_s=2.0)
     found.replace([flow, InterlockSetting("more", ("fan",), "pump.state == stopped")])
+    assert "more" in [one.id for one in found.violated("fan")], "a new one forbids until somebody has looked at it"
     assert found.evaluate(views("stopped"), 3.0) == [("flow", False)]
     found.replace([InterlockSetting("flow", ("fan",), "pump.state == stopped", delay_s=2.0)])
     assert found.evaluate(views("stopped"), 4.0) == [] and found.violated("fan") == []

@@ -81,7 +81,10 @@ class Answers:
         """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
         unit = self.plant.unit(params.drive)
         self.plant.leases.need(unit.id, actor, self.plant.now())
-        unit.badge_stale = True
-        outcome = await unit.drive.write(params.values, params.save)
+        unit.doubt_badge()
+        try:
+            outcome = await unit.drive.write(params.values, params.save)
+        finally:
+            unit.doubt_badge()  # what was read meanwhile may have been the old value
         self.plant.tell("configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word))
         return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}

@@ -52,6 +52,8 @@ class Groups:
     async def start(self, params: ask.GroupStart, actor: Actor) -> Json:
         """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest."""
         group, units = self._own(params.group, actor)
+        if group.id in self.progress:
+            raise Superseded("plant.group_starting", group=group.id)
         for unit in units:
             check(self.plant, unit)
             unit.drive.check_frequency(share_hz(group, unit.id, params.frequency_hz))
@@ -64,7 +66,7 @@ class Groups:
                 outcomes[unit.id] = await self._turn(group, units, unit, wished, params, actor)
                 self.progress[group.id] += 1
         finally:
-            del self.progress[group.id]
+            self.progress.pop(group.id, None)
         return {"outcomes": outcomes}
 
     async def _turn(
@@ -77,6 +79,8 @@ class Groups:
                 raise Superseded("plant.stopped_meanwhile", drive=unit.id)
             self._still_owns(unit, actor)
             check(self.plant, unit)
+            if any(self.plant.units.get(one.id) is not one for one in units):  # another drive by now, after a reload
+                raise Superseded("plant.stopped_meanwhile", drive=unit.id)
             frequency_hz = share_hz(group, unit.id, params.frequency_hz)
             found = await self.commands.start(unit, frequency_hz, params.direction, actor)
         except DrivebusError as error:

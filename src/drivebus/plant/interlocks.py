@@ -59,6 +59,8 @@ class _Watched:
     known: bool = False
     """It was certain once."""
     violation: Violation | None = None
+    looked: bool = False
+    """Nobody knows yet whether it holds: it forbids."""
 
 
 class Interlocks:
@@ -85,6 +87,7 @@ class Interlocks:
     def _looked(self, one: _Watched, views: Mapping[str, DriveView], now: float) -> bool | None:
         look = look_in(views)
         certain = holds(one.expression, look)
+        one.looked = True
         one.known = one.known or certain is not None
         before = one.violation
         was_tripped = before is not None and before.tripped
@@ -105,12 +108,11 @@ class Interlocks:
     def violations(self, drive: str) -> list[Violation]:
         """Why this drive may not be started now: every interlock of it that does not hold, whatever its action.
 
-        Before the first ``evaluate`` nothing is known to hold: every interlock forbids.
+        Before ``evaluate`` has looked at it nothing is known to hold, also after a reload: it forbids.
         """
         mine = [one for one in self._all.values() if drive in one.setting.drives]
-        if self._begun is None:
-            return [Violation(one.setting, 0.0, False, (both("interlocks.not_looked"),)) for one in mine]
-        return [one.violation for one in mine if one.violation is not None]
+        new = [Violation(one.setting, 0.0, False, (both("interlocks.not_looked"),)) for one in mine if not one.looked]
+        return new + [one.violation for one in mine if one.looked and one.violation is not None]
 
     def violated(self, drive: str) -> list[InterlockSetting]:
         """The settings of these: they forbid this drive's start."""

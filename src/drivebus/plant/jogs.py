@@ -65,6 +65,7 @@ class Jogs:
         """Whoever may stop may end it."""
         held = self._find(params)
         self._held.pop(params.jog, None)
+        self.plant.stopped(held.unit)
         outcome = await self.commands.ended(held.unit, _ended(held.lease))
         return self.commands.told(held.unit, "stop", outcome, actor)
 
@@ -79,6 +80,7 @@ class Jogs:
         for word, held in tuple(self._held.items()):
             if held.lease.lost:
                 del self._held[word]
+                self.plant.stopped(held.unit)
                 self.plant.tell("lease", held.unit.id, "plant.jog_lost", actor=held.actor.name)
                 task = asyncio.create_task(self._lost(held), name=f"lost jog of {held.unit.id}")
                 self._ending.add(task)

@@ -35,6 +35,8 @@ class Leases:
 
     def __init__(self) -> None:
         self._held: dict[str, Lease] = {}
+        self._over: list[Lease] = []
+        """Ran out, and somebody took the drive before that was told."""
 
     def get(self, drive: str, now: float) -> Lease | None:
         """The lease in force."""
@@ -50,6 +52,9 @@ class Leases:
         taken = held if held is not None and held.actor.session != actor.session else None
         if taken is not None and not actor.may(Right.TUNE):
             raise _owned(taken)
+        old = self._held.get(drive)
+        if held is None and old is not None and old.actor.session != actor.session:
+            self._over.append(old)
         self._held[drive] = Lease(drive, actor, now + TTL_S)
         return taken
 
@@ -74,14 +79,16 @@ class Leases:
         held = self.get(drive, now)
         if held is not None and held.actor.session != actor.session:
             raise _owned(held)
-        self._held.pop(drive, None)
+        if held is not None:
+            del self._held[drive]
 
     def expired(self, now: float) -> list[Lease]:
         """Leases that have run out, told once."""
         over = [lease for lease in self._held.values() if lease.until <= now]
         for lease in over:
             del self._held[lease.drive]
-        return over
+        before, self._over = self._over, []
+        return before + over
 
     def forget(self, drive: str) -> None:
         """The drive is no longer part of the plant."""

@@ -38,7 +38,7 @@ class Policies:
     def _lost(self, unit: Unit, lease: Lease) -> None:
         owner = lease.actor.name
         self.plant.tell("lease", unit.id, "plant.lease_lost", actor=owner, owner=owner)
-        if not may_turn(unit):
+        if not may_turn(unit) and not _lost_from_sight(unit):
             return
         if unit.setting.on_client_lost is OnClientLost.STOP:
             self.stop(unit, "plant.stopped_client_lost", owner=owner)
@@ -57,6 +57,8 @@ class Policies:
                 self.plant.alarm(Own.NO_OWNER, unit.id)
         unit.judged = True
         if state.output_off and status.at is not None and status.at > unit.moved_at + SEEN_S:
+            if not unit.drive.stop_pending:
+                self.plant.calm(Own.STOP_UNCONFIRMED, unit.id)
             unit.started = False  # stopped at its keypad, or tripped: whoever starts it again is not us
         if not state.turning or self.plant.leases.get(unit.id, self.plant.now()) is not None:
             for kind in (Own.NO_OWNER, Own.LEASE_LOST):
@@ -94,6 +96,11 @@ class Policies:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _lost_from_sight(unit: Unit) -> bool:
+    """It could tell its state and does not now: it may be running, whoever started it."""
+    return unit.drive.dialect.can_tell and unit.status().state is DriveState.UNKNOWN
 
 
 def may_turn(unit: Unit) -> bool:

@@ -28,8 +28,8 @@ def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
         yield GateError("drives.duplicate", station=address)
     for violation in plant.parts.interlocks.violations(unit.id):
         yield Interlocked("interlocks.violated", **violation.params)
-    if unit.host_dies.kind != "trips" and unit.waiver is None:
-        yield WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.host_dies.text)
+    if unit.badge.kind != "trips" and unit.waiver is None:
+        yield WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.badge.text)
     if not plant.parts.trail.ok:
         yield AuditUnavailable("plant.audit_unavailable")
 

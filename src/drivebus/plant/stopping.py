@@ -59,6 +59,7 @@ class Stopping:
             outcomes[unit.id] = outcome_json(outcome, self.plant.command_id("stop"))
             if outcome.done:
                 unit.started, unit.commanded_hz = False, None
+                self.plant.calm(Own.STOP_UNCONFIRMED, unit.id)
             else:
                 self.plant.alarm(Own.STOP_UNCONFIRMED, unit.id)
         unconfirmed = [by_address[address].id for address in report.unconfirmed]

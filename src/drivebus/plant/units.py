@@ -43,6 +43,7 @@ class Unit:
         self.host_dies = HostDies("unknown", None, NOT_READ)
         self.host_dies_read_at: float | None = None
         self.badge_stale = False
+        self.badge_doubts = 0
         """Something was written since it was read."""
         self.started_at: float | None = None
         """When a group last started it."""
@@ -63,7 +64,8 @@ class Unit:
     @property
     def badge(self) -> HostDies:
         """What the drive does when this host dies, with the waiver that somebody recorded."""
-        return replace(self.host_dies, waiver=self.waiver)
+        found = HostDies("unknown", None, NOT_READ) if self.badge_stale else self.host_dies
+        return replace(found, waiver=self.waiver)
 
     def take(self, setting: DriveSetting, *, polls: bool) -> None:
         """Other limits and policies from now on, and other ``polls``; everything else of the drive is as it was."""
@@ -98,8 +100,14 @@ class Unit:
         """Limits of an engineer on top of those of the plant's file, or only those (None)."""
         self.drive.limits = own or self.setting.limits
 
-    def found_host_dies(self, report: CommLossReport, now: float) -> None:
-        """What the drive was read to do when nobody speaks to it any more."""
+    def doubt_badge(self) -> None:
+        """Something was written, or the drive was away: what it does when this host dies is not known until read."""
+        self.badge_stale = True
+        self.badge_doubts += 1
+
+    def found_host_dies(self, report: CommLossReport, now: float, doubts: int | None = None) -> None:
+        """What the drive was read to do when nobody speaks to it any more; ``doubts`` there were before it was read."""
+        self.badge_stale = doubts is not None and doubts != self.badge_doubts
         kind = {True: "trips", False: "runs_on", None: "unknown"}[report.trips]
         self.host_dies = HostDies(kind, _seconds(report.time), Text(report.text("en"), report.text("zh")))
         self.host_dies_read_at = now

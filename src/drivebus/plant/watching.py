@@ -31,6 +31,7 @@ Step = Callable[[], None]
 BADGE_S = 3600.0
 """What a drive does when its host dies is read from it again after so long: it costs bus time."""
 BADGE_AGAIN_S = 60.0
+BADGE_DOUBTED_S = 2.0
 LOG = logging.getLogger("drivebus.plant")
 
 
@@ -176,20 +177,21 @@ class Watching:
             return
         asked = self._asked.get(unit.id)
         wait_s = BADGE_S if unit.host_dies_read_at is not None else BADGE_AGAIN_S
-        if asked is not None and now - asked < wait_s and not unit.badge_stale:
+        wait_s = BADGE_DOUBTED_S if unit.badge_stale else wait_s
+        if asked is not None and now - asked < wait_s:
             return
         self._asked[unit.id] = now
-        unit.badge_stale = False
         task = asyncio.create_task(self._read_badge(unit), name=f"badge {unit.id}")
         self._reading.add(task)
         task.add_done_callback(self._reading.discard)
 
     async def _read_badge(self, unit: Unit) -> None:
+        doubts = unit.badge_doubts
         try:
             report = await unit.drive.if_host_dies()
         except (DrivebusError, KeyError):
             return
-        unit.found_host_dies(report, self.plant.now())
+        unit.found_host_dies(report, self.plant.now(), doubts)
 
     async def close(self) -> None:
         """No more reads of its own."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -285,6 +287,22 @@ def test_a_touch_is_written_down_once_a_minute(tmp_path: Path) -> None:
         clock.now = begun + passed_s
         run(access.touch(visitor.session))
         assert access.keeper.read()[0].active == begun + kept_s
+
+
+def test_a_request_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """6.5, G14: it may be a stop."""
+    access, clock = made(tmp_path)
+    _, visitor = login(access)
+    clock.now += KEEP_S
+    hangs = threading.Event()
+    monkeypatch.setattr(access.keeper, "write", lambda kept: hangs.wait(20.0))
+
+    async def story() -> None:
+        await asyncio.wait_for(access.touch(visitor.session), 5.0)
+        assert not hangs.is_set()
+        hangs.set()
+
+    asyncio.run(story())
 
 
 def test_s04_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:

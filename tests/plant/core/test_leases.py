@@ -26,6 +26,18 @@ def test_a_lease_ends_to_the_tick_unless_it_is_renewed() -> None:
     assert leases.expired(200.0) == []
 
 
+def test_a_lease_that_ran_out_is_told_even_when_somebody_was_quicker() -> None:
+    """6.6: another's release or taking before the next look must not swallow the lost owner's policy."""
+    leases = Leases()
+    leases.take("a", ANN, 0.0)
+    leases.release("a", BOB, TTL_S)
+    assert [lease.actor for lease in leases.expired(TTL_S)] == [ANN]
+    leases.take("a", ANN, 20.0)
+    leases.take("a", BOB, 20.0 + TTL_S)
+    assert [lease.actor for lease in leases.expired(20.0 + TTL_S)] == [ANN]
+    assert leases.expired(20.0 + TTL_S) == [] and leases.get("a", 21.0 + TTL_S) is not None
+
+
 def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:
     leases = Leases()
     leases.take("a", ANN, 0.0)
