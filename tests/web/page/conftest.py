@@ -19,6 +19,7 @@ ALLOWED_NOISE = (
     "401 (Unauthorized)",
     "403 (Forbidden)",
     "503 (Service Unavailable)",
+    "500 (Internal Server Error)",  # a server that is ended cuts a request off when its patience is over
     "WebSocket connection",
 )
 """What the browser itself says when a server, a session or an answer is gone: the tests take them away."""
