@@ -132,7 +132,7 @@ def _quoted(part: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A TOML value as one would write it, cut at 60 characters."""
+    """A TOML value as one would write it; of a long one its two ends."""
     if value is None:
         text = "-"
     elif isinstance(value, bool):
@@ -141,4 +141,9 @@ def shown(value: Any) -> str:
         text = f'"{value}"'
     else:
         text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return cut(text)
+
+
+def cut(text: str) -> str:
+    """At most 60 characters: what lies in the middle of a longer one is left out, for a path's name is at its end."""
+    return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"

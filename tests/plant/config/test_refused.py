@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.plant import config
+from refusedkit import all_expected, check, check_pairs
 
 REFUSED = Path(__file__).parents[1] / "refused"
 FILES = sorted(REFUSED.glob("*.toml"))
@@ -23,28 +22,14 @@ def refusal(path: Path) -> ConfigurationError:
     return caught.value
 
 
-def expected(path: Path) -> list[dict[str, Any]]:
-    wanted: list[dict[str, Any]] = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    return wanted
-
-
 def test_there_are_at_least_twenty_five_refused_files_each_with_its_expectation() -> None:
     assert len(FILES) >= 25
-    assert {path.stem for path in REFUSED.glob("*.json")} == {path.stem for path in FILES}
+    check_pairs(FILES)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_bad_plant_is_refused_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
-    found = refusal(path).params["complaints"]
-    wanted = expected(path)
-    assert [(Path(c.file).name, c.line, c.kind, c.key) for c in found] == [
-        (w["file"], w["line"], w["kind"], w["key"]) for w in wanted
-    ]
-    for complaint, want in zip(found, wanted, strict=True):
-        assert complaint.expected.en == want["expected"]
-        assert complaint.remedy.en == want["remedy"]
-        if complaint.kind != "toml":  # tomllib's own words change with Python
-            assert complaint.found.replace(str(REFUSED), "HERE") == want["found"]
+    check(path, refusal(path))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -123,5 +108,4 @@ def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() 
     for kind in kinds:
         for part in ("kind", "expected", "remedy"):
             assert f"plant_config.{part}.{kind}" in known or f"profiles.{part}.{kind}" in known
-    shown = {complaint["kind"] for path in FILES for complaint in expected(path)}
-    assert kinds - shown == {"too_large", "unreadable"}
+    assert kinds - all_expected(FILES) == {"too_large", "unreadable"}

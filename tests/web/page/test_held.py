@@ -28,7 +28,7 @@ def page(stage: Stage, visit: Any) -> Any:
 
 def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
     asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url.partition("pump-1")[2]))
+    page.on("request", lambda request: asked.append(request.url.partition("/drives/pump-1")[2]))
     page.hover(HOLD)
     page.mouse.down()
     for _ in range(3):
@@ -36,6 +36,7 @@ def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Sta
             pass
     with page.expect_response("**/jog/end"):
         page.mouse.up()
+    asked = [way for way in asked if way.startswith("/jog")]  # the page may ask for its values in between
     assert asked[0] == "/jog" and asked[-1] == "/jog/end" and asked.count("/jog") == 1
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 

@@ -74,9 +74,12 @@ export function stateOf(view) {
 }
 
 /** Drive signals in the order in which people ask for them. */
-export const FIRST_SIGNALS = [
+const FIRST_SIGNALS = [
   "output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency",
 ];
+
+/** To sort signals by that order; the others come after them. */
+export const signalRank = (name) => (FIRST_SIGNALS.includes(name) ? FIRST_SIGNALS.indexOf(name) : FIRST_SIGNALS.length);
 
 const learned = signal({});
 

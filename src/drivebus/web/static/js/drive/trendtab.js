@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
-import { FIRST_SIGNALS, signalName } from "../format.js";
+import { signalName, signalRank } from "../format.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
 /** Shown at first, where the history knows them. */
@@ -10,8 +10,7 @@ const MOST_AT_FIRST = 3;
 
 async function tagsOf(id) {
   const { tags } = await api.get("/history/tags");
-  const rank = ({ signal }) => (FIRST_SIGNALS.includes(signal) ? FIRST_SIGNALS.indexOf(signal) : FIRST_SIGNALS.length);
-  return tags.filter((one) => one.drive === id).sort((a, b) => rank(a) - rank(b));
+  return tags.filter((one) => one.drive === id).sort((a, b) => signalRank(a.signal) - signalRank(b.signal));
 }
 
 function Pick({ tags, chosen, onChange }) {

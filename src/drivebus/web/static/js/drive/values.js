@@ -1,18 +1,14 @@
 // The live values of one drive, the most asked for first, each with its age.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
-import { FIRST_SIGNALS, duration, number, reading, signalName } from "../format.js";
+import { duration, number, reading, signalName, signalRank } from "../format.js";
 import { Value } from "../ui.js";
 
 const BIG = ["output_frequency", "output_current"];
 /** The rest opens by a press: some models tell twenty. */
 const AT_FIRST = 7;
 
-export function signalsOf(view) {
-  const names = Object.keys(view.signals);
-  const first = FIRST_SIGNALS.filter((name) => names.includes(name));
-  return [...first, ...names.filter((name) => !first.includes(name))];
-}
+export const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
 function Row({ view, name }) {
   const found = reading(view, name);

@@ -83,8 +83,8 @@ function Rows({ frames, following }) {
   useLayoutEffect(() => {
     if (following && atEnd.current) box.current.scrollTop = box.current.scrollHeight;
   });
-  const scrolled = () => {
-    const { scrollTop, scrollHeight, clientHeight } = box.current;
+  const scrolled = (event) => {
+    const { scrollTop, scrollHeight, clientHeight } = event.currentTarget;
     atEnd.current = scrollHeight - scrollTop - clientHeight < 40;
   };
   return html`<div class="frames-box" ref=${box} onScroll=${scrolled} tabindex="0" role="log" aria-live="off"

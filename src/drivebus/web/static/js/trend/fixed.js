@@ -1,5 +1,6 @@
 // Samples that do not change any more, shown by the same trend as live ones: those of a case.
 import { signal } from "../lib.js";
+import { signalRank } from "../format.js";
 import { BAD } from "./columns.js";
 
 const BESIDE_MS = 1000;
@@ -16,6 +17,7 @@ export class Fixed {
       this.lines.push({ tag, signal: name, unit: found.view?.signals?.[name]?.unit ?? "" });
       series[tag] = seriesOf(samples, found.time_ms);
     }
+    this.lines.sort((a, b) => signalRank(a.signal) - signalRank(b.signal));
     this.window = { from: found.time_ms - found.before_s * 1000, to: found.time_ms + BESIDE_MS };
     this.series = signal(series);
     const trip = { id: found.id, time_ms: found.time_ms, kind: "fault", drive: found.drive, text: found.text,
