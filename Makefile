@@ -10,6 +10,8 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
+# These rooms share the machine with a browser, other programs or other users' processes: one test at a time.
+ALONE := tests/web/page tests/real tests/interop tests/ports
 
 .PHONY: help demo test check docs bench coverage mutation fuzz lock clean python
 help: ## List what can be made
@@ -19,7 +21,12 @@ demo: $(VENV)/.base ## A virtual plant of twelve drives in your browser; no hard
 	@$(BIN)/drivebus demo $(ARGS)
 
 test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_REQUIRE_PEERS=1: fail)
+ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
+else
+	$(BIN)/python -m pytest -n auto --dist loadfile tests $(ALONE:%=--ignore %)
+	$(BIN)/python -m pytest $(ALONE)
+endif
 
 check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
 	$(BIN)/python -m pytest tests/test_house.py $(ARGS)
