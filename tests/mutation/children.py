@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -46,7 +45,7 @@ class FirstFailure:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
-        if call.excinfo is not None and not call.excinfo.errisinstance((pytest.skip.Exception, TooSlow)):
+        if call.excinfo is not None and not call.excinfo.errisinstance(pytest.skip.Exception):
             os._exit(1)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
@@ -81,14 +80,6 @@ class Ways:
         return sorted(count, key=lambda file: -len(count[file]))
 
 
-class TooSlow(BaseException):
-    """The test is left out."""
-
-
-def _stop(*_: object) -> None:
-    raise TooSlow
-
-
 def measured(items: Sequence[pytest.Item], jobs: int) -> Ways:
     """Run every test once, in children, so that they are as new afterwards."""
     parts = [_measuring(items[part::jobs]) for part in range(jobs)]
@@ -113,20 +104,13 @@ def _measuring(items: Sequence[pytest.Item]) -> tuple[int, Wait]:
     reading, writing = os.pipe()
 
     def work() -> int:
-        signal.signal(signal.SIGPROF, _stop)
         with os.fdopen(writing, "w") as out:
             for item in items:
                 SEEN.clear()
                 out.write(json.dumps(item.nodeid) + "\n")
                 out.flush()
                 began = time.process_time()
-                signal.setitimer(signal.ITIMER_PROF, QUICK_S * 1.5)
-                try:
-                    run_items([item])
-                except TooSlow:  # not within the test itself
-                    item.session._setupstate.teardown_exact(None)
-                finally:
-                    signal.setitimer(signal.ITIMER_PROF, 0)
+                run_items([item])
                 out.write(json.dumps([time.process_time() - began, sorted(SEEN)]) + "\n")
         return 0
 
