@@ -76,9 +76,10 @@ class BusState:
     def health(self, address: int, now: float) -> Health:
         """Raises KeyError for an address that is not registered."""
         station = self.stations[address]
+        failed, damaged, damage_rate = station.counters.window.figures(now)
         return Health(
             self.presence(address), station.suspect, self.listener.foreign_master(now),
-            station.duplicate(now), station.counters.window.rate(now), station.last_heard_at,
+            station.duplicate(now), failed, damaged, damage_rate, station.last_heard_at,
         )  # fmt: skip
 
     def statistics(self, now: float) -> BusStatistics:

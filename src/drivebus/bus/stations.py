@@ -55,6 +55,9 @@ class Health:
     """Two drives seem to answer to this address (F15)."""
     error_rate: float
     """Share of the last 5 minutes' transactions with this station that failed, 0 to 1."""
+    damaged: int
+    """How many of them came and were spoiled, and their share, 0 to 1 (link-quality gate)."""
+    damage_rate: float
     last_heard_at: float | None
 
 

@@ -77,12 +77,14 @@ class ErrorWindow:
         """Good, silent and damaged ones."""
         if now >= self._ends_at:
             self._move(now)
-        good, silent, damaged = (sum(one[ending] for one in self._slices) for ending in (GOOD, SILENT, DAMAGED))
+        good, silent, damaged = map(sum, zip(*self._slices, strict=True))
         return good, silent, damaged
 
-    def rate(self, now: float) -> float:
-        """Share that failed; 0 where nothing happened."""
-        return _shares(self.totals(now))[0]
+    def figures(self, now: float) -> tuple[float, int, float]:
+        """Share that failed, how many were damaged, and their share; 0 where nothing happened."""
+        totals = self.totals(now)
+        failed, damaged = _shares(totals)
+        return failed, totals[DAMAGED], damaged
 
 
 def _shares(totals: tuple[int, int, int]) -> tuple[float, float]:
@@ -174,11 +176,10 @@ class Activity:
 def figures(counters: Counters, share: Share, now: float) -> StationStatistics:
     """A picture of one station's counters and of its share of the bus."""
     p50, p95, p99 = percentiles(sorted(counters.recent))
-    totals = counters.window.totals(now)
-    failed, damaged = _shares(totals)
+    failed, damaged, damage_rate = counters.window.figures(now)
     return StationStatistics(
         counters.transactions, counters.replies, counters.bytes_sent, counters.bytes_received, p50, p95, p99,
-        failed, dict(counters.errors), dict(counters.kinds), totals[DAMAGED], damaged, *share,
+        failed, dict(counters.errors), dict(counters.kinds), damaged, damage_rate, *share,
     )  # fmt: skip
 
 

@@ -64,7 +64,6 @@ async def _perform(step: Step, bus: Bus, address: int, store: seams.Store) -> An
 def surroundings(bus: Bus, address: int) -> Surroundings:
     """What the bus knows of a station now."""
     health = bus.health(address)
-    figures = bus.statistics().stations[address] if health.error_rate else None
     return Surroundings(
         bus.now(),
         _today(),
@@ -72,8 +71,8 @@ def surroundings(bus: Bus, address: int) -> Surroundings:
         bus.latched(address),
         health.foreign_master,
         health.duplicate,
-        figures.damage_rate if figures else 0.0,
-        figures.damaged if figures else 0,
+        health.damage_rate,
+        health.damaged,
     )
 
 

@@ -95,10 +95,8 @@ class View:
         return self._now
 
     def health(self, address: int) -> Any:
-        return replace(self.core.health(address, self._now), error_rate=0.0)  # the combinations bring their own
-
-    def statistics(self) -> Any:
-        return self.core.statistics(self._now)
+        found = self.core.health(address, self._now)
+        return replace(found, error_rate=0.0, damaged=0, damage_rate=0.0)  # the combinations bring their own
 
     def generation(self, address: int) -> int:
         return self.core.stations[address].generation
