@@ -134,7 +134,8 @@ class DriveArithmetic:
     """What one drive gets out of a plan. Seconds."""
 
     refresh_s: float
-    """Longest time between two answers to its slowest poll while everybody answers at its limit."""
+    """Between two answers to its slowest poll in the long run, while everybody answers at its limit; a single answer
+    may come a cycle later."""
     stop_bound_s: float
     """Longest time from asking for a stop to its last bit on the wire (5.1), everybody else alive or not."""
 

@@ -53,7 +53,10 @@ class Answers:
         return {"groups": [self.groups.view(group) for group in self.plant.setting.groups]}
 
     async def buses(self, params: ask.Nothing, actor: Actor) -> Json:
-        return {"buses": [bus_view(self.plant, line) for line in self.plant.lines.values()]}
+        lines = tuple(self.plant.lines.values())
+        return {
+            "buses": [bus_view(self.plant, line) async for line in by_and_by(lines, 1)]
+        }  # a full one takes a millisecond
 
     async def bus(self, params: ask.OfBus, actor: Actor) -> Json:
         return bus_view(self.plant, self.plant.line(params.bus))

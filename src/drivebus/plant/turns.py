@@ -11,9 +11,9 @@ AT_ONCE = 8
 """So many drives or frames are told without a pause: a millisecond or two."""
 
 
-async def by_and_by(many: Sequence[T]) -> AsyncIterator[T]:
-    """One after another, with the buses' turn in between."""
+async def by_and_by(many: Sequence[T], at_once: int = AT_ONCE) -> AsyncIterator[T]:
+    """One after another, with the buses' turn after each ``at_once`` of them."""
     for number, one in enumerate(many):
-        if number % AT_ONCE == AT_ONCE - 1:
+        if number % at_once == at_once - 1:
             await asyncio.sleep(0)
         yield one
