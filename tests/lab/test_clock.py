@@ -15,12 +15,12 @@ from drivebus.drives import gate, shell
 from drivebus.drives.operation import Talk
 from drivebus.drives.talk import look
 from drivebus.drives.wear import Count, Wear
-from drivebus.lab.asleep import Night
+from drivebus.lab.breaking.asleep import Night
+from drivebus.lab.breaking.wallclock import JUMPS_S, WallClock, before_midnight, installed, readers
 from drivebus.lab.campaign import Session, perform
 from drivebus.lab.campaigns import clock
 from drivebus.lab.kinds import BY_NAME, KINDS
 from drivebus.lab.report import PACKAGE
-from drivebus.lab.wallclock import JUMPS_S, WallClock, before_midnight, installed, readers
 
 NAMES = list(JUMPS_S)
 

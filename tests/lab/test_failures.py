@@ -20,13 +20,13 @@ from drivebus.bus.shell import Shell
 from drivebus.capture import CaptureWriter
 from drivebus.drives import store as stores
 from drivebus.drives.wear import Wear
-from drivebus.lab import failing_files as files
+from drivebus.lab.breaking import failing_files as files
+from drivebus.lab.breaking.disk import Disk, Killed, installed
+from drivebus.lab.breaking.failing_port import PortStory
+from drivebus.lab.breaking.failing_time import kernel_timers, still_clock
+from drivebus.lab.breaking.faultyport import ERRORS
 from drivebus.lab.campaign import Session, perform
 from drivebus.lab.campaigns import failures
-from drivebus.lab.disk import Disk, Killed, installed
-from drivebus.lab.failing_port import PortStory
-from drivebus.lab.failing_time import kernel_timers, still_clock
-from drivebus.lab.faultyport import ERRORS
 from drivebus.lab.kinds import BY_NAME, Kind
 
 VC660 = BY_NAME["vc660"]
@@ -257,7 +257,7 @@ def test_a_timer_that_stays_open_is_found(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_clock_that_is_spun_upon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivebus.lab.failing_time.MOST", 1000)
+    monkeypatch.setattr("drivebus.lab.breaking.failing_time.MOST", 1000)
     monkeypatch.setattr(timers, "BEHIND_S", 1e-6)
     found = session()
     assert still_clock(found, 40) > 40

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from drivebus.lab import flipset, strength
 from drivebus.lab.campaign import Session
 from drivebus.lab.campaigns import flips
-from drivebus.lab.flipset import BITS, Case
-from drivebus.lab.judges.modbus import crc
-from drivebus.lab.roster import ROSTER
+from drivebus.lab.codecs import flipset, strength
+from drivebus.lab.codecs.flipset import BITS, Case
+from drivebus.lab.codecs.judges.modbus import crc
+from drivebus.lab.codecs.roster import ROSTER
 from drivebus.protocols.sifang import frame as sifang_frame
 
 VECTORS = Path(__file__).parents[2] / "vectors"

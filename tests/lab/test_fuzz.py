@@ -14,15 +14,15 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ProtocolError
-from drivebus.lab import cost, garbage
 from drivebus.lab.campaign import Session
 from drivebus.lab.campaigns import fuzz
+from drivebus.lab.codecs import cost, garbage
+from drivebus.lab.codecs.feed import Refusal, feed, outcome, taken
+from drivebus.lab.codecs.judges.forms import Form
+from drivebus.lab.codecs.mutate import KINDS, Base
+from drivebus.lab.codecs.odds import Odds, limit, noise
+from drivebus.lab.codecs.roster import ROSTER, Entry
 from drivebus.lab.crew import in_order
-from drivebus.lab.feed import Refusal, feed, outcome, taken
-from drivebus.lab.judges.forms import Form
-from drivebus.lab.mutate import KINDS, Base
-from drivebus.lab.odds import Odds, limit, noise
-from drivebus.lab.roster import ROSTER, Entry
 from drivebus.message import Complete, CompleteIfSilent, Incomplete, Verdict
 from drivebus.protocols.dzb import codec as dzb_codec
 from drivebus.protocols.modbus import rtu

@@ -15,15 +15,15 @@ from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.stations import Station
 from drivebus.drives import gate
 from drivebus.drives.gate import Kind
-from drivebus.lab import gate_copy
 from drivebus.lab.campaign import Session
 from drivebus.lab.campaigns import gate as campaign
-from drivebus.lab.gate_bytes import READERS, Act
-from drivebus.lab.gate_grid import Grid
-from drivebus.lab.gate_search import Domain, Found, Search
-from drivebus.lab.gate_subject import MODELS, subject
-from drivebus.lab.gate_wire import WireWorld
-from drivebus.lab.gate_world import World
+from drivebus.lab.gate import copy as gate_copy
+from drivebus.lab.gate.bytes import READERS, Act
+from drivebus.lab.gate.grid import Grid
+from drivebus.lab.gate.search import Domain, Found, Search
+from drivebus.lab.gate.subject import MODELS, subject
+from drivebus.lab.gate.wire import WireWorld
+from drivebus.lab.gate.world import World
 from drivebus.message import Effect
 from drivebus.protocols import dzb, modbus, sifang
 

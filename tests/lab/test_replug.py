@@ -9,7 +9,7 @@ import pytest
 
 from drivebus.bus import shell
 from drivebus.bus.core import BusCore
-from drivebus.lab import reopening
+from drivebus.lab.breaking import reopening
 from drivebus.lab.campaign import Session, find, perform
 from drivebus.lab.campaigns import replug
 from drivebus.lab.kinds import VC660

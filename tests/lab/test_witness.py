@@ -14,9 +14,9 @@ from drivebus.drives.operation import Talk
 from drivebus.drives.talk import look
 from drivebus.lab.campaign import Session
 from drivebus.lab.kinds import C320, C320_HEX, DZB100, KINDS, VC660, Kind
-from drivebus.lab.loop import running
 from drivebus.lab.manual import Does, request
-from drivebus.lab.stand import Stand
+from drivebus.lab.world.loop import running
+from drivebus.lab.world.stand import Stand
 from drivebus.message import Permit
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from drivebus.lab import tampering
 from drivebus.lab.campaign import Campaign, Session
-from drivebus.lab.tampering import MARKS, TAMPERS, Files
+from drivebus.lab.outside import tampering
+from drivebus.lab.outside.tampering import MARKS, TAMPERS, Files
 from drivebus.plant.audit.chain import Chain
 from drivebus.plant.audit.entry import Entry, told
 from drivebus.plant.audit.files import Places

@@ -16,13 +16,13 @@ from typing import Any
 
 from drivebus.drives import Drive, DriveLimits, MemoryStore
 from drivebus.drives.state import DriveStatus
-from drivebus.lab.asleep import Night
+from drivebus.lab.breaking.asleep import Night
+from drivebus.lab.breaking.wallclock import JUMPS_S, WallClock, before_midnight, installed, readers
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.loop import Loop
 from drivebus.lab.report import PACKAGE
-from drivebus.lab.stand import Stand
-from drivebus.lab.wallclock import JUMPS_S, WallClock, before_midnight, installed, readers
+from drivebus.lab.world.loop import Loop
+from drivebus.lab.world.stand import Stand
 from drivebus.ports.capturing import CapturingPort
 
 DOOR = {("seams.py", "datetime.now")}

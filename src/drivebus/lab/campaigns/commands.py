@@ -14,8 +14,8 @@ from typing import Any
 
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.stand import Stand
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.stand import Stand
+from drivebus.lab.world.wishes import Wish
 from drivebus.sim.motor import Trip
 
 PRESENT, ABSENT = (1, 2), 3

@@ -18,7 +18,7 @@ from drivebus.plant.client import Json
 from drivebus.testing.virtual import run
 
 if TYPE_CHECKING:
-    from drivebus.lab.strangers import Credentials, Stranger
+    from drivebus.lab.outside.strangers import Credentials, Stranger
     from drivebus.plant.access.access import Access
 
 STEP_S = 0.02
@@ -62,7 +62,7 @@ class Street:
 
     async def walk(self) -> None:
         """Strangers, until the budget is spent."""
-        from drivebus.lab.strangers import made
+        from drivebus.lab.outside.strangers import made
 
         credentials = await self._settle()
         before = self.access.register, self.access.sessions.kept()
@@ -76,7 +76,7 @@ class Street:
 
     async def _settle(self) -> Credentials:
         """An administrator, with a session that is good, one that was ended, one too old, and a token too old."""
-        from drivebus.lab.strangers import Credentials
+        from drivebus.lab.outside.strangers import Credentials
         from drivebus.plant.access.register import Token
         from drivebus.plant.access.rights import Right, Role
         from drivebus.plant.access.sessions import ABSOLUTE_S, digest

@@ -18,12 +18,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from drivebus.lab import failing_files as files
+from drivebus.lab.breaking import failing_files as files
+from drivebus.lab.breaking.disk import Disk
+from drivebus.lab.breaking.failing_port import PortStory
+from drivebus.lab.breaking.failing_time import kernel_timers, still_clock
+from drivebus.lab.breaking.faultyport import ways
 from drivebus.lab.campaign import Campaign, Session
-from drivebus.lab.disk import Disk
-from drivebus.lab.failing_port import PortStory
-from drivebus.lab.failing_time import kernel_timers, still_clock
-from drivebus.lab.faultyport import ways
 from drivebus.lab.kinds import KINDS, Kind
 
 Way = TypeVar("Way")

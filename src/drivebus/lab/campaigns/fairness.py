@@ -11,9 +11,9 @@ from drivebus.bus import Poll
 from drivebus.lab.bounds import Times
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import C320, C320_HEX, KINDS, VC660, Kind
-from drivebus.lab.loop import running
 from drivebus.lab.manual import request
-from drivebus.lab.stand import Stand
+from drivebus.lab.world.loop import running
+from drivebus.lab.world.stand import Stand
 from drivebus.message import Answer, Ask
 
 STATIONS = 31

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from drivebus.lab import flipset, strength
 from drivebus.lab.campaign import Campaign, Session
+from drivebus.lab.codecs import flipset, strength
+from drivebus.lab.codecs.flipset import BITS, Case
+from drivebus.lab.codecs.judges.modbus import crc
 from drivebus.lab.crew import in_order
-from drivebus.lab.flipset import BITS, Case
-from drivebus.lab.judges.modbus import crc
 
 ALONE = 2_000_000
 """No more flips than this are done by one process."""

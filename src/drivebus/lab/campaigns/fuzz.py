@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from random import Random
 
-from drivebus.lab import cost, garbage
 from drivebus.lab.campaign import Campaign, Session
+from drivebus.lab.codecs import cost, garbage
+from drivebus.lab.codecs.garbage import RECKONED, SIZE, Found
+from drivebus.lab.codecs.odds import limit
+from drivebus.lab.codecs.roster import ROSTER
 from drivebus.lab.crew import in_order
-from drivebus.lab.garbage import RECKONED, SIZE, Found
-from drivebus.lab.odds import limit
-from drivebus.lab.roster import ROSTER
 
 ALONE = 1_000_000
 """With no more bytes a codec than this, one process does it."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 from drivebus.drives.gate import Kind
 from drivebus.lab.campaign import Campaign, Session
-from drivebus.lab.gate_copy import unlisted
-from drivebus.lab.gate_grid import Grid
-from drivebus.lab.gate_search import Domain, Found, Search
-from drivebus.lab.gate_subject import MODELS, subject
-from drivebus.lab.gate_wire import WireWorld
-from drivebus.lab.gate_world import World
+from drivebus.lab.gate.copy import unlisted
+from drivebus.lab.gate.grid import Grid
+from drivebus.lab.gate.search import Domain, Found, Search
+from drivebus.lab.gate.subject import MODELS, subject
+from drivebus.lab.gate.wire import WireWorld
+from drivebus.lab.gate.world import World
 
 COARSE, HALVES, FINE = Grid(1.0, fine=False), Grid(0.5, fine=False), Grid(1.0)
 """A start lives two seconds, a setpoint five; a frame takes a tick on the wire, and its answer's gap another."""

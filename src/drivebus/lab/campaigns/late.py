@@ -19,10 +19,10 @@ from typing import Any
 from drivebus.bus import Poll
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.lateness import Lateness, Maker
-from drivebus.lab.loop import Loop, running
-from drivebus.lab.naive import NaiveHost
-from drivebus.lab.stand import Stand
+from drivebus.lab.world.lateness import Lateness, Maker
+from drivebus.lab.world.loop import Loop, running
+from drivebus.lab.world.naive import NaiveHost
+from drivebus.lab.world.stand import Stand
 from drivebus.ports import open_port
 from drivebus.protocols import dzb, modbus, sifang
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from math import inf
 
+from drivebus.lab.breaking.plugged import ADDRESSES, Plugged
+from drivebus.lab.breaking.reopening import reopen
 from drivebus.lab.campaign import Campaign, Session
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.loop import running
-from drivebus.lab.plugged import ADDRESSES, Plugged
-from drivebus.lab.reopening import reopen
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.loop import running
+from drivebus.lab.world.wishes import Wish
 
 A_LINE = 20
 """Unplugs on one line, before another one is built."""

@@ -17,8 +17,8 @@ from random import Random
 from drivebus.drives.state import DriveState
 from drivebus.lab.campaign import Campaign, Part, Session
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.stand import Stand
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.stand import Stand
+from drivebus.lab.world.wishes import Wish
 from drivebus.sim.motor import Trip
 
 DRIVES = 31

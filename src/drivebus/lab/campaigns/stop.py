@@ -9,11 +9,11 @@ from drivebus.bus import Poll, arithmetic
 from drivebus.drives import StopReport, bus_stop
 from drivebus.errors import StopUnconfirmed
 from drivebus.lab.campaign import Campaign, Session
-from drivebus.lab.crowd import ADDRESSES, Crowd
 from drivebus.lab.kinds import KINDS, Kind
-from drivebus.lab.loop import running
-from drivebus.lab.stopwatch import Sent, StopWatch, Waiting
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.crowd import ADDRESSES, Crowd
+from drivebus.lab.world.loop import running
+from drivebus.lab.world.stopwatch import Sent, StopWatch, Waiting
+from drivebus.lab.world.wishes import Wish
 
 A_LINE = 50
 """Instants on one line, before another one is built."""

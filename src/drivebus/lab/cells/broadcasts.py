@@ -10,8 +10,8 @@ from drivebus.errors import NotPermitted
 from drivebus.lab.cells.alphabet import looks
 from drivebus.lab.cells.cell import Case, case
 from drivebus.lab.cells.line import Line, Sent
-from drivebus.lab.loop import running
 from drivebus.lab.manual import Does
+from drivebus.lab.world.loop import running
 from drivebus.message import Ask, Lane
 from drivebus.protocols import dzb, modbus, sifang
 

@@ -11,10 +11,10 @@ from drivebus.bus import StationStatistics, TraceEvent
 from drivebus.lab.campaign import Session
 from drivebus.lab.cells.alphabet import is_fence
 from drivebus.lab.kinds import Kind
-from drivebus.lab.loop import running
 from drivebus.lab.manual import Does, request
-from drivebus.lab.stand import Stand, WatchedBus
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.loop import running
+from drivebus.lab.world.stand import Stand, WatchedBus
+from drivebus.lab.world.wishes import Wish
 from drivebus.message import Answer, Ask
 from drivebus.reading import Quality
 from drivebus.sim.wire import Side

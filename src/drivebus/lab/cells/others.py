@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from drivebus.lab.cells.cell import Case, case
 from drivebus.lab.cells.line import Line
-from drivebus.lab.loop import running
 from drivebus.lab.manual import Does
+from drivebus.lab.world.loop import running
 from drivebus.sim.models import make_station
 from drivebus.sim.station import Station
 

@@ -13,7 +13,7 @@ from drivebus.lab.cells.cell import Case, case
 from drivebus.lab.cells.line import Line
 from drivebus.lab.kinds import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
 from drivebus.lab.manual import Does
-from drivebus.lab.wishes import Wish
+from drivebus.lab.world.wishes import Wish
 from drivebus.protocols import modbus
 from drivebus.sim.plate import Trip
 

@@ -1,0 +1,1 @@
+"""Ports, files, clocks and adapters that fail, and what must hold while they do."""

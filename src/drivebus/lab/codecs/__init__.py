@@ -1,0 +1,1 @@
+"""Frames of every codec, damaged and judged: what ``fuzz`` and ``flips`` share."""

@@ -1,0 +1,116 @@
+"""How many flipped bits the check of each family lets through, with and without what the host expects besides (G03).
+
+"check": end mark, digits and check sum are right, whatever the fields say. "echo": besides, it is the reply to the one
+request outstanding: address, function or class, item, register or count, known codes. "parity": a ninth bit of each
+character is checked too, so that only patterns with an even number of flips in every character pass: none of one or
+three, few of two and four.
+The judges decide, on the frames named; campaigns hold the codecs to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+
+from drivebus.lab.codecs.roster import ROSTER
+
+Mask = tuple[tuple[int, int], ...]
+"""(byte, bits of it that are flipped)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One read or write answer, and the request it answers."""
+
+    name: str
+    codec: str
+    sent: str
+    frame: str
+
+
+ROWS = (
+    Row("Modbus RTU, 03, one register", "modbus-rtu", "01 03 30 01 00 01 DA CA", "01 03 02 13 88 B5 12"),
+    Row("Modbus RTU, 06", "modbus-rtu", "01 06 00 02 0B B8 2F 48", "01 06 00 02 0B B8 2F 48"),
+    Row(
+        "Modbus ASCII, 03, one register",
+        "df800-ascii",
+        "3A 30 31 30 33 32 30 30 30 30 30 30 31 44 42 0D 0A",
+        "3A 30 31 30 33 30 32 30 31 32 30 44 39 0D 0A",
+    ),
+    Row(
+        "Modbus ASCII, 06",
+        "df800-ascii",
+        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
+        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
+    ),
+    Row(
+        "C320 ASCII",
+        "c320-ascii",
+        "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D",
+        "2A 30 30 30 30 31 30 30 30 30 33 45 37 30 32 36 30 0D",
+    ),
+    Row(
+        "C320 hex",
+        "c320-hex",
+        "5A 00 00 01 00 00 00 00 00 00 00 00 01 0D",
+        "5A 00 00 00 00 01 00 00 00 00 00 03 E7 00 00 00 EB 0D",
+    ),
+    Row("DZB100", "dzb100", "52 03 01 30 33 32 33 30 30 30 30", "52 03 06 30 33 32 33 30 30 36 34"),
+)
+
+
+def table(most: int) -> dict[str, dict[str, object]]:
+    """For each row the undetected share of all patterns of 1 … ``most`` flipped bits, and with parity of 2 and 4."""
+    return {row.name: _figures(row, most) for row in ROWS}
+
+
+def _figures(row: Row, most: int) -> dict[str, object]:
+    sent, frame = bytes.fromhex(row.sent), bytes.fromhex(row.frame)
+    judge = ROSTER[row.codec].judge
+    tests: dict[str, Callable[[bytes], bool]] = {
+        "check": judge.sound,
+        "echo": lambda data: judge.size(sent, data) == len(frame),
+    }
+    found: dict[str, object] = {"frame": row.frame, "request": row.sent, "acceptor": row.codec}
+    for name, test in tests.items():
+        for bits in range(1, most + 1):
+            passed = sum(test(_flipped(frame, mask)) for mask in _plain(frame, bits))
+            found[f"{name}_{bits}_bit"] = _share(passed, comb(8 * len(frame), bits))
+        for bits in (2, 4)[: most - 1]:
+            passed = sum(test(_flipped(frame, mask)) for mask in _even(frame, bits))
+            found[f"{name}_{bits}_bit_parity"] = _share(passed, comb(9 * len(frame), bits))
+    return found
+
+
+def _share(passed: int, tried: int) -> dict[str, float]:
+    return {"passed": passed, "tried": tried, "share": float(f"{passed / tried:.3g}")}
+
+
+def _flipped(frame: bytes, mask: Mask) -> bytes:
+    damaged = bytearray(frame)
+    for place, bits in mask:
+        damaged[place] ^= bits
+    return bytes(damaged)
+
+
+def _plain(frame: bytes, bits: int) -> Iterator[Mask]:
+    """Every pattern of so many flips in the data bits."""
+    for places in combinations(range(8 * len(frame)), bits):
+        yield tuple((place >> 3, 1 << (place & 7)) for place in places)
+
+
+def _even(frame: bytes, bits: int) -> Iterator[Mask]:
+    """Every pattern of so many flips of which each character, its parity bit among them, has an even number."""
+    if bits == 2:
+        yield from (((place, mask),) for place in range(len(frame)) for mask in _of_nine(2))
+        return
+    yield from (((place, mask),) for place in range(len(frame)) for mask in _of_nine(4))
+    for one, two in combinations(range(len(frame)), 2):
+        yield from (((one, first), (two, second)) for first in _of_nine(2) for second in _of_nine(2))
+
+
+def _of_nine(bits: int) -> tuple[int, ...]:
+    """What so many flips of eight bits and parity do to the eight."""
+    return tuple(sum(1 << place for place in places) & 255 for places in combinations(range(9), bits))

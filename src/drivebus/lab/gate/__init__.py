@@ -1,0 +1,1 @@
+"""The whole space of states in front of the motion gate."""
