@@ -16,6 +16,7 @@ from generator import (
     error_reference,
     frames,
     matrix,
+    metrics_reference,
     plant_reference,
     profile_tables,
     rest_reference,
@@ -58,6 +59,8 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield page, _filled(page, plant_reference.page(language))
         page = reference / f"rest-api{suffix}.md"
         yield page, _filled(page, rest_reference.parts(language))
+        page = reference / f"metrics{suffix}.md"
+        yield page, _filled(page, metrics_reference.parts(language))
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _filled(page, _parts(root, model, language))

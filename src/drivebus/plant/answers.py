@@ -27,14 +27,23 @@ class Answers:
 
     def handlers(self) -> dict[str, Handler]:
         return {
-            "plant.get": self.whole, "drives.list": self.drives, "drives.get": self.drive,
-            "drives.profile": self.profile, "groups.list": self.all_groups, "buses.list": self.buses,
-            "buses.get": self.bus, "buses.frames": self.frames, "parameters.read": self.read,
-            "parameters.write": self.write,
+            "plant.get": self.whole, "plant.statistics": self.statistics, "drives.list": self.drives,
+            "drives.get": self.drive, "drives.profile": self.profile, "groups.list": self.all_groups,
+            "buses.list": self.buses, "buses.get": self.bus, "buses.frames": self.frames,
+            "parameters.read": self.read, "parameters.write": self.write,
         }  # fmt: skip
 
     async def whole(self, params: ask.Nothing, actor: Actor) -> Json:
         return plant_topic(self.plant)
+
+    async def statistics(self, params: ask.Nothing, actor: Actor) -> Json:
+        """Numbers that only grow while the service runs."""
+        plant = self.plant
+        return {
+            "stops": plant.stops.as_json(),
+            "history": plant.parts.history_status(),
+            "drives": {drive: plant.parts.run_statistics(drive) for drive in plant.units},
+        }
 
     async def drives(self, params: ask.Nothing, actor: Actor) -> Json:
         found: list[Json] = []

@@ -71,7 +71,7 @@ class Rooms:
         interlocks = Interlocks(self.setting.interlocks)
         return Parts(
             self.trail, Heard(self.history, self.keeping), self.alarms, interlocks, self.handlers(), self._event,
-            self.disk, self._view, self._plant, self._setting,
+            self.disk, self.history.status, self.runs.of, self._view, self._plant, self._setting,
         )  # fmt: skip
 
     async def close(self) -> None:

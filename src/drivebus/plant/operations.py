@@ -169,6 +169,7 @@ class Operation:
 
 _ALL = (
     Operation("plant.get", Right.VIEW),
+    Operation("plant.statistics", Right.VIEW),
     Operation("drives.list", Right.VIEW),
     Operation("drives.get", Right.VIEW, OfDrive),
     Operation("drives.profile", Right.VIEW, OfDrive),

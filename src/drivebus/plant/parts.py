@@ -55,6 +55,10 @@ class Parts:
     """Every event, for the history's markers."""
     disk: Callable[[], Json] = dict
     """Room on the disk of the state directory."""
+    history_status: Callable[[], Json] = dict
+    """``Historian.status``."""
+    run_statistics: Callable[[str], Json] = lambda drive: {}
+    """What a drive has done so far: ``RunBook.of``."""
     on_view: Callable[[DriveView, float, int], None] = lambda view, now, now_ms: None
     """Every look at a drive, for run statistics and cases."""
     on_plant: Callable[[Any], None] = lambda plant: None

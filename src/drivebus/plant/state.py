@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 from drivebus.drives.memory import DriveLimits
+from drivebus.drives.state import Outcome, OutcomeWord
 from drivebus.errors import NotFound
 from drivebus.plant.alarms import Change, Own
 from drivebus.plant.failure import both
@@ -23,6 +24,24 @@ from drivebus.seams import Store
 Json = dict[str, Any]
 TOLD = frozenset({str(AlarmKind.SILENT), str(AlarmKind.FAULT), str(Own.PORT)})
 """Alarms of what has a line of its own in the log when it begins and ends."""
+
+
+@dataclass(slots=True)
+class Stops:
+    """Stops of single drives since the service began; a stop of everything is one of each drive."""
+
+    asked: int = 0
+    confirmed: int = 0
+    """The drive was read to stand."""
+    acknowledged: int = 0
+    """The drive said yes, and can't be read."""
+
+    def ended(self, outcome: Outcome) -> None:
+        self.confirmed += outcome.word is OutcomeWord.CONFIRMED
+        self.acknowledged += outcome.word is OutcomeWord.ACKNOWLEDGED
+
+    def as_json(self) -> Json:
+        return asdict(self)
 
 
 @dataclass
@@ -48,6 +67,7 @@ class Plant:
     commands: int = 0
     """Commands so far: what their ids are made of."""
     events: int = 0
+    stops: Stops = field(default_factory=Stops)
 
     def unit(self, id: str) -> Unit:
         """Raises NotFound."""
@@ -119,6 +139,7 @@ class Plant:
         for unit in units:
             self.arms.void(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
             unit.stops += 1
+            self.stops.asked += 1
 
     # --- what outlives the process ------------------------------------------------------------------------------
 

@@ -73,6 +73,7 @@ def bus_view(plant: Plant, line: Line) -> Json:
         "problem": None if line.problem is None else both(line.problem.key, line.problem.params),
         "load_percent": round(found.load_percent, 1), "occupied_percent": round(found.occupied_percent, 1),
         "transactions_per_s": round(found.transactions_per_s, 1), "error_rate": round(found.error_rate, 4),
+        "transactions": found.transactions, "replies": found.replies,
         "errors": dict(found.errors), "counters": dict(found.counters),
         "reply_p50_s": found.reply_p50_s, "reply_p95_s": found.reply_p95_s, "reply_p99_s": found.reply_p99_s,
         "foreign_master": bus.core.listener.foreign_master(plant.now()),

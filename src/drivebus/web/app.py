@@ -11,6 +11,7 @@ from starlette.types import ASGIApp
 
 from drivebus.gateways import problems
 from drivebus.gateways.live.endpoint import live_router
+from drivebus.gateways.metrics.router import metrics_router
 from drivebus.gateways.rest import openapi
 from drivebus.gateways.rest.router import rest_router
 from drivebus.plant.access.access import Access
@@ -60,6 +61,7 @@ def make_app(client: PlantClient, access: Access, web: WebSetting, routers: Sequ
         files_router(),
         rest_router(client),
         live_router(client),
+        metrics_router(client),
         *routers,
     ):
         app.include_router(router)

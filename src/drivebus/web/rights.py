@@ -79,6 +79,7 @@ TABLE: tuple[Entry, ...] = (
         f"{WEBSOCKET} /live",
         "GET /openapi.json",
         "GET /plant",
+        "GET /statistics",
         "GET /drives",
         "GET /drives/{drive}",
         "GET /drives/{drive}/profile",
@@ -96,6 +97,7 @@ TABLE: tuple[Entry, ...] = (
         "GET /cases",
         "GET /cases/{case}",
     ),
+    Entry("GET", "/metrics", Right.VIEW),
     *_api(
         Right.STOP,
         "POST /stop",

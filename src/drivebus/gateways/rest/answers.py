@@ -71,6 +71,24 @@ class Problem(Answer):
     error: ErrorBody
 
 
+class Stops(Answer):
+    """Stops of single drives; a stop of everything is one of each drive. What is in neither of the last two was not
+    confirmed in time.
+    """
+
+    asked: int
+    confirmed: int
+    acknowledged: int
+
+
+class Statistics(Answer):
+    """Since the service began; ``drives``: each drive's own, as its address ``statistics`` answers."""
+
+    stops: Stops
+    history: dict[str, Any]
+    drives: dict[str, dict[str, Any]]
+
+
 class SignalValue(Answer):
     """One value with its trust; ``reason`` says why it is not good, ``age_s`` is null where it was never read."""
 

@@ -14,6 +14,7 @@ from drivebus.gateways.rest.table import Route
 Json = dict[str, Any]
 
 ANSWERS: dict[str, type[BaseModel]] = {
+    "plant.statistics": answers.Statistics,
     "drives.list": answers.Drives,
     "drives.get": answers.Drive,
     "parameters.read": answers.Parameters,

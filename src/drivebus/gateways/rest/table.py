@@ -50,6 +50,7 @@ class Route:
 
 ROUTES = (
     Route("GET", "/plant", "plant.get"),
+    Route("GET", "/statistics", "plant.statistics"),
     Route("GET", "/drives", "drives.list"),
     Route("GET", "/drives/{drive}", "drives.get"),
     Route("GET", "/drives/{drive}/profile", "drives.profile"),

@@ -119,9 +119,9 @@ class Historian(Past):
         return self.writer.problem is None
 
     def status(self) -> Json:
-        """``ok``, why not, and what was lost since the start."""
+        """``ok``, why not, and what was taken in and lost since the start."""
         return {
-            "ok": self.ok, "problem": self.writer.problem, "queued": self.intake.queued,
+            "ok": self.ok, "problem": self.writer.problem, "queued": self.intake.queued, "samples": self.intake.samples,
             "lost_samples": self.intake.lost_samples, "lost_notes": self.intake.lost_notes,
         }  # fmt: skip
 

@@ -46,6 +46,8 @@ class Intake:
         self._holes: dict[str, int] = {}
         self.queued = 0
         """Samples that wait."""
+        self.samples = 0
+        """Samples taken in so far, marks of holes among them."""
         self.lost_samples = 0
         self.lost_notes = 0
         self.accepted = 0
@@ -60,6 +62,7 @@ class Intake:
                 batch = (*self._marked(), *batch)
             self._batches.append(batch)
             self.queued += len(batch)
+            self.samples += len(batch)
             self.accepted += len(batch)
 
     def _lose(self, batch: Iterable[Sample]) -> None:

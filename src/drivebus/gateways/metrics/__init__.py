@@ -1,0 +1,1 @@
+"""``/metrics`` for Prometheus: the plant's state in numbers, asked anew for each scrape."""
