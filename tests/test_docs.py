@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from types import FunctionType
 
 import click
 import pytest
 
+import drivebus
 from drivebus import errors, profiles
 from drivebus.cli.root import cli
 
@@ -77,3 +81,60 @@ def test_every_verb_and_every_error_has_its_paragraph(suffix: str) -> None:
     classes = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
     assert len(classes) > 30
     assert [name for name in classes if f"## {name}\n" not in told] == []
+
+
+HOMES = ["drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles"]
+
+
+def sections(page: Path) -> dict[str, str]:
+    """Heading of each described name → its section."""
+    parts = re.split(r"^### `(.+)`$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def own_members(one: type) -> set[str]:
+    """Public methods and properties, its bases' too, as Python finds them."""
+    kinds = (FunctionType, property)
+    found = {name: inspect.getattr_static(one, name) for name in dir(one) if not name.startswith("_")}
+    plain = {name: getattr(value, "__func__", value) for name, value in found.items()}
+    ours = {name for name, value in plain.items() if isinstance(value, kinds)}
+    return {
+        name for name in ours if (getattr(plain[name], "fget", None) or plain[name]).__module__.startswith("drivebus")
+    }
+
+
+@pytest.mark.parametrize("suffix", ["", ".zh"])
+def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
+    """Once, in the first of its homes; methods and properties stand in the section of their class."""
+    told = sections(ROOT / "docs" / "reference" / f"python{suffix}.md")
+    seen: list[object] = []
+    missing = []
+    for home in HOMES:
+        for name in import_module(home).__all__:
+            one = getattr(import_module(home), name)
+            if any(one is other for other in seen):
+                continue
+            seen.append(one)
+            section = told.get(f"{home}.{name}", "")
+            paragraph = re.search(r"```\n\n(\S.*)", section)
+            missing += [f"{home}.{name}"] if paragraph is None else []
+            members = own_members(one) if isinstance(one, type) else set()
+            missing += [
+                f"{home}.{name}.{m}"
+                for m in members
+                if not re.search(rf"^- `(await )?{m}[(:].*`(: |：)\S", section, re.M)
+            ]
+    assert missing == []
+    assert len(seen) == len(told) > 40
+    assert (suffix == "") == all(ord(letter) < 0x2E80 for section in told.values() for letter in section)
+
+
+def test_every_name_that_an_example_imports_is_public() -> None:
+    used = {
+        tuple(found)
+        for program in (ROOT / "examples").glob("*.py")
+        for found in re.findall(r"\b(drivebus|blocking)\.([A-Za-z_]+)", program.read_text(encoding="utf-8"))
+    }
+    homes = {"drivebus": drivebus, "blocking": import_module("drivebus.blocking")}
+    assert len(used) > 4
+    assert [(home, name) for home, name in used if name not in homes[home].__all__] == []

@@ -19,6 +19,7 @@ from generator import (
     metrics_reference,
     plant_reference,
     profile_tables,
+    python_reference,
     rest_reference,
 )
 
@@ -59,6 +60,8 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         yield page, _filled(page, plant_reference.page(language))
         page = reference / f"rest-api{suffix}.md"
         yield page, _filled(page, rest_reference.parts(language))
+        page = reference / f"python{suffix}.md"
+        yield page, _filled(page, {"names": python_reference.page(language)})
         page = reference / f"metrics{suffix}.md"
         yield page, _filled(page, metrics_reference.parts(language))
         for model in FAMILIES:

@@ -32,6 +32,8 @@ from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
 from drivebus.reading import Reading
 
+__all__ = ["Bus", "Drive", "Lease", "Monitor", "bus_stop", "open_bus"]
+
 T = TypeVar("T")
 
 
@@ -89,6 +91,7 @@ class Bus:
         self.call(self.bus.release, addresses)
 
     def latched(self, address: int) -> bool:
+        """Does a bus stop hold this station? Raises KeyError."""
         return bool(self.call(self.bus.latched, address))
 
     def close(self) -> None:
@@ -146,6 +149,7 @@ class Lease:
 
     @property
     def lost(self) -> bool:
+        """The lease ran out and the jog was stopped."""
         return self._lease.lost
 
     def __enter__(self) -> Lease:
@@ -172,6 +176,7 @@ class Monitor:
 
     @property
     def last_error(self) -> Exception | None:
+        """Why the newest poll got no reply, None where it got one."""
         return self._monitor.last_error
 
     def close(self) -> None:

@@ -34,6 +34,7 @@ class LineSettings:
 
     @property
     def format(self) -> str:
+        """Data bits, parity, stop bits, such as ``8E1``."""
         return f"{self.data_bits}{self.parity}{self.stop_bits}"
 
     @property

@@ -33,8 +33,13 @@ class Rng(Protocol):
 class Store(Protocol):
     """A small persistent mapping (EEPROM wear, proofs); writes are durable when ``put`` and ``update`` return."""
 
-    def get(self, key: str) -> str | None: ...
-    def put(self, key: str, value: str) -> None: ...
+    def get(self, key: str) -> str | None:
+        """The value of a key, None where it has none."""
+        ...
+
+    def put(self, key: str, value: str) -> None:
+        """Keep a value under a key."""
+        ...
 
     def update(self, key: str, change: Callable[[str | None], str]) -> None:
         """Put what ``change`` makes of the value, with no other writer in between; where it raises, put nothing."""

@@ -70,6 +70,7 @@ class Bus(Shell):
 
     @property
     def line(self) -> LineSettings:
+        """Baud rate and character format."""
         return self.core.line
 
     @property
@@ -96,10 +97,11 @@ class Bus(Shell):
         self._perform(self.core.remove(address, self.now()))
 
     def presence(self, address: int) -> Presence:
-        """Raises KeyError for an address that is not registered, as the following do."""
+        """Is the station there? Raises KeyError for an address that is not registered."""
         return self.core.presence(address)
 
     def health(self, address: int) -> Health:
+        """Presence, error rate, foreign master, duplicate address. Raises KeyError for an address without a drive."""
         return self.core.health(address, self.now())
 
     def generation(self, address: int) -> int:
@@ -111,9 +113,11 @@ class Bus(Shell):
         self.core.latch(addresses, True)
 
     def release(self, addresses: Iterable[int] | None = None) -> None:
+        """The reset after a bus stop: motion is allowed again, nothing starts by itself."""
         self.core.latch(addresses, False)
 
     def latched(self, address: int) -> bool:
+        """Does a bus stop hold this station? Raises KeyError."""
         return self.core.stations[address].latched
 
     # --- traffic -----------------------------------------------------------------------------------------------

@@ -17,10 +17,12 @@ class Named(StrEnum):
 
     @property
     def en(self) -> str:
+        """The word in English."""
         return i18n.text(self._key, "en")
 
     @property
     def zh(self) -> str:
+        """The word in Chinese."""
         return i18n.text(self._key, "zh")
 
     @property

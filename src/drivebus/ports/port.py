@@ -60,7 +60,9 @@ class Port(Protocol):
     """One line to a bus. Made unopened by ``drivebus.ports.open_port``."""
 
     @property
-    def settings(self) -> LineSettings: ...
+    def settings(self) -> LineSettings:
+        """Baud rate and character format."""
+        ...
 
     @property
     def capabilities(self) -> Capabilities:

@@ -1,0 +1,147 @@
+"""The public Python names as a page: signature and first paragraph of the docstring, from the code itself."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import textwrap
+from collections.abc import Callable, Iterator
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from drivebus import blocking, drives, seams
+from drivebus.profiles.model import Text
+from generator.words import colon, side
+
+MODULES = ("drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles")
+"""What programs import; ``drivebus.errors`` has a page of its own."""
+CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "python.zh.json").read_text(encoding="utf-8"))
+"""English paragraph → Chinese; a paragraph that changed has none and is a KeyError."""
+ALSO = Text("Also here, described above: {names}.", "此处也有，见上文：{names}。")
+TWINS: dict[type, type] = {
+    blocking.Drive: drives.Drive,
+    drives.FileStore: seams.Store,
+    drives.MemoryStore: seams.Store,
+}
+"""Whose paragraph it is where a method has none of its own: it does the same."""
+
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def page(language: str) -> str:
+    return "\n".join(_sections(language))
+
+
+def public() -> Iterator[tuple[str, list[tuple[str, Any]], list[str]]]:
+    """Each module with the names that it describes, and those that stand above already."""
+    known: list[Any] = []
+    for module in MODULES:
+        found = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
+        again = [name for name, one in found.items() if any(one is other for other in known)]
+        known += found.values()
+        yield module, [(name, one) for name, one in found.items() if name not in again], again
+
+
+def _sections(language: str) -> Iterator[str]:
+    for module, names, again in public():
+        yield f"## `{module}`\n\n{_said(import_module(module), language)}\n"
+        if again:
+            yield side(ALSO, language).format(names=", ".join(f"`{name}`" for name in again)) + "\n"
+        for name, one in names:
+            yield f"### `{module}.{name}`\n\n```python\n{_heading(name, one)}\n```\n\n{_said(one, language)}\n"
+            if inspect.isclass(one):
+                yield from _members(one, language)
+
+
+def _members(one: type, language: str) -> Iterator[str]:
+    twin, stop = TWINS.get(one), colon(language)
+    lines = [
+        f"- `{_member(name, found)}`{stop}{_said(_function(found), language, getattr(twin, name, None))}"
+        for name, found in members(one).items()
+    ]
+    if lines:
+        yield "\n".join(lines) + "\n"
+
+
+def members(one: type) -> dict[str, Any]:
+    """Public methods and properties, those of bases of ours too."""
+    ours = [base for base in one.__mro__ if base.__module__.startswith("drivebus")]
+    kinds = (property, classmethod, staticmethod)
+    return {
+        name: found
+        for base in reversed(ours)
+        for name, found in vars(base).items()
+        if not name.startswith("_") and (isinstance(found, kinds) or inspect.isfunction(found))
+    }
+
+
+def _said(found: Any, language: str, twin: Any = None) -> str:
+    """Raises KeyError where it says nothing, or not in this language."""
+    text = paragraph(found) or (paragraph(twin) if twin is not None else "")
+    if not text:
+        raise KeyError(f"{found!r} has no docstring")
+    return text if language == "en" else CHINESE[text]
+
+
+def paragraph(found: Any) -> str:
+    """The first paragraph of its own docstring."""
+    own = getattr(found, "__doc__", None) or ""
+    return " ".join(inspect.cleandoc(own).split("\n\n")[0].split()).replace("``", "`")
+
+
+# --- signatures ---------------------------------------------------------------------------------------------------
+
+
+def _function(found: Any) -> Any:
+    if isinstance(found, property):
+        return found.fget
+    return getattr(found, "__func__", found)
+
+
+def _member(name: str, found: Any) -> str:
+    if isinstance(found, property):
+        node = _node(found.fget)
+        return f"{name}: {ast.unparse(node.returns)}" if node.returns is not None else name
+    return _call(name, _node(_function(found)), bound=not isinstance(found, staticmethod))
+
+
+def _heading(name: str, one: Any) -> str:
+    """How it is called; of values their fields, of words the words."""
+    if not inspect.isclass(one):
+        return _call(name, _node(one))
+    if issubclass(one, Enum):
+        return "\n".join(
+            [f"class {name}", *(f"    {word} = {found.value!r}" for word, found in one.__members__.items())]
+        )
+    body = _class(one).body
+    made = next((line for line in body if isinstance(line, ast.FunctionDef) and line.name == "__init__"), None)
+    if made is not None:
+        return _call(name, made, bound=True)
+    return "\n".join(
+        [f"class {name}", *(f"    {ast.unparse(line)}" for line in body if isinstance(line, ast.AnnAssign))]
+    )
+
+
+def _call(name: str, node: Function, *, bound: bool = False) -> str:
+    arguments = node.args
+    if bound:
+        (arguments.posonlyargs or arguments.args).pop(0)
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns is not None and name[0].islower() else ""
+    waited = "await " if isinstance(node, ast.AsyncFunctionDef) else ""
+    return f"{waited}{name}({ast.unparse(arguments)}){returns}"
+
+
+def _node(function: Callable[..., Any]) -> Function:
+    found = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(found, Function)
+    return found
+
+
+def _class(one: type) -> ast.ClassDef:
+    found = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0]
+    assert isinstance(found, ast.ClassDef)
+    return found
