@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI
@@ -12,8 +13,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError, ParamsError
-from drivebus.plant.access.refusals import AccessError, as_json, retry_after
-from drivebus.plant.failure import both, failure
+from drivebus.plant.access.refusals import retry_after
+from drivebus.plant.failure import failure, told
 
 Json = dict[str, Any]
 
@@ -30,17 +31,13 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unforeseen)
 
 
-def problem(code: str, kind: str, status: int, **params: Any) -> Json:
-    """An error that has no class of its own."""
-    text = both(code, params)
-    return {"error": {"code": code, "kind": kind, "text": text, "params": params, "outcome": None, "status": status}}
-
-
 async def _of_plant(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DrivebusError)
-    told = as_json(error, error.status) if isinstance(error, AccessError) else failure(error)
-    headers = {"Cache-Control": "no-store"} | retry_after(error)
-    return JSONResponse({"error": told}, told["status"], headers=headers)
+    return _answer(failure(error), {"Cache-Control": "no-store"} | retry_after(error))
+
+
+def _answer(found: Json, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    return JSONResponse({"error": found}, found["status"], headers=headers)
 
 
 async def _wrong_body(request: Request, error: Exception) -> JSONResponse:
@@ -59,11 +56,11 @@ async def _wrong_body(request: Request, error: Exception) -> JSONResponse:
 async def _of_framework(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = _KNOWN.get(error.status_code, "api.refused")
-    told = problem(code, "HttpError", error.status_code, method=request.method, path=request.url.path)
-    return JSONResponse(told, error.status_code, headers=error.headers)
+    params = {"method": request.method, "path": request.url.path}
+    return _answer(told(code, "HttpError", params, error.status_code), error.headers)
 
 
 async def _unforeseen(request: Request, error: Exception) -> JSONResponse:
     """Nothing of the inside is shown; the log has it."""
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
-    return JSONResponse(problem("api.unforeseen", "InternalError", 500), 500)
+    return _answer(told("api.unforeseen", "InternalError", {}, 500))

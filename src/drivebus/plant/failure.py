@@ -9,6 +9,7 @@ from typing import Any
 from drivebus import errors, i18n
 from drivebus.drives.state import Exchange, Outcome
 from drivebus.errors import DrivebusError, PlantError
+from drivebus.plant.access.refusals import AccessError
 from drivebus.profiles.model import Text
 
 Json = dict[str, Any]
@@ -56,19 +57,25 @@ def plain(value: Any) -> Any:
     return {language: sentence(language) for language in i18n.LANGUAGES} if callable(sentence) else str(value)
 
 
+def told(code: str, kind: str, params: Mapping[str, Any], status: int, outcome: Json | None = None) -> Json:
+    """The one shape of an error, without the outer ``error``; ``code`` is the key of its sentence."""
+    return {
+        "code": code, "kind": kind, "text": both(code, params), "params": plain(params), "outcome": outcome,
+        "status": status,
+    }  # fmt: skip
+
+
 def failure(error: DrivebusError) -> Json:
     """An error as every door shows it."""
-    kind = type(error).__name__
     outcome = error.outcome
-    return {
-        "code": error.key, "kind": kind, "text": both(error.key, error.params), "params": plain(error.params),
-        "outcome": outcome_json(outcome) if isinstance(outcome, Outcome) else outcome,
-        "status": status_of(error),
-    }  # fmt: skip
+    found = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
+    return told(error.key, type(error).__name__, error.params, status_of(error), found)
 
 
 def status_of(error: DrivebusError) -> int:
     """The HTTP status of an error."""
+    if isinstance(error, AccessError):
+        return error.status
     return next((status for kind, status in _STATUS if isinstance(error, kind)), 502)
 
 

@@ -8,14 +8,15 @@ from typing import Any
 from starlette.types import Send
 
 from drivebus.errors import DrivebusError
-from drivebus.plant.access.refusals import AccessError, as_json
+from drivebus.plant.access.refusals import AccessError
+from drivebus.plant.failure import failure
 
 Headers = tuple[tuple[bytes, bytes], ...]
 
 
 async def refuse(send: Send, error: AccessError, *more: tuple[bytes, bytes]) -> None:
     """``error`` as JSON with its own status; the connection closes, whatever of the request is still to come."""
-    body = json.dumps({"error": as_json(error, error.status)}, ensure_ascii=False).encode()
+    body = json.dumps({"error": failure(error)}, ensure_ascii=False).encode()
     headers: Headers = (
         (b"content-type", b"application/json"),
         (b"content-length", str(len(body)).encode()),

@@ -8,8 +8,8 @@ import json
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from drivebus import i18n
 from drivebus.plant.access.visitor import Visitor
+from drivebus.plant.failure import both
 
 CODE = 4401
 
@@ -60,8 +60,8 @@ class _Line:
     async def close(self, why: str) -> None:
         self._over.set()
         if self._accepted:
-            texts = {language: i18n.text(f"access.closed.{why}", language) for language in i18n.LANGUAGES}
-            said = json.dumps({"type": "closed", "reason": why, "text": texts}, ensure_ascii=False)
+            told = {"type": "closed", "reason": why, "text": both(f"access.closed.{why}")}
+            said = json.dumps(told, ensure_ascii=False)
             await self._send({"type": "websocket.send", "text": said})
         await self._send({"type": "websocket.close", "code": CODE, "reason": why})
 

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drivebus import i18n, profiles
+from drivebus import profiles
 from drivebus.cli import voice
 from drivebus.cli.demo import plantfile
 from drivebus.cli.demo.layout import LINES
@@ -28,6 +28,7 @@ from drivebus.plant.access.access import Access
 from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import local
 from drivebus.plant.config import loads
+from drivebus.plant.failure import both
 from drivebus.plant.historian import Historian
 from drivebus.plant.logs import begin
 from drivebus.plant.model import PlantSetting
@@ -113,12 +114,10 @@ async def _history(setting: PlantSetting) -> None:
 
 
 def _marker(one: Happening, number: int) -> dict[str, Any]:
-    sides = {
-        side: i18n.text(f"demo.{one.kind}", side, name=one.drive, hz=f"{one.frequency_hz:g}") for side in i18n.LANGUAGES
-    }
+    text = both(f"demo.{one.kind}", {"name": one.drive, "hz": f"{one.frequency_hz:g}"})
     kind = "fault" if one.kind == "trip" else "command"
     return {
-        "id": f"shift-{one.drive}-{number}", "time_ms": one.time_ms, "kind": kind, "drive": one.drive, "text": sides,
+        "id": f"shift-{one.drive}-{number}", "time_ms": one.time_ms, "kind": kind, "drive": one.drive, "text": text,
         "actor": "demo", "outcome": None,
     }  # fmt: skip
 

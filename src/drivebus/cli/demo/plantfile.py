@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from drivebus import i18n
 from drivebus.cli.demo.layout import LINES, PlantDrive, PlantLine
+from drivebus.plant.failure import both
 
 FASTEST_S = {"c320": 0.5, "dzb100": 3.0, "vc660": 0.5, "df800": 1.0}
 """No poll more often: three drives share each line."""
@@ -17,7 +17,7 @@ GROUPS = ("fan", "pump")
 def text(links: Sequence[str], directory: Path, port: int) -> str:
     """The file for these LINKs, in the order of ``LINES``."""
     parts = [
-        f'format = 1\n\n[plant]\nid = "demo"\ntitle = {_both("demo.plant")}\ndirectory = {json.dumps(str(directory))}'
+        f'format = 1\n\n[plant]\nid = "demo"\ntitle = {_title("demo.plant")}\ndirectory = {json.dumps(str(directory))}'
     ]
     parts.append(f'[web]\nhost = "127.0.0.1"\nport = {port}')
     for line, link in zip(LINES, links, strict=True):
@@ -29,7 +29,7 @@ def text(links: Sequence[str], directory: Path, port: int) -> str:
 
 
 def _bus(line: PlantLine, link: str) -> str:
-    own = f"[bus.{line.name.lower()}]\nlink = {json.dumps(link)}\ntitle = {_both('demo.line', line=line.name)}"
+    own = f"[bus.{line.name.lower()}]\nlink = {json.dumps(link)}\ntitle = {_title('demo.line', line=line.name)}"
     return f"{own}\nbaud = {line.baud}\nformat = {json.dumps(line.format)}"
 
 
@@ -40,7 +40,7 @@ def _drive(line: PlantLine, part: PlantDrive) -> str:
         f'bus = "{line.name.lower()}"',
         f"address = {part.address}",
         f'model = "{line.model}"',
-        f"title = {_both(f'demo.role.{part.role}', number=part.number)}",
+        f"title = {_title(f'demo.role.{part.role}', number=part.number)}",
         f"fastest_s = {FASTEST_S[line.model]}",
         'on_service_stop = "stop"',
     ]
@@ -49,25 +49,25 @@ def _drive(line: PlantLine, part: PlantDrive) -> str:
 
 def _group(role: str) -> str:
     keys = [part.key for line in LINES for part in line.drives if part.role == role]
-    head = f"[group.{role}s]\ntitle = {_both(f'demo.group.{role}')}\n"
+    head = f"[group.{role}s]\ntitle = {_title(f'demo.group.{role}')}\n"
     return f"{head}drives = {json.dumps(keys)}\nstagger_s = 2.0\nat_once = 1"
 
 
 def _interlock() -> str:
     return (
-        f"[interlock.cool]\ntitle = {_both('demo.interlock')}\n"
+        f"[interlock.cool]\ntitle = {_title('demo.interlock')}\n"
         'drives = ["spindle-1"]\nrequire = "spindle-1.temperature < 85 °C"\naction = "stop"\ndelay_s = 2.0'
     )
 
 
 def _alarm() -> str:
     return (
-        f"[alarm.hot]\ntitle = {_both('demo.alarm')}\n"
+        f"[alarm.hot]\ntitle = {_title('demo.alarm')}\n"
         'kind = "above"\ndrives = ["spindle-1", "spindle-2", "spindle-3"]\nsignal = "temperature"\n'
         'threshold = 70.0\nhysteresis = 5.0\ndelay_s = 5.0\npriority = "high"'
     )
 
 
-def _both(key: str, **params: object) -> str:
-    sides: Mapping[str, str] = {side: i18n.text(key, side, **params) for side in i18n.LANGUAGES}
+def _title(key: str, **params: object) -> str:
+    sides = both(key, params)
     return "{ " + ", ".join(f"{side} = {json.dumps(said, ensure_ascii=False)}" for side, said in sides.items()) + " }"

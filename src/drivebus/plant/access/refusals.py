@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from drivebus import i18n
 from drivebus.errors import DrivebusError
 
 
@@ -52,18 +51,6 @@ class Unavailable(AccessError):
     """The plant, or its record, can't be reached just now."""
 
     status = 503
-
-
-def as_json(error: DrivebusError, status: int) -> dict[str, Any]:
-    """The one shape of an error, without the outer ``error``."""
-    return {
-        "code": error.key,
-        "kind": type(error).__name__,
-        "text": {language: error.text(language) for language in i18n.LANGUAGES},
-        "params": error.params,
-        "outcome": None,
-        "status": status,
-    }
 
 
 def retry_after(error: DrivebusError) -> dict[str, str]:

@@ -9,12 +9,8 @@ from drivebus import i18n
 from drivebus.plant.alarms.alarm import PRIORITIES, Alarm, Own
 from drivebus.plant.alarms.watch import Found
 from drivebus.plant.model import AlarmKind, AlarmSetting
+from drivebus.profiles.complaint import both
 from drivebus.profiles.model import Text
-
-
-def both(key: str, /, **params: Any) -> Text:
-    """The sentence in every language."""
-    return Text(i18n.text(key, "en", **params), i18n.text(key, "zh", **params))
 
 
 def number(value: Any) -> Any:
