@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,16 +11,14 @@ from pathlib import Path
 from benchmarks import codecs, master, motors, virtual
 from benchmarks.harness import Figures
 from benchmarks.report import markdown
+from drivebus.lab import report
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
 def commit() -> str:
     """The commit that was measured, with a mark where the tree differs from it."""
-    said = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    return said.stdout.strip() or "unknown"
+    return report.commit(ROOT) or "unknown"
 
 
 def measure(seconds: float, rounds: int) -> Figures:

@@ -6,12 +6,13 @@ Prints what is missing and writes docs/reports/coverage.json; fails where a bran
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import coverage
+
+from drivebus.lab.report import commit
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "docs" / "reports" / "coverage.json"
@@ -30,7 +31,11 @@ def main() -> int:
     measured.load()
     measured.json_report(include=list(ROOMS), outfile=str(REPORT))
     found = json.loads(REPORT.read_text(encoding="utf-8"))
-    kept = {"commit": commit(), "tool": f"coverage {coverage.__version__}", "python": sys.version.split()[0]}
+    kept = {
+        "commit": commit(ROOT, "src", "tests"),
+        "tool": f"coverage {coverage.__version__}",
+        "python": sys.version.split()[0],
+    }
     files = {name: summary(one) for name, one in sorted(found["files"].items()) if one["summary"]["num_statements"]}
     document = kept | {"total": summary(found | {"summary": found["totals"]}), "files": files}
     REPORT.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -49,17 +54,6 @@ def summary(one: dict[str, Any]) -> dict[str, Any]:
     }
     missing = [*one.get("missing_lines", ()), *one.get("missing_branches", ())]
     return made | ({"missing": missing} if missing else {})
-
-
-def commit() -> str:
-    """The commit that was measured, "-dirty" where a source or test differs from it."""
-    head = _git("rev-parse", "--short=12", "HEAD")
-    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", "src", "tests") else "")
-
-
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 if __name__ == "__main__":

@@ -46,6 +46,19 @@ DRIVES = (
 )
 GROUPS = (GroupSetting("fans", ("fan-1", "fan-2"), Text("Fans", "风机")),)
 
+FAN_FILE = """
+format = 1
+[plant]
+id = "p"
+[bus.a]
+link = "tcp://127.0.0.1:1?baud=9600&format=8E1"
+[drive.fan]
+bus = "a"
+address = 1
+model = "c320"
+"""
+"""The beginning of a plant.toml: one drive, whose table is still open."""
+
 
 def setting(**changed: Any) -> PlantSetting:
     """Two lines with two drives each, unless told otherwise."""

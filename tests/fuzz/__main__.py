@@ -15,6 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from drivebus.lab.report import commit
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 REPORT = ROOT / "docs" / "reports" / "atheris.json"
@@ -55,7 +57,7 @@ def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     if crashed:
         print(done.stderr[-3000:], file=sys.stderr)
     return {
-        "commit": commit(),
+        "commit": commit(ROOT, *TRIED),
         "tool": f"atheris {version('atheris')}",
         "python": sys.version.split()[0],
         "seed": seed,
@@ -66,17 +68,6 @@ def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
         "corpus": corpus,
         "crashes": int(crashed),
     }
-
-
-def commit() -> str:
-    """The commit that was tried, "-dirty" where a decoder differs from it."""
-    head = _git("rev-parse", "--short=12", "HEAD")
-    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", *TRIED) else "")
-
-
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 if __name__ == "__main__":

@@ -9,11 +9,12 @@ import argparse
 import sys
 import time
 
+from drivebus.lab.report import commit
 from mutation import pages
 from mutation.children import SURVIVED, UNTESTED
 from mutation.mutate import Mutant
-from mutation.report import ROOMS, commit, document, keep, unexplained
-from mutation.run import Judged, afresh, in_functions, settle, told
+from mutation.report import ROOMS, TRIED, document, keep, unexplained
+from mutation.run import ROOT, Judged, afresh, in_functions, settle, told
 
 
 def main() -> int:
@@ -40,7 +41,7 @@ def main() -> int:
             found = judged(wanted, [*tests, *without], chosen.kind, chosen.jobs)
             print(f"{len(found)} mutants, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
             if chosen.write:
-                pages.write(keep(document(found, commit())))
+                pages.write(keep(document(found, commit(ROOT, *TRIED))))
             left += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
     return int(any(unexplained(one) for one in left))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from typing import Any
 
 from mutation.children import KILLED, SURVIVED, TIMEOUT, UNTESTED
@@ -76,14 +75,3 @@ def keep(made: dict[str, Any]) -> dict[str, Any]:
             left["reason"] = reasons.get(key(module, left["scope"], left["change"]), "")
     REPORT.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return found
-
-
-def commit() -> str:
-    """The commit that was tried, "-dirty" where a source or test differs from it."""
-    head = _git("rev-parse", "--short=12", "HEAD")
-    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", *TRIED) else "")
-
-
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()

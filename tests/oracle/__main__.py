@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -15,6 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from drivebus.lab.report import commit
 from oracle.compare import Tally, compare, sides
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,7 +38,7 @@ def main() -> int:
 
 def document(seed: int, messages: int) -> dict[str, Any]:
     """All that the run found. Everything but the seconds is the same for the same seed, messages and commit."""
-    found: dict[str, Any] = {"commit": commit(), "seed": seed, "messages": messages, "codecs": {}}
+    found: dict[str, Any] = {"commit": commit(ROOT, *JUDGED), "seed": seed, "messages": messages, "codecs": {}}
     for side in sides():
         began = time.perf_counter()
         tally = compare(side, Random(f"{seed}/{side.name}"), messages)
@@ -83,17 +83,6 @@ def rows(found: dict[str, Any]) -> list[str]:
         f"| {one['upper_bound_95']} |"
         for name, one in found["codecs"].items()
     ]
-
-
-def commit() -> str:
-    """The commit that was compared, "-dirty" where a codec differs from it."""
-    head = _git("rev-parse", "--short=12", "HEAD")
-    return head + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", "--", *JUDGED) else "")
-
-
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 if __name__ == "__main__":

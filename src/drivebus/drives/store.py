@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from drivebus import files
 from drivebus.errors import ConfigurationError
 
 FORMAT = 1
@@ -85,23 +86,8 @@ def default_path() -> Path:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Old or new, never half. Under the lock: what a killed writer left is written over."""
-    part = path.with_name(f".{path.name}.new")
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    if os.name == "posix":
-        directory = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
+    """Under the lock."""
+    files.replace(path, text.encode(), lambda part: part.open("wb"))
 
 
 @contextlib.contextmanager

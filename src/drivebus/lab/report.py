@@ -52,15 +52,19 @@ def write(folder: Path, campaign: Campaign, session: Session) -> Path:
     return path
 
 
-def commit() -> str:
-    """The commit that was tried, "-dirty" where the package's files were changed since; "" without a repository."""
+def commit(root: Path = PACKAGE, *paths: str) -> str:
+    """The commit that was tried, "-dirty" where a file under ``paths`` (all of ``root``) was changed since.
+
+    "" without a repository.
+    """
     try:
-        found = _git("rev-parse", "--short=12", "HEAD")
-        return found + ("-dirty" if _git("status", "--porcelain", "--untracked-files=no", ".") else "")
+        found = _git(root, "rev-parse", "--short=12", "HEAD")
+        changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *(paths or (".",)))
     except (OSError, subprocess.CalledProcessError):
         return ""
+    return found + ("-dirty" if changed else "")
 
 
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=PACKAGE, capture_output=True, text=True, check=True)
+def _git(root: Path, *arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True)
     return done.stdout.strip()

@@ -9,6 +9,8 @@ import errno
 import os
 from pathlib import Path
 
+from drivebus.files import sync_folder
+
 TAIL = 1 << 20
 """No line is longer, so that the last one can be found from the end."""
 PRIVATE = 0o600
@@ -123,14 +125,3 @@ def write_whole(path: Path, data: bytes, mode: int = PRIVATE) -> None:
         os.close(fd)
     part.replace(path)
     sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Names in it survive a power cut. Raises OSError."""
-    if os.name != "posix":
-        return
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

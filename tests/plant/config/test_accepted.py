@@ -13,18 +13,11 @@ from drivebus.plant.config.check_places import hidden
 from drivebus.plant.expression import WORDS
 from drivebus.plant.model import AlarmKind, PlantSetting, Priority
 from drivebus.ports.link import parse_link
+from plantkit import FAN_FILE
 
-HEAD = """
-format = 1
-[plant]
-id = "p"
-[bus.a]
-link = "tcp://127.0.0.1:1?baud=9600&format=8E1"
-[drive.fan]
-bus = "a"
-address = 1
-model = "c320"
-[bus.b]
+HEAD = (
+    FAN_FILE
+    + """[bus.b]
 link = "tcp://127.0.0.1:2"
 [drive.pump]
 bus = "b"
@@ -37,6 +30,7 @@ bus = "c"
 address = 1
 model = "df800"
 """
+)
 
 
 def kinds(text: str) -> list[str]:

@@ -13,19 +13,12 @@ from drivebus.cli.root import cli
 from drivebus.plant import config
 from drivebus.plant.config import demands
 from drivebus.plant.config.arithmetic import costs
+from plantkit import FAN_FILE
 
 REFUSED = Path(__file__).parents[1] / "refused"
-PLANT = """
-format = 1
-[plant]
-id = "p"
-[bus.a]
-link = "tcp://127.0.0.1:1?baud=9600&format=8E1"
-[drive.fan]
-bus = "a"
-address = 1
-model = "c320"
-signals = { output_frequency = 0.5, output_voltage = 2.0 }
+PLANT = (
+    FAN_FILE
+    + """signals = { output_frequency = 0.5, output_voltage = 2.0 }
 [bus.b]
 link = "tcp://127.0.0.1:2"
 [drive.conveyor]
@@ -33,6 +26,7 @@ bus = "b"
 address = 1
 model = "dzb100"
 """
+)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import click
 from drivebus.cli import options, voice
 from drivebus.cli.command import Argument, Option, Verb
 from drivebus.cli.exits import Exit
-from drivebus.cli.verbs.scan import DEFAULT_MODELS, words
+from drivebus.cli.verbs.scan import listen_first, searched
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import Found
@@ -212,17 +212,8 @@ command = Verb(
         Argument(["links"], metavar="[LINK]...", nargs=-1, key="help.argument.init_links"),
         Option(["--scan"], is_flag=True, key="help.option.init_scan"),
         Option(["--answers"], metavar="FILE", key="help.option.answers", example="--answers answers.toml"),
-        Option(
-            ["--models"],
-            default=",".join(DEFAULT_MODELS),
-            type=options.Parsed("models", words, "cli.expect.models"),
-            metavar="M,...",
-            example="--models c320,vc660",
-        ),
-        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
-        Option(
-            ["--listen"], type=float, default=2.0, metavar="S", key="help.option.listen_first", example="--listen 5"
-        ),
+        *searched(),
+        listen_first(),
         Option(
             ["-o", "--output"],
             default="plant.toml",

@@ -6,6 +6,8 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.connect import recording
@@ -132,19 +134,28 @@ async def _listen(ending: Ending, open_port: Any, passes: list[Pass], seconds: f
     return await ending.race(listen(open_port(passes[0].settings), seconds))
 
 
+def searched() -> list[click.Parameter]:
+    """--models and --addresses: whom a scan asks."""
+    models = options.Parsed("models", words, "cli.expect.models")
+    usual = ",".join(DEFAULT_MODELS)
+    return [
+        Option(["--models"], default=usual, type=models, metavar="M,...", example="--models c320,vc660"),
+        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
+    ]
+
+
+def listen_first() -> click.Option:
+    """--listen: so long a scan only listens."""
+    key = "help.option.listen_first"
+    return Option(["--listen"], type=float, default=2.0, metavar="S", key=key, example="--listen 5")
+
+
 command = Verb(
     "scan",
     callback=_scan,
     params=[
         options.link(),
-        Option(
-            ["--models"],
-            default=",".join(DEFAULT_MODELS),
-            type=options.Parsed("models", words, "cli.expect.models"),
-            metavar="M,...",
-            example="--models c320,vc660",
-        ),
-        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
+        *searched(),
         Option(
             ["--bauds"],
             type=options.Parsed("bauds", bauds, "cli.expect.bauds"),
@@ -158,9 +169,7 @@ command = Verb(
             example="--formats 8N1,8E1",
         ),
         options.encoding(),
-        Option(
-            ["--listen"], type=float, default=2.0, metavar="S", key="help.option.listen_first", example="--listen 5"
-        ),
+        listen_first(),
         Option(["--anyway"], is_flag=True),
         Option(["--all", "everything"], is_flag=True, key="help.option.all"),
         options.record(),

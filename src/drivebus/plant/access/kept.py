@@ -6,8 +6,9 @@ Only hashes are kept. Times are of the monotonic clock, so they count only until
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -16,18 +17,31 @@ from drivebus.plant.access.store import replace_private
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """One session. ``digest`` is of its secret."""
+@dataclass(slots=True)
+class Login:
+    """Whose session it is, whichever process holds it. Times are monotonic seconds (S20)."""
 
-    digest: str
     id: str
+    """Opaque, no secret: leases belong to it, the audit trail names it."""
     csrf: str
     user: str
     stamp: str
+    """Of the user as it was at the login."""
     address: str
     opened: float
     active: float
+
+    def fields(self) -> dict[str, Any]:
+        """Those of every session."""
+        return {one.name: getattr(self, one.name) for one in fields(Login)}
+
+
+@dataclass(slots=True, kw_only=True)
+class Kept(Login):
+    """One session as it is kept."""
+
+    digest: str
+    """Of its secret."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from drivebus.plant.access.kept import Kept
+from drivebus.plant.access.kept import Kept, Login
 from drivebus.plant.access.register import User
 
 IDLE_S = 900.0
@@ -19,18 +19,9 @@ PER_USER = 20
 
 
 @dataclass(slots=True, eq=False)
-class Session:
+class Session(Login):
     """One browser that logged in."""
 
-    id: str
-    """Opaque, no secret: leases belong to it, the audit trail names it."""
-    csrf: str
-    user: str
-    stamp: str
-    """Of the user as it was at the login."""
-    address: str
-    opened: float
-    active: float
     over: asyncio.Event = field(default_factory=asyncio.Event)
     why: str | None = None
 
@@ -92,17 +83,12 @@ class Sessions:
 
     def kept(self) -> tuple[Kept, ...]:
         """For ``access.kept``."""
-        return tuple(
-            Kept(digest, one.id, one.csrf, one.user, one.stamp, one.address, one.opened, one.active)
-            for digest, one in self._by_digest.items()
-            if one.why is None
-        )
+        return tuple(Kept(**one.fields(), digest=digest) for digest, one in self._by_digest.items() if one.why is None)
 
     def restore(self, kept: Iterable[Kept]) -> None:
         """As another process had them."""
         for one in kept:
-            found = Session(one.id, one.csrf, one.user, one.stamp, one.address, one.opened, one.active)
-            self._by_digest[one.digest] = found
+            self._by_digest[one.digest] = Session(**one.fields())
 
     def of(self, user: str) -> list[Session]:
         return [session for session in self._by_digest.values() if session.user == user and session.why is None]

@@ -6,9 +6,11 @@ import os
 from collections.abc import Callable
 from fcntl import LOCK_EX, flock
 from pathlib import Path
+from typing import IO
 
 from pydantic import TypeAdapter, ValidationError
 
+from drivebus import files
 from drivebus.errors import ConfigurationError
 from drivebus.plant.access.register import Register
 
@@ -73,22 +75,13 @@ class AccessFile:
 
 def replace_private(path: Path, content: bytes) -> None:
     """Old or new, never half, never readable by others; durable on return."""
-    part = path.with_name(f".{path.name}.new")
+    files.replace(path, content, _new)
+
+
+def _new(part: Path) -> IO[bytes]:
+    """A file of nobody else's making."""
     part.unlink(missing_ok=True)
-    try:
-        with os.fdopen(_private(part, os.O_EXCL), "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    directory = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
+    return os.fdopen(_private(part, os.O_EXCL), "wb")
 
 
 def _private(path: Path, more: int = 0) -> int:

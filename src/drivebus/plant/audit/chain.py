@@ -11,11 +11,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
+from drivebus.files import sync_folder
 from drivebus.plant.audit import seal
 from drivebus.plant.audit.entry import Entry
 from drivebus.plant.audit.files import Places, backwards
 from drivebus.plant.audit.tails import Tail, tail_of, unfinished
-from drivebus.plant.journal import Journal, sync_folder, write_whole
+from drivebus.plant.journal import Journal, write_whole
 from drivebus.plant.view import Json
 
 CUT: Final = "audit.cut"

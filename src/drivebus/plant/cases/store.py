@@ -13,7 +13,8 @@ from typing import Final
 
 from drivebus.capture import CaptureError, CaptureWriter, Header
 from drivebus.errors import NotFound
-from drivebus.plant.journal import sync_folder, write_whole
+from drivebus.files import sync_folder
+from drivebus.plant.journal import write_whole
 from drivebus.plant.paging import page
 from drivebus.plant.view import Json
 
