@@ -12,6 +12,8 @@ from benchmarks.harness import Figures
 
 REQUEST = 8
 """Characters of a request, also of a stop."""
+P999_MS, MAX_MS = 10, 50
+GOALS = {"p99.9 beyond the bound, ms": P999_MS, "max beyond the bound, ms": MAX_MS}
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 
 
@@ -40,13 +42,13 @@ def read_frames(path: Path) -> dict[int, list[Frame]]:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A stop that the host's program asked for: seconds of the call and of the write to the port."""
+    """A stop that a program asked for: seconds of the call; where it was looked at, of the write to the port too."""
 
     line: int
     address: int
     at: float
-    written: float
-    frames_between: int
+    written: float = 0.0
+    frames_between: int = 0
 
 
 def read_calls(path: Path) -> list[Call]:
@@ -67,17 +69,39 @@ def stop_of(call: Call, seen: list[Frame]) -> int | None:
     return next((n for n in range(first, len(seen)) if seen[n].stops == call.address), None)
 
 
+Seen = tuple[Call, Frame, Frame]
+"""A call, its stop as the far end saw it, and the frame before that on its line."""
+
+
+def seen_of(calls: Iterable[Call], frames: Mapping[int, list[Frame]]) -> list[Seen]:
+    """The calls whose stop reached the far end."""
+    found = ((call, frames[call.line], stop_of(call, frames[call.line])) for call in calls)
+    return [(call, seen[place], seen[place - 1]) for call, seen, place in found if place is not None]
+
+
+def beyond(seen: Iterable[Seen], bound_s: float, lost: int) -> Figures:
+    """How late the stops were beside the bound to their first bit, and whether that is good enough (G06)."""
+    latencies = [stop.at - call.at for call, stop, _ in seen]
+    over = quantiles((latency - bound_s) * 1e3 for latency in latencies)
+    return {
+        "latency_over_bound": quantiles(latency / bound_s for latency in latencies),
+        "latency_minus_bound_ms": over,
+        "goal_met": lost == 0 and over["p99.9"] <= P999_MS and over["max"] <= MAX_MS,
+    }
+
+
+def after_free_ms(seen: Iterable[Seen], line: Mapping[str, float], request_s: float) -> dict[str, float]:
+    """From the moment when the line was free for the stop to its first bit."""
+    return quantiles((stop.at - max(call.at, _free_at(before, line, request_s))) * 1e3 for call, stop, before in seen)
+
+
 def figures_of(calls: list[Call], frames: Mapping[int, list[Frame]], host: Mapping[str, float], baud: int) -> Figures:
     """The report's figures; what depends on the machine is under ``machine``."""
     stop_s = 10 * REQUEST / baud
-    found = [(call, stop_of(call, frames[call.line])) for call in calls]
-    seen = [
-        (call, frames[call.line][place], frames[call.line][place - 1]) for call, place in found if place is not None
-    ]
+    seen = seen_of(calls, frames)
     lost = len(calls) - len(seen)
-    latencies = [stop.at - call.at for call, stop, _ in seen]
     bound_s, own_s = host["bound_s"] - stop_s, host["own_bound_s"] - stop_s
-    over = quantiles((latency - bound_s) * 1e3 for latency in latencies)
+    late = beyond(seen, bound_s, lost)
     return {
         "stops": len(calls),
         "never_seen": lost,
@@ -87,19 +111,17 @@ def figures_of(calls: list[Call], frames: Mapping[int, list[Frame]], host: Mappi
             "of the product's arithmetic": round(bound_s * 1e3, 3),
             "of 5.1, from the manual": round(own_s * 1e3, 3),
         },
-        "goals": {"p99.9 beyond the bound, ms": 10, "max beyond the bound, ms": 50, "SIGTERM to its last word, s": 3},
+        "goals": {**GOALS, "SIGTERM to its last word, s": 3},
         "machine": {
-            "latency_over_bound": quantiles(latency / bound_s for latency in latencies),
-            "latency_minus_bound_ms": over,
-            "latency_minus_bound_of_5.1_ms": quantiles((latency - own_s) * 1e3 for latency in latencies),
-            "after_the_line_was_free_ms": quantiles(
-                (stop.at - max(call.at, _free_at(before, host, stop_s))) * 1e3 for call, stop, before in seen
-            ),
+            "latency_over_bound": late["latency_over_bound"],
+            "latency_minus_bound_ms": late["latency_minus_bound_ms"],
+            "latency_minus_bound_of_5.1_ms": quantiles((stop.at - call.at - own_s) * 1e3 for call, stop, _ in seen),
+            "after_the_line_was_free_ms": after_free_ms(seen, host, stop_s),
             "of_it_from_write_to_far_end_ms": quantiles((stop.at - call.written) * 1e3 for call, stop, _ in seen),
             "frames_written_between_call_and_stop": dict(
                 sorted(Counter(call.frames_between for call in calls).items())
             ),
-            "goal_met": lost == 0 and over["p99.9"] <= 10 and over["max"] <= 50,
+            "goal_met": late["goal_met"],
             "requests_per_s_answered": round(host["requests_per_s"], 1),
             "ms_each": round(host["request_ms"], 3),
             "lines_occupied_percent": round(host["occupied_percent"], 1),
@@ -107,7 +129,7 @@ def figures_of(calls: list[Call], frames: Mapping[int, list[Frame]], host: Mappi
     }
 
 
-def _free_at(before: Frame, host: Mapping[str, float], request_s: float) -> float:
+def _free_at(before: Frame, line: Mapping[str, float], request_s: float) -> float:
     """When the stop could have left: after the frame before it was answered or given up, and the gap."""
-    over = before.replied if before.replied is not None else before.at + request_s + host["timeout_s"]
-    return over + host["gap_s"]
+    over = before.replied if before.replied is not None else before.at + request_s + line["timeout_s"]
+    return over + line["gap_s"]

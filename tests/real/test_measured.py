@@ -1,4 +1,4 @@
-"""The measured command runs and tells the truth of what it saw: ``python -m benchmarks.stop`` (G06, I3, 6.6).
+"""Measured commands tell the truth of what they saw: ``benchmarks.stop`` and ``.service`` (G06, I3, S14, 6.6).
 
 Its figures are for a quiet machine and a report; here only that every stop reached the far end, and the arithmetic.
 """
@@ -63,3 +63,74 @@ def test_a_stop_that_comes_too_late_is_reported_as_a_goal_that_was_missed(
     assert found["machine"]["frames_written_between_call_and_stop"] == {1: 1}
     never = figures_of([Call(0, 3, 10.0, 0.0, 0), Call(0, 1, 10.0, 10.0, 0)], {0: [read, stop]}, host, 19200)
     assert never["never_seen"] == 1 and not never["machine"]["goal_met"]
+
+
+READ = bytes.fromhex("0103300000040000")
+STOP = bytes.fromhex("0106200000020000")
+
+
+def test_a_stop_of_the_service_that_was_refused_or_is_late_is_no_goal_met(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.latency import Frame
+    from benchmarks.served import calls_by_way, late
+
+    file = tmp_path / "calls"
+    file.write_text("socket 0 1 10000000000 confirmed\nweb 0 1 11000000000 confirmed\nweb 0 3 11500000000 503\n")
+    calls = calls_by_way(file)
+    stop_s = 80 / 19200
+    frames = {
+        0: [Frame(9.99, 10.0, READ), Frame(10.05, 10.06, STOP), Frame(10.99, 11.0, READ), Frame(11.08, 11.09, STOP)]
+    }
+    by_socket, by_web = (late(calls[way], frames, 0.06 + stop_s, 19200) for way in ("socket", "web"))
+    assert by_socket["answers"] == {"confirmed": 1} and by_socket["goal_met"]
+    assert by_socket["latency_minus_bound_ms"]["max"] == pytest.approx(-10.0)
+    assert by_web["answers"] == {"503": 1, "confirmed": 1} and by_web["never_seen"] == 1
+    assert by_web["latency_minus_bound_ms"]["max"] == pytest.approx(20.0) and not by_web["goal_met"]
+    assert not late(calls["web"][1:], frames, 0.06, 19200)["goal_met"]
+
+
+def test_the_longest_pause_between_two_polls_counts_the_window_s_ends_and_a_drive_that_was_never_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.latency import Frame
+    from benchmarks.served import polls
+
+    other = bytes.fromhex("0103300400010000")
+    seen = [Frame(at, at + 0.01, READ) for at in (9.0, 10.5, 11.0, 11.5)] + [Frame(11.6, 11.7, other)]
+    found = polls({0: seen}, [1], (10.0, 12.0))
+    assert found == {"of_a_drive_per_s": 1.5, "longest_pause_s": 0.5, "frames_of_a_line_per_s": 2.0}
+    assert polls({0: seen}, [1, 2], (10.0, 12.0))["longest_pause_s"] == 2.0
+
+
+def test_s14_what_the_flood_takes_from_the_plant_or_lets_the_web_process_grow_to_is_a_goal_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.service import CAP_MB, verdicts
+
+    met = {"goal_met": True}
+    normal = {"by_socket": met, "by_web": met, "polls": {"of_a_drive_per_s": 2.0}}
+
+    def judged(polls: float, most_mb: float) -> list[bool]:
+        web = {"web": {"memory_mb": {"most": most_mb}}}
+        flood = {"by_socket": met, "polls": {"of_a_drive_per_s": polls}, "processes": web}
+        return list(verdicts({"normal": normal, "flood": flood}).values())
+
+    assert judged(2.0, 100.0) == [True] * 5
+    assert judged(1.8, 100.0) == [True] * 4 + [False]
+    assert judged(2.0, CAP_MB) == [True] * 3 + [False, True]
+
+
+def test_the_measured_plant_is_one_that_the_service_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.hall import drive_id, plant_text
+
+    from drivebus.plant.config.load import load
+
+    file = tmp_path / "plant.toml"
+    file.write_text(plant_text(tmp_path / "state", 8080, ["sim://vc660@1-8", "sim://vc660@1-8?seed=2"], 8, 19_200))
+    found = load(str(file))
+    assert [drive.id for drive in found.drives][7:9] == [drive_id(0, 8), drive_id(1, 1)]

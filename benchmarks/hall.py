@@ -1,0 +1,159 @@
+"""A real ``drivebus serve plant.toml`` to be measured: its file, its token, its two processes, what they use."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.client import HTTPConnection
+from pathlib import Path
+
+TOKEN = "dbt_benchmark"
+"""Of a user who may see, stop and read parameters."""
+COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+PATIENCE_S = 60.0
+
+
+def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, baud: int) -> str:
+    """``plant.toml``: VC660s at 1 to ``drives`` of each line, polled as often as the plant thinks that the line can."""
+    parts = [
+        f'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\ndirectory = {json.dumps(str(directory))}',
+        f"[web]\nport = {port}",
+    ]
+    for line, link in enumerate(links):
+        parts.append(f'[bus.line-{line}]\nlink = {json.dumps(link)}\nbaud = {baud}\nformat = "8N1"')
+        parts += [
+            f'[drive.{drive_id(line, address)}]\nbus = "line-{line}"\naddress = {address}\nmodel = "vc660"'
+            for address in range(1, drives + 1)
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def drive_id(line: int, address: int) -> str:
+    return f"d{line}-{address}"
+
+
+@dataclass(frozen=True)
+class Hall:
+    """Where it is."""
+
+    directory: Path
+    port: int
+    plant: int
+    """Process id."""
+    web: int
+    begun: float
+    """Monotonic second at which the command was given."""
+    socket_at: float
+    """... at which the plant answered on its socket."""
+    web_at: float
+    """... at which the web process answered."""
+
+    @property
+    def sockets(self) -> tuple[Path, Path]:
+        """For everything, and for "stop all"."""
+        return self.directory / "plant.sock", self.directory / "stop.sock"
+
+
+@contextmanager
+def serving(folder: Path, links: Sequence[str], drives: int, baud: int) -> Iterator[Hall]:
+    """The whole service for the time of a ``with``. On loopback only."""
+    directory, port, file = folder / "state", free_port(), folder / "plant.toml"
+    directory.mkdir(mode=0o700)
+    file.write_text(plant_text(directory, port, links, drives, baud))
+    _let_in(directory)
+    environment = os.environ | {"XDG_STATE_HOME": str(folder)}
+    begun = time.monotonic()
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [*COMMAND, "serve", str(file)], stdout=subprocess.DEVNULL, stderr=log, env=environment
+        )
+        try:
+            socket_at = _until(lambda: (directory / "plant.sock").exists(), process, folder)
+            web_at = _until(lambda: _answers(port), process, folder)
+            yield Hall(directory, port, process.pid, _child_of(process.pid), begun, socket_at, web_at)
+        finally:
+            process.terminate()
+            try:
+                process.wait(PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def _let_in(directory: Path) -> None:
+    from drivebus.plant.access.register import Register, Token, User
+    from drivebus.plant.access.rights import Right, Role
+    from drivebus.plant.access.sessions import digest
+    from drivebus.plant.access.store import AccessFile
+
+    user = User("bench", Role.ADMINISTRATOR, "never used", 0)
+    rights = (Right.VIEW, Right.STOP, Right.OPERATE)
+    token = Token("1", "bench", "bench", rights, digest(TOKEN), 0, 4_000_000_000_000)
+    AccessFile(directory / "access.json").change(lambda _: Register().added(user).with_token(token))
+
+
+def _until(there: Callable[[], bool], process: subprocess.Popen[bytes], folder: Path) -> float:
+    """When it was there. Raises RuntimeError where the service has ended, or it never comes."""
+    last = time.monotonic() + PATIENCE_S
+    while not there():
+        if process.poll() is not None or time.monotonic() > last:
+            raise RuntimeError((folder / "log").read_text()[-2000:])
+        time.sleep(0.01)
+    return time.monotonic()
+
+
+def _answers(port: int) -> bool:
+    asking = HTTPConnection("127.0.0.1", port, timeout=1.0)
+    try:
+        asking.request("GET", "/api/v1/health")
+        return asking.getresponse().status == 200
+    except OSError:
+        return False
+    finally:
+        asking.close()
+
+
+def _child_of(pid: int) -> int:
+    """The web process, the plant's only child."""
+    found = [int(file.parent.name) for file in Path("/proc").glob("[0-9]*/stat") if _parent(file) == pid]
+    return found[0]
+
+
+def _parent(file: Path) -> int | None:
+    try:
+        return int(file.read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return None
+
+
+# --- what a process uses ----------------------------------------------------------------------------------------------
+
+
+def memory_mb(pid: int) -> dict[str, float]:
+    """Its share (PSS), what it holds (RSS) and the most that it ever held."""
+    rollup, status = Path(f"/proc/{pid}/smaps_rollup").read_text(), Path(f"/proc/{pid}/status").read_text()
+    return {"pss": _mb(rollup, "Pss:"), "rss": _mb(status, "VmRSS:"), "most": _mb(status, "VmHWM:")}
+
+
+def _mb(text: str, name: str) -> float:
+    line = next(line for line in text.splitlines() if line.startswith(name))
+    return round(int(line.split()[1]) / 1024, 1)
+
+
+def cpu_s(pid: int) -> float:
+    """Seconds of processor time so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
