@@ -21,6 +21,7 @@ from drivebus.plant.client import PlantClient
 from drivebus.plant.failure import failure
 from drivebus.plant.operations import OPERATIONS
 from drivebus.plant.socket_paths import LONGEST_LINE, reachable
+from drivebus.plant.turns import encoded
 
 Json = dict[str, Any]
 MOST_REQUESTS = 1000
@@ -115,28 +116,28 @@ class _Connection:
 
     async def _answer(self, id: Any, work: Awaitable[Json]) -> None:
         try:
-            self._send({"id": id, "result": await work})
+            await self._send({"id": id, "result": await work})
         except DrivebusError as error:
-            self._send({"id": id, "error": failure(error)})
+            await self._send({"id": id, "error": failure(error)})
         except Exception:
             LOG.exception("a request failed in a way that nobody foresaw")
-            self._send({"id": id, "error": failure(ServiceUnavailable("plant.internal"))})
+            await self._send({"id": id, "error": failure(ServiceUnavailable("plant.internal"))})
 
     async def _live(self, id: Any, patterns: list[str], actor: Actor, interval_s: float) -> None:
         try:
             async for message in self._plant.live(patterns, actor, interval_s):
-                self._send({"id": id, "live": message})
+                await self._send({"id": id, "live": message})
                 await self._writer.drain()
         except DrivebusError as error:
-            self._send({"id": id, "error": failure(error)})
+            await self._send({"id": id, "error": failure(error)})
         except ConnectionError:
             return
 
-    def _send(self, message: Json) -> None:
+    async def _send(self, message: Json) -> None:
         if self._writer.transport.get_write_buffer_size() > MOST_UNSENT:
             self._writer.transport.abort()
             return
-        data = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+        data = await encoded(message)
         if len(data) >= LONGEST_LINE:
             data = json.dumps({"id": message["id"], "error": failure(ParamsError("plant.too_long"))}).encode()
         self._writer.write(data + b"\n")

@@ -6,13 +6,14 @@ from collections.abc import Awaitable, Callable
 
 from fastapi import APIRouter
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from drivebus.gateways.door import actor
 from drivebus.gateways.rest import described, export
 from drivebus.gateways.rest.asked import params_of
 from drivebus.gateways.rest.table import PREFIX, ROUTES, Route
 from drivebus.plant.client import PlantClient
+from drivebus.plant.turns import encoded
 
 
 def rest_router(plant: PlantClient) -> APIRouter:
@@ -35,7 +36,8 @@ def _handler(route: Route, plant: PlantClient) -> Callable[[Request], Awaitable[
         params = await params_of(route, request)
         if route.name == "history.export":
             return await export.download(plant, params, actor(request))
-        return JSONResponse(await plant.call(route.name, params, actor(request)), headers=NEVER_STORED)
+        body = await encoded(await plant.call(route.name, params, actor(request)))
+        return Response(body, media_type="application/json", headers=NEVER_STORED)
 
     return answer
 

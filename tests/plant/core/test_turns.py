@@ -1,0 +1,74 @@
+"""Long answers are made and encoded in pieces, so that none stands in front of a stop (G06)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Coroutine
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivebus.plant import turns
+from drivebus.plant.turns import PIECE, by_and_by, encoded
+from drivebus.testing import virtual
+
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
+KEYS = st.text() | st.integers()
+DOCUMENTS = st.recursive(
+    LEAVES, lambda inner: st.lists(inner) | st.dictionaries(KEYS, inner) | st.tuples(inner, inner), max_leaves=30
+)
+
+
+def _done(work: Coroutine[Any, Any, bytes]) -> bytes:
+    """It waits for nothing but its next turn: no loop is needed."""
+    while True:
+        try:
+            work.send(None)
+        except StopIteration as ended:
+            found: bytes = ended.value
+            return found
+
+
+@given(DOCUMENTS)
+def test_what_is_encoded_in_pieces_is_what_is_encoded_at_once(document: Any) -> None:
+    whole = json.dumps(document, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    assert _done(encoded(document)) == whole.encode()
+
+
+def test_a_number_that_is_none_in_json_is_no_answer() -> None:
+    with pytest.raises(ValueError):
+        _done(encoded({"result": {"value": float("nan")}}))
+
+
+async def _turns_during(work: Any) -> int:
+    """How often somebody else has a turn while it is done."""
+    counted, done = 0, asyncio.ensure_future(work)
+    while not done.done():
+        await asyncio.sleep(0)
+        counted += 1
+    await done
+    return counted
+
+
+@pytest.mark.parametrize("kind", ["list", "topics"])
+def test_g06_others_have_their_turn_within_a_long_message(kind: str) -> None:
+    drive = {"id": "x" * 1000}
+    many: Any = [drive] * 300 if kind == "list" else {f"drives/{n}": drive for n in range(300)}
+    message = {"id": 7, "result": {"drives": many}}
+    pieces = len(json.dumps(message)) // PIECE
+    assert pieces > 5
+    assert virtual.run(_turns_during(encoded(message))) > pieces
+    assert virtual.run(_turns_during(encoded({"id": 7, "result": drive}))) <= 2
+
+
+def test_g06_so_many_at_once_as_was_said() -> None:
+    async def all_of(many: list[int], at_once: int) -> list[int]:
+        return [one async for one in by_and_by(many, at_once)]
+
+    many = list(range(40))
+    assert virtual.run(all_of(many, 1)) == many
+    assert virtual.run(_turns_during(all_of(many, 1))) > 40
+    assert virtual.run(_turns_during(all_of(many, turns.AT_ONCE))) < 10
