@@ -1,19 +1,23 @@
-"""One HTTP connection with limits that the library does not have: no slow head, no endless head, no slow reader, no
-address that takes all connections (S14).
+"""HTTP connections and WebSockets with limits that the library does not have: no slow head, no endless head, no slow
+reader, no address that takes all connections (S14).
 """
 
 from __future__ import annotations
 
 import asyncio
 import ipaddress
+from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 HEAD_S = 10.0
 """From the connection, or the first octet of a later request, to the empty line."""
 HEAD_LARGEST = 32 * 1024
 READ_S = 30.0
 """So long the other side may leave its answer unread."""
+CLOSE_S = 2.0
+"""So long a WebSocket may take to answer that it is closed; until then it has one of the connections."""
 PER_ADDRESS = 128
 """Connections of one address; this machine's own (a reverse proxy) may have all."""
 
@@ -86,3 +90,33 @@ class Patience(HttpToolsProtocol):
             return False
         others = (getattr(one, "client", None) for one in self.connections)
         return len([other for other in others if other is not None and other[0] == self.client[0]]) > PER_ADDRESS
+
+
+class PatientSocket(WebSocketsSansIOProtocol):
+    """A WebSocket that nobody reads, or that does not end when it is told to, keeps its connection from nobody else.
+
+    What waits to be sent holds a mere ``close`` back for ever.
+    """
+
+    _unread: asyncio.TimerHandle | None = None
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.close_timeout = CLOSE_S
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._is_read()
+        super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._unread = self.loop.call_later(READ_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._is_read()
+
+    def _is_read(self) -> None:
+        if self._unread is not None:
+            self._unread.cancel()
+        self._unread = None

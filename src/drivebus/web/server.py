@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from drivebus.errors import ConfigurationError
 from drivebus.plant.access.access import Access
 from drivebus.plant.model import WebSetting
-from drivebus.web.patience import Patience
+from drivebus.web.patience import Patience, PatientSocket
 
 LOOPBACK = "127.0.0.1"
 CONNECTIONS = 512
@@ -91,7 +91,7 @@ def config(app: FastAPI, web: WebSetting) -> uvicorn.Config:
     made = uvicorn.Config(
         app,
         http=Patience,
-        ws="websockets-sansio",
+        ws=PatientSocket,
         ws_max_size=WS_LARGEST,
         ws_per_message_deflate=False,
         lifespan="on",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import socket
 import ssl
 from collections.abc import AsyncIterator
@@ -14,14 +15,18 @@ from typing import Any
 import httpx
 import pytest
 import trustme
+from fastapi import FastAPI
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from doorkit import PASSWORD, House
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.child import command, understood
+from drivebus.plant.access.child import Child, command, understood
 from drivebus.plant.model import PlantSetting, WebSetting
+from drivebus.plant.socket_client import SocketClient
 from drivebus.profiles.model import Text
+from drivebus.web import __main__ as web_process
 from drivebus.web import patience
-from drivebus.web.server import Listening, bound, host_for, is_loopback
+from drivebus.web.server import Listening, Server, bound, config, host_for, is_loopback
 
 
 @contextlib.asynccontextmanager
@@ -199,6 +204,68 @@ async def test_s14_whoever_does_not_read_the_answer_is_let_go(tmp_path: Path) ->
             else:
                 pytest.fail("still connected")
             lazy.close()
+
+
+def talker() -> FastAPI:
+    """WebSockets: ``/flood`` tells without end, ``/closed`` is closed at once."""
+    app = FastAPI()
+
+    async def flood(socket: WebSocket) -> None:
+        await socket.accept()
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                await socket.send_text("x" * 100_000)
+
+    async def closed(socket: WebSocket) -> None:
+        await socket.accept()
+        await socket.close(1013, "many")
+
+    app.add_api_websocket_route("/flood", flood)
+    app.add_api_websocket_route("/closed", closed)
+    return app
+
+
+@pytest.mark.parametrize(("path", "limit"), [("/flood", "READ_S"), ("/closed", "CLOSE_S")])
+async def test_s14_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(path: str, limit: str) -> None:
+    """However long what waits for it can't be sent."""
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(patience, limit, 0.2)
+        listener = bound("127.0.0.1", 0)
+        server = Server(config(talker(), WebSetting(port=0)))
+        serving = asyncio.create_task(server.serve([listener]))
+        lazy = socket.socket()  # never read
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        lazy.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(lazy, listener.getsockname())
+        more = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13"
+        key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+        lazy.send(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n{key}\r\n\r\n".encode())
+        async with asyncio.timeout(5):
+            for there in (True, False):
+                while bool(server.server_state.connections) is not there:  # noqa: ASYNC110
+                    await asyncio.sleep(0.01)
+        lazy.close()
+        server.should_exit = True
+        await serving
+
+
+async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which takes 0.1 s, and a stop over the web waited for it."""
+    frozen: list[int] = []
+
+    async def run(_: Listening) -> None:
+        frozen.append(gc.get_freeze_count())
+
+    monkeypatch.setattr(Listening, "run", run)
+    before = gc.get_freeze_count()
+    try:
+        child = Child(tmp_path, tmp_path / "access.json", WebSetting(port=0))
+        await web_process._run(SocketClient(tmp_path / "plant.sock"), child)
+    finally:
+        gc.unfreeze()
+    assert frozen[0] > before
 
 
 async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) -> None:
