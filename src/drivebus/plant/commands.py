@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus.drives.memory import DriveLimits
 from drivebus.drives.state import Outcome
-from drivebus.errors import DrivebusError, LimitError, StopUnconfirmed
+from drivebus.errors import DrivebusError, LimitError, NotOwner, StopUnconfirmed
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import Own
@@ -52,6 +52,17 @@ class Commands:
         self.plant.leases.need(drive, actor, self.plant.now())
         return unit
 
+    def own_with_followers(self, drive: str, actor: Actor) -> Unit:
+        """``own`` for who changes a frequency that others follow. Raises NotOwner, before anything is sent, unless the
+        actor may command each of them too."""
+        unit = self.own(drive, actor)
+        for _, follower in self.plant.followers(drive):
+            try:
+                self.own(follower.id, actor)
+            except NotOwner as error:
+                raise NotOwner("plant.follower_not_owned", drive=follower.id, leader=drive, why=error) from error
+        return unit
+
     # --- who may --------------------------------------------------------------------------------------------------
 
     async def take(self, params: ask.OfDrive, actor: Actor) -> Json:
@@ -85,7 +96,7 @@ class Commands:
     # --- motion ---------------------------------------------------------------------------------------------------
 
     async def run(self, params: ask.Run, actor: Actor) -> Json:
-        unit = self.own(params.drive, actor)
+        unit = self.own_with_followers(params.drive, actor)
         check(self.plant, unit)
         unit.drive.check_frequency(params.frequency_hz)
         self.plant.arms.use(params.arm, unit.id, actor, self.plant.now())
@@ -111,7 +122,7 @@ class Commands:
             unit.moved_at = self.plant.now()
 
     async def set_frequency(self, params: ask.SetFrequency, actor: Actor) -> Json:
-        unit = self.own(params.drive, actor)
+        unit = self.own_with_followers(params.drive, actor)
         outcome = await unit.drive.set_frequency(params.frequency_hz)
         unit.commanded_hz = params.frequency_hz
         told = self.told(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)

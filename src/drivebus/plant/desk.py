@@ -5,7 +5,7 @@ recorded before its first frame leaves and after (6.5, G14).
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import Own
 from drivebus.plant.audit import Entry
 from drivebus.plant.failure import failure, plain
-from drivebus.plant.operations import OPERATIONS, Operation, Params, WriteParameters
+from drivebus.plant.operations import OPERATIONS, Operation, Params, Run, SetFrequency, WriteParameters
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
@@ -106,7 +106,7 @@ class Desk:
 
     async def _recorded(self, operation: Operation, params: Params, actor: Actor, handler: Handler) -> Json:
         wished_at, stops = self.plant.now(), self._stops(params)
-        entry = _entry(operation, params.model_dump(), actor)
+        entry = _entry(operation, params.model_dump(), actor, drives=stops)
         try:
             number = await self._record(replace(entry, outcome="asked"))
         except AuditUnavailable:
@@ -115,7 +115,7 @@ class Desk:
             number = None
         entry = replace(entry, of=number)
         try:
-            self._still(params, wished_at, stops)
+            self._still(wished_at, stops)
             found = await handler(params, actor)
         except DrivebusError as error:
             await self._after(_failed(entry, error))
@@ -123,21 +123,25 @@ class Desk:
         await self._after(_done(entry, found))
         return found
 
-    def _still(self, params: Params, wished_at: float, stops: int) -> None:
-        """While it was recorded nobody has stopped the drive, and it has not become another wish."""
-        if self._stops(params) != stops:
-            raise Superseded("plant.stopped_meanwhile", drive=getattr(params, "drive", getattr(params, "group", "")))
+    def _still(self, wished_at: float, stops: Mapping[str, int]) -> None:
+        """While it was recorded nobody has stopped one of its drives, and it has not become another wish."""
+        for drive, count in stops.items():
+            if self.plant.unit(drive).stops != count:
+                raise Superseded("plant.stopped_meanwhile", drive=drive)
         age_s = self.plant.now() - wished_at
         if age_s > OLDEST_S:
             raise Expired("plant.record_too_slow", age_s=round(age_s, 2), limit_s=OLDEST_S)
 
-    def _stops(self, params: Params) -> int:
-        return sum(unit.stops for unit in self._concerned(params))
+    def _stops(self, params: Params) -> dict[str, int]:
+        """How often each drive that it concerns was stopped so far."""
+        return {unit.id: unit.stops for unit in self._concerned(params)}
 
     def _concerned(self, params: Params) -> list[Unit]:
+        """The drives that it does something to: followers get their share of their leader's frequency."""
         drive, group = getattr(params, "drive", None), getattr(params, "group", None)
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
-        return [self.plant.unit(id) for id in drives]
+        followers = self.plant.followers(params.drive) if isinstance(params, Run | SetFrequency) else ()
+        return [*(self.plant.unit(id) for id in drives), *(unit for _, unit in followers)]
 
     # --- the record -----------------------------------------------------------------------------------------------
 
@@ -193,11 +197,18 @@ def _short(value: Any) -> str:
     return repr(value)[:200]
 
 
-def _entry(operation: Operation, params: Any, actor: Actor, outcome: str | None = None) -> Entry:
+def _entry(
+    operation: Operation, params: Any, actor: Actor, outcome: str | None = None, drives: Iterable[str] = ()
+) -> Entry:
+    """``drives``: those that it concerns; where they are more than its target they are named."""
     found = plain(params)
     known = found if isinstance(found, dict) else {}
     target = next((known[name] for name in TARGETS if isinstance(known.get(name), str)), "")
-    return Entry.by(actor, operation.name, target=target, params=known, outcome=outcome)
+    concerned = [id for id in drives if id != target]
+    return Entry.by(
+        actor, operation.name, target=target, params=known | ({"drives": concerned} if concerned else {}),
+        outcome=outcome,
+    )  # fmt: skip
 
 
 def _failed(entry: Entry, error: DrivebusError) -> Entry:

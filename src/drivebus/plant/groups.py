@@ -134,20 +134,19 @@ class Groups:
         return said
 
     async def follow(self, leader: Unit, frequency_hz: float, actor: Actor) -> Json:
-        """The leader got another frequency: whoever follows it and runs gets its share, unless it is not ours."""
+        """The leader got another frequency: whoever follows it and runs gets its share."""
         found: Json = {}
-        for group in self.plant.groups_of(leader.id):
-            for id in group.drives if group.leader == leader.id else ():
-                unit = self.plant.unit(id)
-                if unit is not leader and unit.started and id in group.ratios:
-                    found[id] = await self._followed(group, unit, frequency_hz, actor)
+        for group, unit in self.plant.followers(leader.id):
+            found[unit.id] = await self._followed(group, unit, frequency_hz, actor)
         return found
 
     async def _followed(self, group: GroupSetting, unit: Unit, frequency_hz: float, actor: Actor) -> Json:
-        lease = self.plant.leases.get(unit.id, self.plant.now())
-        if lease is not None and lease.actor.session != actor.session:
-            self.plant.tell("command", unit.id, "plant.does_not_follow", actor=actor.name, owner=lease.actor.name)
-            return {}
+        """Its lease may have ended while the leader was commanded, or it may just have been started by another."""
+        try:
+            self.commands.own(unit.id, actor)
+        except NotOwner as error:
+            self.plant.tell("command", unit.id, "plant.does_not_follow", actor=actor.name, why=error)
+            return failure(error)
         return await self._set(unit, share_hz(group, unit.id, frequency_hz), actor)
 
     def view(self, group: GroupSetting) -> Json:

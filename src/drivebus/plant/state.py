@@ -87,6 +87,11 @@ class Plant:
     def groups_of(self, id: str) -> list[GroupSetting]:
         return [group for group in self.setting.groups if id in group.drives]
 
+    def followers(self, leader: str) -> list[tuple[GroupSetting, Unit]]:
+        """Who gets its share when this drive gets another frequency: drives of its group that this service started."""
+        found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.ratios]
+        return [(group, self.unit(id)) for group, id in found if id != leader and self.unit(id).started]
+
     def command_id(self, word: str) -> str:
         """A name for a command that nobody else has in this life of the service."""
         self.commands += 1

@@ -156,6 +156,22 @@ def test_pages_go_back_to_the_first_record_and_take_none_twice(tmp_path: Path) -
             asyncio.run(made.entries(*EVER, cursor=wrong))
 
 
+def test_a_drives_page_shows_what_was_done_to_it_with_others_too(tmp_path: Path) -> None:
+    """A group's start, the share of a leader's new frequency."""
+
+    async def go() -> None:
+        made = trail(tmp_path)
+        await made.open()
+        await made.record(Entry.by(LI, "group.start", target="fans", params={"drives": ["fan-1", "fan-2"]}))
+        await made.record(Entry.by(LI, "user.add", target="fan-2", params={"drives": "fan-1"}))
+        found = [(await made.entries(*EVER, drive))["items"] for drive in ("fan-1", "fan-2", "fan-3")]
+        what = [[item["what"] for item in items] for items in found]
+        assert what == [["group.start"], ["user.add", "group.start"], []]
+        await made.close()
+
+    asyncio.run(go())
+
+
 def test_pages_heed_the_span_and_leave_out_a_line_that_was_changed(tmp_path: Path) -> None:
     made = written(tmp_path)
     times = [one["time_ms"] for one in lines(made.places.current)]

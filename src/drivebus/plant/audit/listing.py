@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from drivebus.plant.audit import seal
 from drivebus.plant.audit.files import Places, backwards, first_of
@@ -17,9 +18,15 @@ def listed(places: Places, from_ms: int, to_ms: int, drive: str | None, cursor: 
     """
 
     def wanted(body: Json) -> bool:
-        return from_ms <= body["time_ms"] < to_ms and drive in (None, body.get("target"))
+        return from_ms <= body["time_ms"] < to_ms and (drive is None or drive in concerned(body))
 
     return page(_items(places, after(cursor), wanted), cursor, limit)
+
+
+def concerned(body: Json) -> tuple[Any, ...]:
+    """What a record is about: its target, the other drives that it did something to."""
+    drives = body.get("params", {}).get("drives", ())
+    return (body.get("target"), *(drives if isinstance(drives, list) else ()))
 
 
 def _items(
