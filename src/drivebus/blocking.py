@@ -217,16 +217,21 @@ class Drive:
         direction: Direction | str | None = None,
         wait: bool = False,
         timeout_s: float | None = None,
+        wished_at: float | None = None,
     ) -> Outcome:
-        return self._bus.wait(self.drive.run(frequency_hz, direction, wait, timeout_s))
+        return self._bus.wait(self.drive.run(frequency_hz, direction, wait, timeout_s, wished_at))
 
-    def set_frequency(self, frequency_hz: float) -> Outcome:
-        return self._bus.wait(self.drive.set_frequency(frequency_hz))
+    def set_frequency(self, frequency_hz: float, wished_at: float | None = None) -> Outcome:
+        return self._bus.wait(self.drive.set_frequency(frequency_hz, wished_at))
 
     def jog(
-        self, frequency_hz: float | None = None, direction: Direction | str = "forward", lease_s: float = 0.5
+        self,
+        frequency_hz: float | None = None,
+        direction: Direction | str = "forward",
+        lease_s: float = 0.5,
+        wished_at: float | None = None,
     ) -> Lease:
-        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s))
+        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s, wished_at))
 
     def stop(self, wait: bool = True) -> Outcome:
         return self._bus.wait(self.drive.stop(wait))

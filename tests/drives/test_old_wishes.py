@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from drivebus.drives.gate import EXPIRY_S, Kind
+from drivebus.drives.jogging import begin
 from drivebus.drives.operation import PREPARE_S, Talk
 from drivebus.drives.parameters import write
 from drivebus.drives.reset import reset_fault
 from drivebus.drives.setpoint import set_frequency
+from drivebus.drives.shell import surroundings
 from drivebus.drives.start import run
-from drivebus.drives.state import OutcomeWord
+from drivebus.drives.state import Direction, OutcomeWord
 from drivebus.errors import Expired, GateError
-from drivebus.message import Ask
+from drivebus.message import Ask, Effect
 from drivebus.protocols import sifang
 from drivekit import Bench, PaperC320, PaperModbus, World, dialect_of, memory_of, story
 
@@ -81,6 +86,53 @@ def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
     assert world.play(write(Talk(memory_of(world.dialect), 0, world.now), values, True)).done
     assert world.now > 2 * PREPARE_S and len(world.sent(sifang.WriteParameter)) == 3
+
+
+MOTIONS: dict[str, tuple[str, Any]] = {
+    "c320": ("c320", lambda talk: run(talk, 20.0, None)),
+    "vc660": ("vc660", lambda talk: run(talk, 20.0, None)),
+    "df800": ("df800", lambda talk: run(talk, 20.0, None)),
+    "jog": ("c320", lambda talk: begin(talk, 5.0, Direction.FORWARD)),
+}
+
+
+def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> float | None:
+    """How long after the wish the last frame that moves was sent, on a line of this pace; None where there was none."""
+    model, conversation = MOTIONS[name]
+    world = World(dialect_of(model), PaperC320() if model == "c320" else world_of(model).station)
+    world.around, world.transaction_s = replace(world.around, now=100.0), transaction_s
+    sent: list[float] = []
+    world.on_ask = lambda ask: sent.append(world.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
+    with contextlib.suppress(Expired):
+        world.play(conversation(Talk(memory_of(world.dialect), 0, 100.0, wished_at)))
+    return sent[-1] - 100.0 if sent else None
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_i1_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_two_seconds(name: str) -> None:
+    """Ruling 12: checks and command together, whatever the line's pace; without it they add up."""
+    paces = [pace / 200 for pace in range(1, 120)]
+    known = [last_motion_s(name, pace, 100.0) for pace in paces]
+    assert known[0] is not None and known[-1] is None
+    assert max(age for age in known if age is not None) <= EXPIRY_S[Kind.START]
+    apart = [last_motion_s(name, pace, None) for pace in paces]
+    assert max(age for age in apart if age is not None) > 2 * EXPIRY_S[Kind.START]
+
+
+def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
+    """A wall clock's seconds would never expire."""
+
+    async def aged() -> float:
+        async with Bench("c320") as bench:
+            drive = bench.drive()
+            talk = drive._wish(1.8e9)
+            assert talk.wished_at == talk.begun == bench.bus.now()
+            early = drive._wish(bench.bus.now() - HOUR_S)
+            with pytest.raises(Expired):
+                await drive.run(20.0, wished_at=early.wished_at)
+            return bench.bus.now() - talk.command(Kind.START, surroundings(bench.bus, 1)).created_at
+
+    assert story(aged()) > 0.0
 
 
 def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:

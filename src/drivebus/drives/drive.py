@@ -121,9 +121,11 @@ class Drive:
         self._recall()
         return await converse(conversation, self.bus, self.address, self._store, begun)
 
-    def _wish(self) -> Talk:
+    def _wish(self, wished_at: float | None = None) -> Talk:
         """A command wished for now: a stop from now on takes it away, whatever it still waits for (6.5)."""
-        return Talk(self._memory, self.bus.generation(self.address), self.bus.now())
+        now = self.bus.now()
+        wished_at = None if wished_at is None else min(now, wished_at)  # by another clock it might never expire
+        return Talk(self._memory, self.bus.generation(self.address), now if wished_at is None else wished_at, wished_at)
 
     async def _in_turn(self, conversation: Conversation[T]) -> T:
         """One command at a time; a stop never waits for this. Raises Expired for one that waited too long."""
@@ -227,36 +229,44 @@ class Drive:
         direction: Direction | str | None = None,
         wait: bool = False,
         timeout_s: float | None = None,
+        wished_at: float | None = None,
     ) -> Outcome:
         """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
 
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
+        ``wished_at``: when somebody asked for it, by ``bus.now()``. Nothing that moves leaves more than 2 s after that
+        (ruling 12), however long the checks take; None: they have limits of their own.
         """
         way = None if direction is None else Direction(direction)
-        talk = self._wish()
+        talk = self._wish(wished_at)
         outcome = settled(await self._motion(start.run(talk, frequency_hz, way, will_wait=wait)))
         return settled(await self._talk(reach(talk, frequency_hz, outcome, timeout_s))) if wait else outcome
 
-    async def set_frequency(self, frequency_hz: float) -> Outcome:
-        """Change the set frequency; absolute, read back where the model shows it."""
-        return await self._command(setpoint.set_frequency(self._wish(), frequency_hz))
+    async def set_frequency(self, frequency_hz: float, wished_at: float | None = None) -> Outcome:
+        """Change the set frequency; absolute, read back where the model shows it.
+
+        ``wished_at``: as for ``run``, but 5 s where the frame moves nothing by itself.
+        """
+        return await self._command(setpoint.set_frequency(self._wish(wished_at), frequency_hz))
 
     def jog(
         self,
         frequency_hz: float | None = None,
         direction: Direction | str = Direction.FORWARD,
         lease_s: float = jogging.LONGEST_LEASE_S,
+        wished_at: float | None = None,
     ) -> JogLease:
         """``async with drive.jog(5.0) as lease``: jogs while the lease is renewed.
 
         ``frequency_hz`` None is the drive's own jog frequency, the only one where the bus can't set it (Modbus models).
+        ``wished_at``: as for ``run``.
         Raises LimitError for a lease above 0.5 s.
         """
         way = Direction(direction)
         turning: list[Talk] = []
 
         async def begin() -> Outcome:
-            talk = self._wish()
+            talk = self._wish(wished_at)
             turning.append(talk)
             with self._passing(talk):
                 return settled(await self._motion(jogging.begin(talk, frequency_hz, way)))

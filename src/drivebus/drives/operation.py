@@ -38,8 +38,17 @@ KEPT_COMMANDS, KEPT_READS = 64, 24
 class Talk:
     """The state of one conversation."""
 
-    def __init__(self, memory: Memory, generation: int | None = None, begun: float | None = None) -> None:
+    def __init__(
+        self,
+        memory: Memory,
+        generation: int | None = None,
+        begun: float | None = None,
+        wished_at: float | None = None,
+    ) -> None:
         self.memory = memory
+        self.wished_at = wished_at
+        """When the user wished for this, where that is known: its commands are as old, checks included (ruling 12).
+        None: a command is made after its checks, which have limits of their own."""
         self.generation = generation
         """Stop generation when the user wished for this; None: when the command is made. Our own stops count on."""
         self.dialect = memory.dialect
@@ -114,9 +123,10 @@ class Talk:
         return around
 
     def command(self, kind: Kind, around: Surroundings) -> Command:
-        """The user's wish: made now, but a stop since this conversation was wished for takes it away (6.5)."""
+        """The user's wish: made now, or when it was wished; a stop since then takes it away (6.5)."""
         generation = around.generation if self.generation is None else self.generation
-        return self.memory.command(kind, replace(around, generation=generation))
+        made_at = around.now if self.wished_at is None else self.wished_at
+        return self.memory.command(kind, replace(around, now=made_at, generation=generation))
 
     def read(self, request: Any) -> Conversation[Answer]:
         """One read, taken into the book."""

@@ -21,6 +21,7 @@ from drivebus.plant.parts import Handler
 from drivebus.plant.starting import check
 from drivebus.plant.state import Plant, narrower
 from drivebus.plant.units import Unit
+from drivebus.plant.wishes import Motion, Wish
 
 Json = dict[str, Any]
 Follow = Callable[[Unit, float, Actor], Awaitable[Json]]
@@ -41,10 +42,12 @@ class Commands:
     def handlers(self) -> dict[str, Handler]:
         return {
             "lease.take": self.take, "lease.renew": self.renew, "lease.release": self.give_up, "drive.arm": self.arm,
-            "drive.run": self.run, "drive.set_frequency": self.set_frequency, "drive.stop": self.stop,
-            "drive.reset": self.reset, "drive.release": self.release, "drive.waiver": self.waive,
-            "drive.unwaive": self.unwaive, "drive.limits": self.limit,
+            "drive.stop": self.stop, "drive.reset": self.reset, "drive.release": self.release,
+            "drive.waiver": self.waive, "drive.unwaive": self.unwaive, "drive.limits": self.limit,
         }  # fmt: skip
+
+    def motions(self) -> dict[str, Motion]:
+        return {"drive.run": self.run, "drive.set_frequency": self.set_frequency}
 
     def own(self, drive: str, actor: Actor) -> Unit:
         """The drive, which the actor may command now. Raises NotFound, NotOwner."""
@@ -95,17 +98,19 @@ class Commands:
 
     # --- motion ---------------------------------------------------------------------------------------------------
 
-    async def run(self, params: ask.Run, actor: Actor) -> Json:
+    async def run(self, params: ask.Run, actor: Actor, wish: Wish) -> Json:
         unit = self.own_with_followers(params.drive, actor)
         check(self.plant, unit)
         unit.drive.check_frequency(params.frequency_hz)
         self.plant.arms.use(params.arm, unit.id, actor, self.plant.now())
-        told = await self.start(unit, params.frequency_hz, params.direction, actor)
+        told = await self.start(unit, params.frequency_hz, params.direction, actor, wish.at)
         return told | {"followers": await self.follow(unit, params.frequency_hz, actor)}
 
-    async def start(self, unit: Unit, frequency_hz: float, direction: str | None, actor: Actor) -> Json:
+    async def start(
+        self, unit: Unit, frequency_hz: float, direction: str | None, actor: Actor, wished_at: float
+    ) -> Json:
         """Everything is allowed; from the moment its frame may have left the drive is one that we started."""
-        outcome = await self.moved(unit, unit.drive.run(frequency_hz, direction))
+        outcome = await self.moved(unit, unit.drive.run(frequency_hz, direction, wished_at=wished_at))
         unit.commanded_hz = frequency_hz
         return self.told(unit, "run", outcome, actor, frequency_hz=frequency_hz)
 
@@ -121,9 +126,9 @@ class Commands:
         finally:
             unit.moved_at = self.plant.now()
 
-    async def set_frequency(self, params: ask.SetFrequency, actor: Actor) -> Json:
+    async def set_frequency(self, params: ask.SetFrequency, actor: Actor, wish: Wish) -> Json:
         unit = self.own_with_followers(params.drive, actor)
-        outcome = await unit.drive.set_frequency(params.frequency_hz)
+        outcome = await unit.drive.set_frequency(params.frequency_hz, wish.at)
         unit.commanded_hz = params.frequency_hz
         told = self.told(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
         return told | {"followers": await self.follow(unit, params.frequency_hz, actor)}

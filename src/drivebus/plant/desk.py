@@ -19,7 +19,6 @@ from drivebus.errors import (
     NotFound,
     ParamsError,
     ServiceUnavailable,
-    Superseded,
 )
 from drivebus.plant.access.rights import Right
 from drivebus.plant.actor import Actor
@@ -30,10 +29,11 @@ from drivebus.plant.operations import OPERATIONS, Operation, Params, Run, SetFre
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
+from drivebus.plant.wishes import START_S, Motion, Wish, still, wished
 
 Json = dict[str, Any]
-OLDEST_S = 2.0
-"""A command whose record took so long is another wish (I1)."""
+OLDEST_S = START_S
+"""A command whose record took so long is another wish (I1); for a start it is the same clock that goes on."""
 UNRECORDED = frozenset(
     {
         "drive.set_frequency", "group.set_frequency", "drive.reset", "drive.release", "drive.jog_end", "lease.take",
@@ -50,8 +50,8 @@ PATIENCE_S = 1.0
 class Desk:
     """Takes requests in."""
 
-    def __init__(self, plant: Plant, handlers: Mapping[str, Handler]) -> None:
-        self.plant, self._handlers = plant, handlers
+    def __init__(self, plant: Plant, handlers: Mapping[str, Handler], motions: Mapping[str, Motion]) -> None:
+        self.plant, self._handlers, self._motions = plant, handlers, motions
 
     async def call(self, name: str, params: Json, actor: Actor) -> Json:
         """Raises whatever speaks against it, or what became of it."""
@@ -62,14 +62,16 @@ class Desk:
         parsed = checked(operation, params)
         if isinstance(parsed, WriteParameters) and parsed.save:
             await self._may(operation, Right.SAVE, params, actor)
+        self._open_for(operation)
+        if name in self._motions:
+            return await self._recorded(operation, parsed, actor, self._motions[name])
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
-        self._open_for(operation)
         if operation.stops:
             return await self._stop_first(operation, parsed, actor, handler)
         if operation.changes:
-            return await self._recorded(operation, parsed, actor, handler)
+            return await self._recorded(operation, parsed, actor, lambda params, actor, wish: handler(params, actor))
         try:
             return await handler(parsed, actor)
         except ParamsError as error:
@@ -104,9 +106,9 @@ class Desk:
         await self._soon(_done(entry, found))
         return found
 
-    async def _recorded(self, operation: Operation, params: Params, actor: Actor, handler: Handler) -> Json:
-        wished_at, stops = self.plant.now(), self._stops(params)
-        entry = _entry(operation, params.model_dump(), actor, drives=stops)
+    async def _recorded(self, operation: Operation, params: Params, actor: Actor, handler: Motion) -> Json:
+        wish = wished(self.plant, self._concerned(params))
+        entry = _entry(operation, params.model_dump(), actor, drives=wish.stops)
         try:
             number = await self._record(replace(entry, outcome="asked"))
         except AuditUnavailable:
@@ -115,26 +117,20 @@ class Desk:
             number = None
         entry = replace(entry, of=number)
         try:
-            self._still(wished_at, stops)
-            found = await handler(params, actor)
+            self._still(wish)
+            found = await handler(params, actor, wish)
         except DrivebusError as error:
             await self._after(_failed(entry, error))
             raise
         await self._after(_done(entry, found))
         return found
 
-    def _still(self, wished_at: float, stops: Mapping[str, int]) -> None:
+    def _still(self, wish: Wish) -> None:
         """While it was recorded nobody has stopped one of its drives, and it has not become another wish."""
-        for drive, count in stops.items():
-            if self.plant.unit(drive).stops != count:
-                raise Superseded("plant.stopped_meanwhile", drive=drive)
-        age_s = self.plant.now() - wished_at
+        still(self.plant, wish)
+        age_s = self.plant.now() - wish.at
         if age_s > OLDEST_S:
             raise Expired("plant.record_too_slow", age_s=round(age_s, 2), limit_s=OLDEST_S)
-
-    def _stops(self, params: Params) -> dict[str, int]:
-        """How often each drive that it concerns was stopped so far."""
-        return {unit.id: unit.stops for unit in self._concerned(params)}
 
     def _concerned(self, params: Params) -> list[Unit]:
         """The drives that it does something to: followers get their share of their leader's frequency."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, NotOwner, Superseded
+from drivebus.errors import DrivebusError, Expired, NotOwner, Superseded
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
 from drivebus.plant.commands import Commands
@@ -18,6 +19,7 @@ from drivebus.plant.starting import check
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
 from drivebus.plant.view import text_json
+from drivebus.plant.wishes import Motion, Wish, still
 
 Json = dict[str, Any]
 LOOK_S = 0.1
@@ -36,7 +38,10 @@ class Groups:
         commands.follow = self.follow
 
     def handlers(self) -> dict[str, Handler]:
-        return {"group.arm": self.arm, "group.start": self.start, "group.set_frequency": self.set_frequency}
+        return {"group.arm": self.arm, "group.set_frequency": self.set_frequency}
+
+    def motions(self) -> dict[str, Motion]:
+        return {"group.start": self.start}
 
     def _own(self, id: str, actor: Actor) -> tuple[GroupSetting, list[Unit]]:
         group = self.plant.group(id)
@@ -49,8 +54,12 @@ class Groups:
             check(self.plant, unit)
         return {"arm": self.plant.arms.arm(f"group:{group.id}", actor, self.plant.now()), "expires_s": ARM_S}
 
-    async def start(self, params: ask.GroupStart, actor: Actor) -> Json:
-        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest."""
+    async def start(self, params: ask.GroupStart, actor: Actor, wish: Wish) -> Json:
+        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest.
+
+        The first drive's start is as old as the wish, each further one's as its turn: the lease shows that the wish
+        lives on. Raises Expired (NotReached, where its frequency has left) for the first: then no other is tried.
+        """
         group, units = self._own(params.group, actor)
         if group.id in self.progress:
             raise Superseded("plant.group_starting", group=group.id)
@@ -58,32 +67,33 @@ class Groups:
             check(self.plant, unit)
             unit.drive.check_frequency(share_hz(group, unit.id, params.frequency_hz))
         self.plant.arms.use(params.arm, f"group:{group.id}", actor, self.plant.now())
-        wished = sum(unit.stops for unit in units)
         self.progress[group.id] = 0
         outcomes: Json = {}
         try:
             for unit in units:
-                outcomes[unit.id] = await self._turn(group, units, unit, wished, params, actor)
+                outcomes[unit.id] = await self._turn(group, units, unit, wish, params, actor)
                 self.progress[group.id] += 1
+                wish = replace(wish, at=self.plant.now())
         finally:
             self.progress.pop(group.id, None)
         return {"outcomes": outcomes}
 
     async def _turn(
-        self, group: GroupSetting, units: list[Unit], unit: Unit, wished: int, params: ask.GroupStart, actor: Actor
+        self, group: GroupSetting, units: list[Unit], unit: Unit, wish: Wish, params: ask.GroupStart, actor: Actor
     ) -> Json:
         """One drive's start, when it is its turn and nobody has stopped any of them since."""
         try:
-            await self._my_turn(group, units, unit)
-            if sum(one.stops for one in units) != wished:
-                raise Superseded("plant.stopped_meanwhile", drive=unit.id)
+            wished_at = await self._my_turn(group, units, unit, wish)
+            still(self.plant, wish)
             self._still_owns(unit, actor)
             check(self.plant, unit)
             if any(self.plant.units.get(one.id) is not one for one in units):  # another drive by now, after a reload
                 raise Superseded("plant.stopped_meanwhile", drive=unit.id)
             frequency_hz = share_hz(group, unit.id, params.frequency_hz)
-            found = await self.commands.start(unit, frequency_hz, params.direction, actor)
+            found = await self.commands.start(unit, frequency_hz, params.direction, actor, wished_at)
         except DrivebusError as error:
+            if unit is units[0] and _late(error):
+                raise  # the wish itself is too old, and so it is for all of them
             return failure(error)
         unit.started_at = self.plant.now()
         said: Json = found["outcome"]
@@ -95,15 +105,20 @@ class Groups:
         if lease is None or lease.actor.session != actor.session:
             raise NotOwner("plant.lease_gone", drive=unit.id)
 
-    async def _my_turn(self, group: GroupSetting, units: list[Unit], unit: Unit) -> None:
-        stops = sum(one.stops for one in units)
-        while sum(one.stops for one in units) == stops:
-            now = self.plant.now()
-            last = max((one.started_at for one in units if one.started_at is not None and one.started), default=None)
-            busy = sum(1 for one in units if one is not unit and self._accelerates(one, now))
-            if (last is None or now - last >= group.stagger_s) and busy < group.at_once:
-                return
+    async def _my_turn(self, group: GroupSetting, units: list[Unit], unit: Unit, wish: Wish) -> float:
+        """Since when its start is wished: where it has to wait, since its turn has come. Raises Superseded."""
+        wished_at = wish.at
+        while not self._is_free(group, units, unit):
             await asyncio.sleep(LOOK_S)
+            wished_at = self.plant.now()
+            still(self.plant, wish)
+        return wished_at
+
+    def _is_free(self, group: GroupSetting, units: list[Unit], unit: Unit) -> bool:
+        now = self.plant.now()
+        last = max((one.started_at for one in units if one.started_at is not None and one.started), default=None)
+        busy = sum(1 for one in units if one is not unit and self._accelerates(one, now))
+        return (last is None or now - last >= group.stagger_s) and busy < group.at_once
 
     def _accelerates(self, unit: Unit, now: float) -> bool:
         if unit.started_at is None or not unit.started:
@@ -165,6 +180,11 @@ class Groups:
             return "unknown"
         turning = [state.turning for state in states]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def _late(error: DrivebusError) -> bool:
+    """Was it not sent because it was too old, be it after its frequency had been?"""
+    return isinstance(error, Expired) or isinstance(error.params.get("why"), Expired)
 
 
 def share_hz(group: GroupSetting, drive: str, frequency_hz: float) -> float:

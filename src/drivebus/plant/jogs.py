@@ -16,6 +16,7 @@ from drivebus.plant.parts import Handler
 from drivebus.plant.starting import check
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
+from drivebus.plant.wishes import Motion, Wish
 
 Json = dict[str, Any]
 
@@ -38,13 +39,16 @@ class Jogs:
         self._ending: set[asyncio.Task[None]] = set()
 
     def handlers(self) -> dict[str, Handler]:
-        return {"drive.jog": self.jog, "drive.jog_renew": self.renew, "drive.jog_end": self.end}
+        return {"drive.jog_renew": self.renew, "drive.jog_end": self.end}
 
-    async def jog(self, params: ask.Jog, actor: Actor) -> Json:
+    def motions(self) -> dict[str, Motion]:
+        return {"drive.jog": self.jog}
+
+    async def jog(self, params: ask.Jog, actor: Actor, wish: Wish) -> Json:
         """A jog is a start: it needs all that a start needs."""
         unit = self.commands.own(params.drive, actor)
         check(self.plant, unit)
-        lease = unit.drive.jog(params.frequency_hz, params.direction)
+        lease = unit.drive.jog(params.frequency_hz, params.direction, wished_at=wish.at)
         self.plant.arms.use(params.arm, unit.id, actor, self.plant.now())
         await self.commands.moved(unit, _begun(lease))
         word = secrets.token_urlsafe(12)

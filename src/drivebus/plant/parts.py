@@ -15,6 +15,7 @@ from drivebus.plant.view import DriveView, Sample
 
 Json = dict[str, Any]
 Handler = Callable[[Any, Actor], Awaitable[Json]]
+"""Takes checked parameters and the actor."""
 
 
 class Trail(Protocol):

@@ -64,7 +64,8 @@ class Service:
         handlers: dict[str, Handler] = dict(parts.handlers)
         for room in (self.commands, self.groups, self.stopping, self.jogs, answers, Reloading(self)):
             handlers |= room.handlers()
-        self.desk = Desk(self.plant, handlers)
+        motions = self.commands.motions() | self.groups.motions() | self.jogs.motions()
+        self.desk = Desk(self.plant, handlers, motions)
         self.policies = Policies(self.plant, self.desk.call, SERVICE)
         self.watching = Watching(self.plant, self.groups, self.jogs, self.policies)
         self._tick: asyncio.Task[None] | None = None

@@ -1,0 +1,41 @@
+"""A command as somebody wished it: when, and how often its drives had been stopped by then."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus.drives.gate import EXPIRY_S, Kind
+from drivebus.errors import Superseded
+from drivebus.plant.actor import Actor
+from drivebus.plant.state import Plant
+from drivebus.plant.units import Unit
+
+START_S = EXPIRY_S[Kind.START]
+"""Ruling 12, I1: from the wish (the second step of a start, as it comes in) to the first bit of a frame that moves,
+record, turn and checks included. The gate and the bus hold it: the command that they judge is as old as the wish."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """``at``: a monotonic second of the plant. ``stops``: of each drive that it concerns."""
+
+    at: float
+    stops: Mapping[str, int]
+
+
+Motion = Callable[[Any, Actor, Wish], Awaitable[dict[str, Any]]]
+"""A ``Handler`` of what moves: it must know when that was wished."""
+
+
+def wished(plant: Plant, units: Iterable[Unit]) -> Wish:
+    """Somebody wishes something of these, now."""
+    return Wish(plant.now(), {unit.id: unit.stops for unit in units})
+
+
+def still(plant: Plant, wish: Wish) -> None:
+    """Raises Superseded where one of its drives was stopped since; one that is gone is for its handler to tell."""
+    for drive, stops in wish.stops.items():
+        if drive in plant.units and plant.unit(drive).stops != stops:
+            raise Superseded("plant.stopped_meanwhile", drive=drive)
