@@ -21,6 +21,7 @@ from drivebus.plant.parts import Handler
 from drivebus.plant.starting import check
 from drivebus.plant.state import Plant, narrower
 from drivebus.plant.units import Unit
+from drivebus.plant.waivers import Waiver
 from drivebus.plant.wishes import Motion, Wish
 
 Json = dict[str, Any]
@@ -177,7 +178,8 @@ class Commands:
     async def waive(self, params: ask.Waiver, actor: Actor) -> Json:
         unit = self.plant.unit(params.drive)
         text = f"{params.reason} ({actor.name})"
-        await self._keep(f"waiver/{unit.id}", json.dumps(text))
+        waiver = Waiver.of(text, unit.setting, self.plant.line_of(unit).setting)
+        await self._keep(f"waiver/{unit.id}", waiver.to_keep())
         unit.waiver = text
         self.plant.tell("waiver", unit.id, "plant.waived", actor=actor.name, reason=params.reason)
         return {"waiver": text}
@@ -189,7 +191,7 @@ class Commands:
     async def unwaive(self, params: ask.OfDrive, actor: Actor) -> Json:
         unit = self.plant.unit(params.drive)
         await self._keep(f"waiver/{unit.id}", "")
-        unit.waiver = None
+        unit.waiver, unit.waiver_of_another = None, None
         self.plant.tell("waiver", unit.id, "plant.unwaived", actor=actor.name)
         return {}
 

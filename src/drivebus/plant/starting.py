@@ -29,9 +29,17 @@ def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
     for violation in plant.parts.interlocks.violations(unit.id):
         yield Interlocked("interlocks.violated", **violation.params)
     if unit.badge.kind != "trips" and unit.waiver is None:
-        yield WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.badge.text)
+        yield _unwaived(unit)
     if not plant.parts.trail.ok:
         yield AuditUnavailable("plant.audit_unavailable")
+
+
+def _unwaived(unit: Unit) -> WaiverNeeded:
+    """Somebody has recorded a waiver, for another drive: told, so that nobody looks for it."""
+    other = unit.waiver_of_another
+    if other is None:
+        return WaiverNeeded("plant.waiver_needed", drive=unit.id, why=unit.badge.text)
+    return WaiverNeeded("plant.waiver_of_another", drive=unit.id, why=unit.badge.text, **other.whose)
 
 
 def hindrances(plant: Plant, unit: Unit) -> Iterator[Json]:

@@ -19,6 +19,7 @@ from drivebus.plant.logs import happened
 from drivebus.plant.model import AlarmKind, GroupSetting, PlantSetting
 from drivebus.plant.parts import Parts
 from drivebus.plant.units import Unit
+from drivebus.plant.waivers import Waiver
 from drivebus.seams import Store
 
 Json = dict[str, Any]
@@ -150,10 +151,19 @@ class Plant:
 
     def recall(self, unit: Unit) -> None:
         """Its waiver, and limits that are narrower than the file's, as recorded before."""
-        waiver, limits = self.store.get(f"waiver/{unit.id}"), self.store.get(f"limits/{unit.id}")
-        unit.waiver = json.loads(waiver) if waiver else None
+        self._recall_waiver(unit)
+        limits = self.store.get(f"limits/{unit.id}")
         found = json.loads(limits) if limits else None
         unit.limit(None if found is None else narrower(DriveLimits(**found), unit.setting.limits))
+
+    def _recall_waiver(self, unit: Unit) -> None:
+        """One that was recorded for another drive of this name is left where it is, and said."""
+        waiver = Waiver.kept(self.store.get(f"waiver/{unit.id}"))
+        fits = waiver is not None and waiver.fits(unit.setting, self.line_of(unit).setting)
+        unit.waiver = waiver.text if waiver is not None and fits else None
+        unit.waiver_of_another = None if fits else waiver
+        if unit.waiver_of_another is not None:
+            self.tell("waiver", unit.id, "plant.waiver_ignored", **unit.waiver_of_another.whose)
 
 
 def narrower(own: DriveLimits, file: DriveLimits) -> DriveLimits:

@@ -16,6 +16,7 @@ from drivebus.plant.config.polling import names_of, polls_of, profile_of
 from drivebus.plant.failure import both
 from drivebus.plant.model import DriveSetting
 from drivebus.plant.view import HostDies, Sample
+from drivebus.plant.waivers import Waiver
 from drivebus.profiles.model import Text
 from drivebus.reading import Quality, Reading
 from drivebus.seams import Store
@@ -48,6 +49,8 @@ class Unit:
         self.started_at: float | None = None
         """When a group last started it."""
         self.waiver: str | None = None
+        self.waiver_of_another: Waiver | None = None
+        """Recorded under this name for another drive: it allows nothing."""
         self.commanded_hz: float | None = None
         self.started = False
         """This service started it and has not seen it stopped since."""

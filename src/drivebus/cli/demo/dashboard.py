@@ -7,7 +7,6 @@ the plant's own socket.
 from __future__ import annotations
 
 import asyncio
-import json
 import secrets
 import socket
 import tempfile
@@ -35,6 +34,7 @@ from drivebus.plant.model import PlantSetting
 from drivebus.plant.process import run
 from drivebus.plant.socket_client import SocketClient
 from drivebus.plant.socket_paths import PLANT
+from drivebus.plant.waivers import Waiver
 from drivebus.seams import wall_ms
 
 PORT = 8080
@@ -93,8 +93,9 @@ async def prepared(setting: PlantSetting) -> str:
     setting.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
     await _history(setting)
     store = FileStore(setting.directory / "plant.json")
+    buses = {bus.id: bus for bus in setting.buses}
     for drive in setting.drives:  # simulated motors hurt nobody when this host dies
-        store.put(f"waiver/{drive.id}", json.dumps(voice.say("demo.waiver")))
+        store.put(f"waiver/{drive.id}", Waiver.of(voice.say("demo.waiver"), drive, buses[drive.bus]).to_keep())
     access = Access(setting.directory)
     user = await access.made("demo", Role.ADMINISTRATOR, secrets.token_urlsafe(24))
     await access.change(lambda register: register.added(user))
