@@ -100,8 +100,11 @@ class Desk:
         entry = _entry(operation, params.model_dump(), actor)
         try:
             found = await handler(params, actor)
-        except DrivebusError as error:
+        except Exception as error:
             await self._soon(_failed(entry, error))
+            raise
+        except BaseException as error:
+            self._note(_failed(entry, error))
             raise
         await self._soon(_done(entry, found))
         return found
@@ -115,12 +118,18 @@ class Desk:
             if operation.name not in UNRECORDED:
                 raise
             number = None
+        except BaseException as error:  # it may be on the disk all the same
+            self._note(_failed(entry, error))
+            raise
         entry = replace(entry, of=number)
         try:
             self._still(wish)
             found = await handler(params, actor, wish)
-        except DrivebusError as error:
+        except Exception as error:
             await self._after(_failed(entry, error))
+            raise
+        except BaseException as error:  # whoever is cancelled does not wait for a disk
+            self._note(_failed(entry, error))
             raise
         await self._after(_done(entry, found))
         return found
@@ -207,7 +216,10 @@ def _entry(
     )  # fmt: skip
 
 
-def _failed(entry: Entry, error: DrivebusError) -> Entry:
+def _failed(entry: Entry, error: BaseException) -> Entry:
+    """Of an error that nobody foresaw only its class is told: what it left on the wire is not known."""
+    if not isinstance(error, DrivebusError):
+        return replace(entry, outcome="unknown", params={**entry.params, "error": type(error).__name__})
     told = failure(error)
     return replace(entry, outcome=told["code"], frames=(told["outcome"] or {}).get("frames", ()))
 
