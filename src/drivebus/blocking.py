@@ -247,6 +247,11 @@ class Drive:
         """A stop was sent that the drive has not confirmed; it is being repeated while the bus is open."""
         return self.drive.stop_pending
 
+    @property
+    def stopping(self) -> bool:
+        """A stop is under way, or was not confirmed and is being repeated."""
+        return self.drive.stopping
+
     def stop_among(self, drives: int) -> Outcome:
         return self._bus.wait(self.drive.stop_among(drives))
 

@@ -357,6 +357,11 @@ class Drive:
         """A stop was sent that the drive has not confirmed; it is being repeated."""
         return self._insisting is not None and not self._insisting.done()
 
+    @property
+    def stopping(self) -> bool:
+        """A stop is under way, or was not confirmed and is being repeated."""
+        return bool(self._stops) or self.stop_pending
+
     def _insist_on(self, how: Stop) -> None:
         self._give_in()
         self._old_stop = how

@@ -40,7 +40,7 @@ class Answers:
         """Numbers that only grow while the service runs."""
         plant = self.plant
         return {
-            "stops": plant.stops.as_json(),
+            "stops": plant.tally.as_json(),
             "history": plant.parts.history_status(),
             "drives": {drive: plant.parts.run_statistics(drive) for drive in plant.units},
         }

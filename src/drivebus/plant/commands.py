@@ -149,7 +149,7 @@ class Commands:
             self.plant.alarm(Own.STOP_UNCONFIRMED, unit.id)
             raise
         unit.started, unit.commanded_hz = False, None
-        self.plant.stops.ended(outcome)
+        self.plant.tally.ended(outcome)
         self.plant.calm(Own.STOP_UNCONFIRMED, unit.id)
         return outcome
 

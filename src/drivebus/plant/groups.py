@@ -87,8 +87,8 @@ class Groups:
             still(self.plant, wish)
             self._still_owns(unit, actor)
             check(self.plant, unit)
-            if any(self.plant.units.get(one.id) is not one for one in units):  # another drive by now, after a reload
-                raise Superseded("plant.stopped_meanwhile", drive=unit.id)
+            if any(one.id not in self.plant.units for one in units):
+                raise Superseded("plant.another_meanwhile", drive=unit.id)
             frequency_hz = share_hz(group, unit.id, params.frequency_hz)
             found = await self.commands.start(unit, frequency_hz, params.direction, actor, wished_at)
         except DrivebusError as error:

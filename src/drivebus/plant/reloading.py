@@ -82,7 +82,7 @@ class Reloading:
     def _keep_hold(self, change: Difference) -> None:
         """Raises PlantError."""
         lost = [id for id in _leaving(change) if id in self.plant.units]
-        turning = [id for id in lost if may_turn(self.plant.units[id]) or self.plant.units[id].drive.stop_pending]
+        turning = [id for id in lost if may_turn(self.plant.units[id]) or self.plant.units[id].drive.stopping]
         if turning:
             raise PlantError("plant.reload_turning", drives=", ".join(turning))
 

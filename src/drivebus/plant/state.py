@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
@@ -60,6 +61,9 @@ class Plant:
     units: dict[str, Unit] = field(default_factory=dict)
     leases: Leases = field(default_factory=Leases)
     arms: Arms = field(default_factory=Arms)
+    stops: Counter[str] = field(default_factory=Counter)
+    """How often somebody wished each drive to stop, by name: a start that was wished before is void. No reload takes
+    anything from it."""
     state: str = "running"
     started_ms: int = 0
     last_stop: Json | None = None
@@ -68,7 +72,7 @@ class Plant:
     commands: int = 0
     """Commands so far: what their ids are made of."""
     events: int = 0
-    stops: Stops = field(default_factory=Stops)
+    tally: Stops = field(default_factory=Stops)
 
     def unit(self, id: str) -> Unit:
         """Raises NotFound."""
@@ -144,8 +148,8 @@ class Plant:
         """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""
         for unit in units:
             self.arms.void(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
-            unit.stops += 1
-            self.stops.asked += 1
+            self.stops[unit.id] += 1
+            self.tally.asked += 1
 
     # --- what outlives the process ------------------------------------------------------------------------------
 

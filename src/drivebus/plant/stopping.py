@@ -57,7 +57,7 @@ class Stopping:
         for address, outcome in report.outcomes:
             unit = by_address[address]
             outcomes[unit.id] = outcome_json(outcome, self.plant.command_id("stop"))
-            self.plant.stops.ended(outcome)
+            self.plant.tally.ended(outcome)
             if outcome.done:
                 unit.started, unit.commanded_hz = False, None
                 self.plant.calm(Own.STOP_UNCONFIRMED, unit.id)

@@ -56,8 +56,6 @@ class Unit:
         """This service started it and has not seen it stopped since."""
         self.moved_at = 0.0
         """When its last start was done; while one goes on, never."""
-        self.stops = 0
-        """How often somebody wished it to stop: a start that was wished before is void."""
         self.judged = False
         """Its state has been known at least once since this service began."""
         self.wall_ms: Callable[[], int] = lambda: 0

@@ -19,10 +19,11 @@ record, turn and checks included. The gate and the bus hold it: the command that
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """``at``: a monotonic second of the plant. ``stops``: of each drive that it concerns."""
+    """``at``: a monotonic second of the plant. ``stops``: of each drive that it concerns; ``units``: those drives."""
 
     at: float
     stops: Mapping[str, int]
+    units: tuple[Unit, ...]
 
 
 Motion = Callable[[Any, Actor, Wish], Awaitable[dict[str, Any]]]
@@ -31,11 +32,15 @@ Motion = Callable[[Any, Actor, Wish], Awaitable[dict[str, Any]]]
 
 def wished(plant: Plant, units: Iterable[Unit]) -> Wish:
     """Somebody wishes something of these, now."""
-    return Wish(plant.now(), {unit.id: unit.stops for unit in units})
+    known = tuple(units)
+    return Wish(plant.now(), {unit.id: plant.stops[unit.id] for unit in known}, known)
 
 
 def still(plant: Plant, wish: Wish) -> None:
-    """Raises Superseded where one of its drives was stopped since; one that is gone is for its handler to tell."""
-    for drive, stops in wish.stops.items():
-        if drive in plant.units and plant.unit(drive).stops != stops:
-            raise Superseded("plant.stopped_meanwhile", drive=drive)
+    """Raises Superseded where one of its drives was stopped since, or is another one by now; one that is gone is for
+    its handler to tell."""
+    for unit in wish.units:
+        if plant.stops[unit.id] != wish.stops[unit.id]:
+            raise Superseded("plant.stopped_meanwhile", drive=unit.id)
+        if plant.units.get(unit.id, unit) is not unit:
+            raise Superseded("plant.another_meanwhile", drive=unit.id)

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from drivebus.errors import ConfigurationError, DrivebusError, GateError, NotFound
+from drivebus.errors import (
+    ConfigurationError,
+    DrivebusError,
+    GateError,
+    NotFound,
+    PlantError,
+    StopUnconfirmed,
+    Superseded,
+)
 from drivebus.plant.config.load import load
 from drivebus.testing.virtual import run
 from plantkit import Kit, plant
@@ -172,5 +180,79 @@ def test_a_drive_that_leaves_the_plant_while_everything_is_stopped_is_in_the_ans
             found = await stop
             assert {*found["outcomes"]} == {"fan-1", "fan-2", "pump-1"}
             assert [*kit.service.plant.units] == ["fan-1", "pump-1"]
+
+    run(story())
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+@pytest.mark.parametrize("operation", ["drive.run", "group.start"])
+def test_a_start_that_was_wished_before_its_drive_was_replaced_is_not_sent(
+    tmp_path: Path, operation: str, stopped: bool
+) -> None:
+    """6.5: a stop counts for the name, whatever drive has it by now; and a wish was for the drive of then."""
+    group = '[group.fans]\ndrives = ["fan-1", "fan-2"]\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP, group)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(3)
+            await kit.waive()
+            kit.trail.takes_s = 1.0
+            what = {"drive": "fan-1"} if operation == "drive.run" else {"group": "fans"}
+            start = asyncio.create_task(kit.call(operation, frequency_hz=20.0, **what))
+            await asyncio.sleep(0.1)
+            kit.trail.takes_s = 0.0
+            if stopped:
+                await kit.call("drive.stop", drive="fan-1")
+            write(file, FAN_1.replace("address = 1", "address = 3"), FAN_2, PUMP, group)
+            await kit.call("configuration.reload")
+            with pytest.raises(Superseded) as refused:
+                await start
+            assert refused.value.key == ("plant.stopped_meanwhile" if stopped else "plant.another_meanwhile")
+            assert refused.value.params["drive"] == "fan-1"
+
+    run(story())
+
+
+def test_a_group_of_which_a_drive_was_taken_away_starts_no_further_one(tmp_path: Path) -> None:
+    group = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\nstagger_s = 4.0\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, FAN_3, PUMP, group)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(3)
+            await kit.waive()
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(3)
+            station = kit.station("fan-2")
+            write(file, FAN_1, FAN_2, PUMP)
+            await kit.call("configuration.reload")
+            found = (await start)["outcomes"]
+            assert [one.get("code") for one in found.values()] == [None, "plant.another_meanwhile", "plant.lease_gone"]
+            assert station.motor.starts == 0
+
+    run(story())
+
+
+def test_a_drive_whose_stop_is_under_way_is_not_taken_from_its_bus(tmp_path: Path) -> None:
+    """Nobody here started it and its state is not known: its stop is all that it has."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(3)
+            unit = kit.service.plant.units["fan-2"]
+            unit.bus.port.bench.unplug()  # type: ignore[attr-defined]
+            await asyncio.sleep(5)
+            stop = asyncio.create_task(kit.call("drive.stop", drive="fan-2"))
+            await asyncio.sleep(0.1)
+            assert unit.drive.stopping and not unit.drive.stop_pending
+            write(file, FAN_1, PUMP)
+            with pytest.raises(PlantError) as refused:
+                await kit.call("configuration.reload")
+            assert refused.value.key == "plant.reload_turning"
+            with pytest.raises(StopUnconfirmed):
+                await stop
+            assert unit.drive.stopping
 
     run(story())
