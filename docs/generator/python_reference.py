@@ -80,10 +80,12 @@ def members(one: type) -> dict[str, Any]:
 
 
 def _said(found: Any, language: str, twin: Any = None) -> str:
-    """Raises KeyError where it says nothing, or not in this language."""
+    """Raises KeyError, with what to write where, for what says nothing, or nothing in this language."""
     text = paragraph(found) or (paragraph(twin) if twin is not None else "")
     if not text:
         raise KeyError(f"{found!r} has no docstring")
+    if language != "en" and text not in CHINESE:
+        raise KeyError(f"docs/generator/python.zh.json has no Chinese for {text!r}")
     return text if language == "en" else CHINESE[text]
 
 
