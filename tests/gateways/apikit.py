@@ -12,13 +12,14 @@ from fastapi import FastAPI
 from pydantic import ValidationError
 from starlette.requests import Request
 
-from drivebus.errors import DrivebusError, Forbidden, NotFound, ParamsError
+from drivebus.errors import DrivebusError, Forbidden, NotFound
 from drivebus.gateways import problems
 from drivebus.gateways.rest import openapi
 from drivebus.gateways.rest.router import rest_router
 from drivebus.plant.access.rights import RIGHTS, Role
 from drivebus.plant.actor import Actor
 from drivebus.plant.operations import OPERATIONS
+from drivebus.plant.params import of_pydantic, refusal
 
 Json = dict[str, Any]
 OPERATOR = Actor("li", RIGHTS[Role.OPERATOR], "s-li", address="127.0.0.1")
@@ -42,8 +43,7 @@ class Plant:
         try:
             wanted.params.model_validate(params)
         except ValidationError as error:
-            faults = [{"path": ".".join(map(str, one["loc"])), "found": "", "expected": ""} for one in error.errors()]
-            raise ParamsError("plant.params", faults=faults) from error
+            raise refusal(operation, of_pydantic(error.errors(include_url=False))) from error
         if params.get("drive", "fan-1") != "fan-1":
             raise NotFound("plant.no_drive", drive=params["drive"])
         self.asked.append((operation, params, actor))

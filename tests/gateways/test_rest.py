@@ -90,7 +90,8 @@ async def test_t19_s08_a_start_that_is_not_exactly_right_is_refused_and_reaches_
 async def test_t19_what_is_no_number_is_refused_before_anybody_reads_it(number: str) -> None:
     """The plant's own models refuse it too; here even where no model looks."""
     answer = await ask(Plant(), "POST", RUN, content=f'{{"anything": {number}}}'.encode())
-    assert "is no number" in answer.json()["error"]["params"]["problems"]
+    expected = {"en": "expected a finite number", "zh": "应为有限的数值"}
+    assert answer.json()["error"]["params"]["faults"] == [{"path": "", "found": number, "expected": expected}]
 
 
 async def test_a_whole_number_may_be_written_with_a_point() -> None:

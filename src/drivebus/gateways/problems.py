@@ -12,9 +12,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
-from drivebus.errors import DrivebusError, ParamsError
+from drivebus.errors import DrivebusError
 from drivebus.plant.access.refusals import retry_after
 from drivebus.plant.failure import failure, told
+from drivebus.plant.params import of_pydantic, refusal
 
 Json = dict[str, Any]
 
@@ -43,14 +44,7 @@ def _answer(found: Json, headers: Mapping[str, str] | None = None) -> JSONRespon
 async def _wrong_body(request: Request, error: Exception) -> JSONResponse:
     """Of a route that lets FastAPI check: told as the plant tells wrong parameters."""
     assert isinstance(error, RequestValidationError)
-    faults = [
-        {"path": ".".join(map(str, one["loc"][1:])), "found": repr(one.get("input"))[:200], "expected": one["msg"]}
-        for one in error.errors()
-    ]
-    text = "; ".join(f"{fault['path']}: {fault['expected']}" for fault in faults)
-    return await _of_plant(
-        request, ParamsError("plant.params", operation=request.url.path, problems=text, faults=faults)
-    )
+    return await _of_plant(request, refusal(request.url.path, of_pydantic(error.errors(), skipped=1)))
 
 
 async def _of_framework(request: Request, error: Exception) -> JSONResponse:

@@ -26,6 +26,7 @@ from drivebus.plant.alarms import Own
 from drivebus.plant.audit import Entry
 from drivebus.plant.failure import failure, plain
 from drivebus.plant.operations import OPERATIONS, Operation, Params, Run, SetFrequency, WriteParameters
+from drivebus.plant.params import of_pydantic, refusal
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
@@ -75,7 +76,7 @@ class Desk:
         try:
             return await handler(parsed, actor)
         except ParamsError as error:
-            raise wrong(operation, error.params["faults"]) from error
+            raise refusal(name, error.params["faults"]) from error
 
     def _open_for(self, operation: Operation) -> None:
         """A plant that ends takes stops only, one that has ended nothing. Raises ServiceUnavailable."""
@@ -185,21 +186,7 @@ def checked(operation: Operation, params: Json) -> Params:
     try:
         return operation.params.model_validate(params)
     except ValidationError as error:
-        faults = [
-            {"path": ".".join(map(str, one["loc"])), "found": _short(one["input"]), "expected": one["msg"]}
-            for one in error.errors(include_url=False, include_context=False)
-        ]
-        raise wrong(operation, faults) from error
-
-
-def wrong(operation: Operation, faults: list[Json]) -> ParamsError:
-    """The error that names each fault in its sentence too, whichever room found it."""
-    text = "; ".join(f"{fault['path']}: {fault['expected']}" for fault in faults)
-    return ParamsError("plant.params", operation=operation.name, problems=text, faults=faults)
-
-
-def _short(value: Any) -> str:
-    return repr(value)[:200]
+        raise refusal(operation.name, of_pydantic(error.errors(include_url=False))) from error
 
 
 def _entry(

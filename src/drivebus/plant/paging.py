@@ -6,6 +6,7 @@ from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections.abc import Callable, Iterable
 
 from drivebus.errors import ParamsError
+from drivebus.plant.params import fault
 from drivebus.plant.view import Json
 
 
@@ -34,8 +35,7 @@ def after(cursor: str | None) -> int | None:
             return int(text)
     except ValueError:
         pass
-    fault = {"path": "cursor", "found": cursor[:60], "expected": 'the value of "next" of the page before'}
-    raise ParamsError("plant.params", faults=[fault])
+    raise ParamsError("plant.params", faults=[fault("cursor", cursor[:60], "cursor")])
 
 
 def _cursor(number: int) -> str:

@@ -289,3 +289,25 @@ def test_s08_a_body_of_another_shape_is_refused_and_changes_nothing(
         assert house.access.register == before
 
     run(story())
+
+
+@pytest.mark.parametrize(
+    ("body", "path", "chinese"),
+    [
+        ('{"name": "t", "rights": ["view"], "days": 0}', "days", "应不小于 1"),
+        ('{"name": "t", "rights": ["fly"]}', "rights.0", "应为以下之一：'view'"),
+        ("[1]", "", "应为对象"),
+    ],
+)
+def test_s08_the_door_says_what_is_wrong_in_both_languages(body: str, path: str, chinese: str, tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        admin = await house.logged_in("administrator")
+        kind = {"content-type": "application/json"}
+        error = (await admin.post("/api/v1/tokens", content=body, headers=kind)).json()["error"]
+        told = error["params"]["faults"][0]
+        assert (told["path"], told["expected"]["zh"][: len(chinese)]) == (path, chinese)
+        assert chinese in error["text"]["zh"] and told["expected"]["en"] in error["text"]["en"]
+
+    run(story())

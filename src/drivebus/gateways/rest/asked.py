@@ -12,8 +12,8 @@ from typing import Any
 
 from starlette.requests import Request
 
-from drivebus.errors import ParamsError
 from drivebus.gateways.rest.table import Route
+from drivebus.plant.params import fault, refusal
 
 Json = dict[str, Any]
 
@@ -21,16 +21,26 @@ _WHOLE = re.compile(r"-?[0-9]{1,18}")
 """No sign but minus, no blank, no full-width digit; longer than any time or count."""
 
 
+class _Wrong(ValueError):
+    """What stands wrong, before the operation's own check; ``key`` is a sentence of the room ``params``."""
+
+    def __init__(self, key: str, path: str = "", found: str = "") -> None:
+        super().__init__(key)
+        self.fault = fault(path, found, key)
+
+
 async def params_of(route: Route, request: Request) -> Json:
     """The operation's parameters as they were asked. Raises ParamsError."""
     try:
         given = _of_body(await request.body()) if route.has_body else _of_query(route, request)
         if not_here := set(request.query_params) if route.has_body else set():
-            raise ValueError(f"?{min(not_here)}: belongs into the body")
+            raise _Wrong("in_body", min(not_here))
         if twice := set(given) & set(route.places):
-            raise ValueError(f"{min(twice)}: stands in the address")
+            raise _Wrong("in_address", min(twice))
+    except _Wrong as error:
+        raise refusal(route.name, [error.fault]) from error
     except (ValueError, RecursionError) as error:
-        raise _fault(route.name, str(error)) from error
+        raise refusal(route.name, [fault("", "", "json")]) from error
     return given | {name: request.path_params[name] for name in route.places}
 
 
@@ -58,7 +68,7 @@ def _of_body(body: bytes) -> Json:
         return {}
     found = json.loads(body.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number, parse_float=_number)
     if not isinstance(found, dict):
-        raise ValueError("no object")
+        raise _Wrong("object")
     return found
 
 
@@ -66,13 +76,14 @@ def _once(pairs: list[tuple[str, Any]]) -> Json:
     """Two values for one name: two readers may take different ones. Raises ValueError."""
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ValueError("the same name twice")
+        names = [name for name, _ in pairs]
+        raise _Wrong("twice", next(name for name in names if names.count(name) > 1))
     return found
 
 
 def _no_number(text: str) -> float:
     """``NaN`` and ``Infinity`` are not JSON, though Python reads them. Raises ValueError."""
-    raise ValueError(f"{text} is no number")
+    raise _Wrong("finite", found=text)
 
 
 def _number(text: str) -> float:
@@ -81,8 +92,3 @@ def _number(text: str) -> float:
     if not math.isfinite(value):
         return _no_number(text)
     return int(value) if value.is_integer() and abs(value) < 2**53 else value
-
-
-def _fault(operation: str, problem: str) -> ParamsError:
-    faults = [{"path": "", "found": "", "expected": problem[:200]}]
-    return ParamsError("plant.params", operation=operation, problems=problem[:200], faults=faults)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from base64 import urlsafe_b64decode, urlsafe_b64encode
 
 from drivebus.errors import ParamsError
+from drivebus.plant.params import fault
 
 
 def cursor(*numbers: int) -> str:
@@ -19,5 +20,4 @@ def place(text: str, count: int) -> list[int]:
             return numbers
     except ValueError:
         pass
-    fault = {"path": "cursor", "found": text[:60], "expected": 'the value of "next" of the page before'}
-    raise ParamsError("plant.params", faults=[fault])
+    raise ParamsError("plant.params", faults=[fault("cursor", text[:60], "cursor")])

@@ -16,6 +16,7 @@ from drivebus.plant.historian.points import QUALITIES
 from drivebus.plant.historian.reader import Reader
 from drivebus.plant.historian.store import Tag
 from drivebus.plant.operations import Export
+from drivebus.plant.params import fault
 
 Json = dict[str, Any]
 Row = tuple[Any, ...]
@@ -123,8 +124,7 @@ class Exports:
             serial, gone = place(asked.cursor, 2)
         done, made = self._begun.get(serial, (-1, iter(())))
         if done != gone:
-            fault = {"path": "cursor", "found": asked.cursor, "expected": "an export that is under way: begin again"}
-            raise ParamsError("plant.params", faults=[fault])
+            raise ParamsError("plant.params", faults=[fault("cursor", asked.cursor, "export_over")])
         data = next(made, None)
         if data is None:
             del self._begun[serial]

@@ -19,6 +19,7 @@ from drivebus.plant.historian.reader import Reader
 from drivebus.plant.historian.store import Store, StoreError, Tag, Window
 from drivebus.plant.historian.writer import Writer
 from drivebus.plant.operations import Export, Span, Trend
+from drivebus.plant.params import fault
 
 Json = dict[str, Any]
 T = TypeVar("T")
@@ -111,8 +112,7 @@ class Past:
 def in_order(from_ms: int, to_ms: int) -> None:
     """Raises ParamsError."""
     if to_ms < from_ms:
-        fault = {"path": "to_ms", "found": to_ms, "expected": f">= from_ms ({from_ms})"}
-        raise ParamsError("plant.params", faults=[fault])
+        raise ParamsError("plant.params", faults=[fault("to_ms", to_ms, "in_order", from_ms=from_ms)])
 
 
 def _tag_json(tag: Tag) -> Json:
