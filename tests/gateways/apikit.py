@@ -31,6 +31,7 @@ class Plant:
     def __init__(self, **results: Any) -> None:
         self.results: dict[str, Any] = results
         self.asked: list[tuple[str, Json, Actor]] = []
+        self.records: list[tuple[Json, Actor]] = []
         self.messages: asyncio.Queue[Json] = asyncio.Queue()
         self.frames: asyncio.Queue[Json] = asyncio.Queue()
         """What is told to whoever listens, and what to whoever listens to frames."""
@@ -64,7 +65,7 @@ class Plant:
         yield message
 
     async def record(self, entry: Json, actor: Actor) -> None:
-        raise NotImplementedError
+        self.records.append((entry, actor))
 
 
 class _Whoever:

@@ -84,6 +84,7 @@ async def test_t19_s08_a_start_that_is_not_exactly_right_is_refused_and_reaches_
     error = answer.json()["error"]
     assert (answer.status_code, error["kind"], error["code"]) == (422, "ParamsError", "plant.params")
     assert error["params"]["faults"] and plant.asked == []
+    assert plant.records == [], "the plant and the door write the trail; this gateway never does"
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])
