@@ -122,6 +122,25 @@ def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
     assert play.core.counters.kinds["collision"] == 2, "and its one retry"
 
 
+def test_silence_and_debris_do_not_say_that_there_is_no_echo() -> None:
+    """Found by `lab commands`: half an echo, on a line that loses bytes, was taken for the absence of one."""
+    for heard in (b"", b"\x30\x00"):
+        play = Playbook(core(1, paced=False, echo="detect"), lambda _, at, heard=heard: whole(heard, at))
+        play.ask(ask_read())
+        assert play.answer().error is not None
+        assert play.core.echo.state is EchoState.UNKNOWN
+
+
+def test_a_line_on_which_only_fences_are_asked_finds_its_echo() -> None:
+    """Found by `lab commands`: our fence passed for its mirrored answer, the answer for a late one, for ever."""
+    play = Playbook(core(1, paced=False, echo="detect"), echoing(wire(Station())))
+    play.ask(ask_write(play.core), "mirrored")
+    play.answer("mirrored")
+    assert play.core.echo.state is not EchoState.ON
+    play.until(play.now + 1)
+    assert play.core.echo.state is EchoState.ON, "it was heard once more: that was the answer"
+
+
 def test_a_new_adapter_is_listened_to_anew() -> None:
     """After reopening, another adapter may be in the old one's place."""
     station = Station()

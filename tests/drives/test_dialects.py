@@ -435,3 +435,15 @@ def test_every_profile_that_comes_with_drivebus_makes_a_dialect(model: str) -> N
         dialect = make_dialect(profile, profile.addresses[0] or 1, encoding=encoding)
         assert dialect.codec.encoding == encoding
         assert dialect.codec.encode_request(dialect.link.fence(0))
+
+
+def test_an_emergency_stop_of_c320_that_still_shows_a_frequency_is_no_standstill() -> None:
+    """Manual 2.4.6 does not say that the output is off in it (found by `lab commands`)."""
+    dialect = dialect_of("c320")
+    for state, data, seen in (
+        (sifang.State.EMERGENCY_STOP, 300, False),
+        (sifang.State.EMERGENCY_STOP, 0, True),
+        (sifang.State.STOPPED, 0, True),
+    ):
+        shown = (sifang.ReadMonitor(1, 0), c320_reply(state, data=data))
+        assert dialect.stop_seen(book_of(dialect, shown, shown)) is seen

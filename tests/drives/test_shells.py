@@ -108,6 +108,31 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
     story(tale())
 
 
+@pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
+def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_left(may_turn: bool, ends: int) -> None:
+    """I1: the end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
+    ended = 0
+
+    async def end() -> Outcome:
+        nonlocal ended
+        ended += 1
+        return Outcome(OutcomeWord.CONFIRMED, "drives.stop_confirmed")
+
+    async def story() -> None:
+        async def jog() -> None:
+            async with JogLease(asyncio.Event().wait, end, 0.5, may_turn=lambda: may_turn):  # type: ignore[arg-type]
+                raise AssertionError("it began")
+
+        task = asyncio.ensure_future(jog())
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.wait([task])
+        assert task.cancelled()
+
+    asyncio.run(story())
+    assert ended == ends
+
+
 def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
     """A frozen host: the renewal comes before the timer has had its turn."""
 

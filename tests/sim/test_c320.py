@@ -462,7 +462,8 @@ def test_an_emergency_stop_switches_off_and_holds_until_a_stop_or_reset() -> Non
             assert (await desk.ask(control(Operation.EMERGENCY_STOP))).state is State.EMERGENCY_STOP
             await desk.ask(control(Operation.RUN_FORWARD))
             await asyncio.sleep(2.0)
-            assert not desk.station().running
+            desk.station().press_run(5.0)
+            assert not desk.station().running, "nor by the keypad"
             assert (await desk.ask(control(Operation.RESET_FAULT))).state is State.STOPPED
 
     story(told())

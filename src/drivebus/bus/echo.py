@@ -1,8 +1,10 @@
 """Our own frame coming back from a two-wire adapter (F03): found, compared byte by byte, removed by position.
 
 How it is known whether the adapter echoes. ``on`` and ``off`` are the user's word. ``detect`` listens to the first
-frame after opening whose reply cannot look like itself: if the frame comes back first, the adapter echoes. No frame
-is sent for that purpose, so nobody is disturbed. A later frame that proves the finding wrong changes it.
+frame after opening whose reply cannot look like itself: if the frame comes back first, the adapter echoes, and if its
+reply comes alone, it does not; silence and debris tell nothing. No frame is sent for that purpose, so nobody is
+disturbed. A later frame that proves the finding wrong changes it: also one that is heard once more after it had passed
+for its own mirrored reply, else a line on which only fences are asked any more would never find out.
 
 What keeps a wrong setting from forging an acknowledgement (G19), where a reply equals its request (FC06, FC08, and
 the sum of a C320 class-3 request, T21):
@@ -74,7 +76,7 @@ class EchoState(Enum):
 class EchoKeeper:
     """Knows for one port whether it echoes, and whether a mirrored reply may be believed."""
 
-    __slots__ = ("_missing", "count", "detect", "proved", "state")
+    __slots__ = ("_mirrored", "_missing", "count", "detect", "proved", "state")
 
     def __init__(self, setting: str) -> None:
         self.detect = setting == "detect"
@@ -83,11 +85,13 @@ class EchoKeeper:
         """A reply unlike its request came with no echo before it: there is none on this port."""
         self.count = 0
         self._missing = 0
+        self._mirrored = b""
+        """The last frame that came back whole and was not believed to be a reply."""
 
     def opened(self) -> None:
         """Another adapter may be in its place now: everything has to be found out again."""
         self.proved = False
-        self._missing = 0
+        self._missing, self._mirrored = 0, b""
         if self.detect:
             self.state = EchoState.UNKNOWN
 
@@ -105,7 +109,8 @@ class EchoKeeper:
             self._missing = 0
             self.state = EchoState.ON
         elif used is not None and used.tentative:
-            self.state = EchoState.UNKNOWN if used.matched else EchoState.OFF
+            alone = not used.matched and flight.message is not None and flight.outcome() is None
+            self.state = EchoState.OFF if alone else EchoState.UNKNOWN
         elif used is not None:
             self._missing += 1
             if self.detect and self._missing >= DOUBTS:
@@ -121,7 +126,13 @@ class EchoKeeper:
         if flight.buffer != flight.job.data:
             self.proved = self.proved or not flight.early
             return True
+        self._mirrored = b"" if self.proved else flight.job.data
         return self.proved
+
+    def came_again(self, data: bytes) -> None:
+        """A frame that nobody asked for: the one that was taken for a reply was our own, and this is its reply."""
+        if self.detect and data == self._mirrored:
+            self.state, self._mirrored = EchoState.ON, b""
 
 
 def _came_back_early(flight: Transaction) -> bool:

@@ -24,6 +24,7 @@ def sort_out(core: BusCore, now: float) -> None:
         after_master = kind is Kind.MASTER
         if after_master:
             core.listener.foreign_request(heard_at)
+        core.echo.came_again(data[:size])
         _note(core, kind, station, data[:size], message, heard_at, now)
         data = data[size:]
 

@@ -274,7 +274,10 @@ class Drive:
         async def end() -> Outcome:
             return settled(await self._stopped(jogging.end(Talk(self._memory)), Stop.STOP), stop=True)
 
-        return JogLease(begin, end, lease_s, lambda: self._turning_s(turning[-1].moved), self.bus.now)
+        def may_turn() -> bool:
+            return any(talk.may_turn for talk in turning)
+
+        return JogLease(begin, end, lease_s, lambda: self._turning_s(turning[-1].moved), self.bus.now, may_turn)
 
     def _turning_s(self, moved: Answer | None) -> float:
         """How long ago the last bit of a frame that moves was out."""

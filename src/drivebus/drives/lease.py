@@ -21,13 +21,18 @@ class JogLease:
         lease_s: float,
         turning_s: Callable[[], float] = lambda: 0.0,
         now: Callable[[], float] | None = None,
+        may_turn: Callable[[], bool] = lambda: True,
     ) -> None:
         """``turning_s``: for how long the motor may have been turning when ``begin`` has returned.
+
+        ``may_turn``: whether a frame that moves may have left when ``begin`` is cancelled. A jog of which nothing left
+        needs no end: its stop would be somebody else's.
 
         ``now``: a clock that goes on while the machine is suspended, as the motor does; None: the loop's.
         """
         self.lease_s = check_lease(lease_s)
         self._begin, self._end, self._turning_s = begin, end, turning_s
+        self._may_turn = may_turn
         self._now, self._until = now or (lambda: asyncio.get_running_loop().time()), 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[Outcome] | None = None
@@ -40,7 +45,8 @@ class JogLease:
         try:
             self.begun = await self._begin()
         except asyncio.CancelledError:
-            await asyncio.shield(self._stop())
+            if self._may_turn():
+                await asyncio.shield(self._stop())
             raise
         self._arm(self.lease_s - self._turning_s())
         return self

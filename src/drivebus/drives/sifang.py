@@ -33,6 +33,7 @@ from drivebus.protocols.sifang import (
     ReadParameter,
     Reply,
     SifangCodec,
+    State,
     WriteParameter,
 )
 from drivebus.reading import Quality, Reading, missing
@@ -174,7 +175,9 @@ class SifangDialect:
         return self._is_monitor("output_frequency")
 
     def stop_seen(self, book: Book) -> bool:
-        return True
+        """An emergency stop stands until it is reset (2.4.6); a frequency that is shown with it says otherwise."""
+        pair = book.raw_pair("output_frequency")
+        return book.agreed("state") != State.EMERGENCY_STOP or pair is None or not pair[1]
 
     def start_seen(self, book: Book) -> bool:
         return False

@@ -186,6 +186,11 @@ class C320Drive(Station):
             self.motor.reset()
         return Response.OK
 
+    def press_run(self, frequency_hz: float, reverse: bool = False) -> None:
+        """Not while an emergency stop stands, as from the bus: the manual names no way to run in that state."""
+        if not self.emergency:
+            super().press_run(frequency_hz, reverse)
+
     def _set_frequency(self, frequency_hz: float) -> None:
         self.setpoint_hz = frequency_hz
         if self.running and not self.jogging and not self.motor.stopping:

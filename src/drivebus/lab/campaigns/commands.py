@@ -229,7 +229,9 @@ class Episode:
             tell(f"G05 {stop}: not done {CALM_S} s after all was well")
         if deeds.stop_heard_at < stop.at and not overruled and not self.kind.tells:
             tell(f"G05 {stop}: {stop.word}, and the drive never heard it")
-        if deeds.on and not (deeds.on_at > stop.at and (deeds.on_for is None or deeds.on_for.number > stop.number)):
+        run_since = any(one.what == "run" and one.sent for one in newer)  # also as a new frequency of a motor that ran
+        by_another = deeds.on_at > stop.at and (deeds.on_for is None or deeds.on_for.number > stop.number)
+        if deeds.on and not run_since and not by_another:
             tell(f"G05 {stop}: {stop.word}, and the motor is on")
         self.session.count("stops looked at in the end")
 

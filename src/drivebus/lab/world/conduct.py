@@ -43,7 +43,7 @@ class Conduct:
         self._lost_at = -inf
         self._wished: set[int] = set()
         self._jogged: set[int] = set()
-        """VC660 jogs by a level: the levels at rest are then the stop itself."""
+        """VC660 jogs by a level: the levels at rest are then the stop itself, until one of them was answered."""
 
     def stop_wished(self, wish: Wish, can_speak: bool) -> None:
         """From now on the next frame must be a stop; where the port is lost there is none that could come next."""
@@ -61,10 +61,11 @@ class Conduct:
         """``heard_end``: the last bit that the host heard; ``answered``: a reply ended since the last request."""
         if self._last is not None:
             self._timing(frame, self._last, heard_end, answered)
+            if answered and self._last.does in (Does.STOP, Does.REST):
+                self._jogged.discard(self._last.address)
         self._last = frame
         if frame.does is Does.STOP or (frame.does is Does.REST and frame.address in self._jogged):
             self._stop_due = None
-            self._jogged.discard(frame.address)
             self._wished.add(frame.address)  # VC660: the levels without the pulse complete it, also a broadcast one
             return
         if self._stop_due is not None and frame.start > self._stop_due + TOLERANCE_S:
