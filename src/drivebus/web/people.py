@@ -95,18 +95,18 @@ def people_router(desk: Desk) -> APIRouter:
 
 
 async def _change(access: Access, name: str, body: given.ChangedUser, me: Actor) -> User:
-    """Raises NoSuch, Unfit; Conflict for one's own role and for the last administrator."""
+    """Only what ``body`` names: the rest is as it is when it is written, whoever changed that meanwhile.
+
+    Raises NoSuch, Unfit; Conflict for one's own role and for the last administrator.
+    """
     user = access.register.user(name)
     if user.name == me.name and (body.role is not None or body.disabled is not None):
         raise Conflict("access.oneself")
-    changed = replace(
-        user,
-        role=user.role if body.role is None else body.role,
-        disabled=user.disabled if body.disabled is None else body.disabled,
-    )
+    wanted: Json = {key: value for key in ("role", "disabled") if (value := getattr(body, key)) is not None}
     if body.password is not None:
-        changed = replace(changed, password=await access.passwords.hash(check_new(body.password, user.name)))
-    await access.change(lambda register: register.changed(changed))
+        wanted["password"] = await access.passwords.hash(check_new(body.password, user.name))
+    after = await access.change(lambda register: register.changed(replace(register.user(user.name), **wanted)))
+    changed = after.user(user.name)
     if body.end_sessions or changed.stamp != user.stamp:
         await access.end_all(user.name, "rights")
     return changed

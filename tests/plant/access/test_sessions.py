@@ -19,6 +19,8 @@ from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S, PER_USER, digest
 from drivebus.plant.access.visitor import BySession, ByToken
 from drivebus.plant.actor import Actor
 from drivebus.testing.virtual import run
+from drivebus.web.given import ChangedUser
+from drivebus.web.people import _change
 
 
 def made(directory: Path, *roles: Role) -> tuple[Access, Clock]:
@@ -155,6 +157,48 @@ def test_s07_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_
     with pytest.raises(NotLoggedIn):
         login(access)
     login(access, password="a quite new pass phrase")
+
+
+def meanwhile(access: Access, monkeypatch: pytest.MonkeyPatch, **changed: object) -> None:
+    """While the next password is hashed an administrator changes the operator."""
+    plain = access.passwords.hash
+
+    async def slow(password: str) -> str:
+        access.file.change(lambda register: register.changed(replace(register.user("operator"), **changed)))
+        return await plain(password)
+
+    monkeypatch.setattr(access.passwords, "hash", slow)
+
+
+@pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
+def test_s04_a_new_password_of_ones_own_does_not_bring_back_what_was_taken_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object]
+) -> None:
+    access, _ = made(tmp_path)
+    _, visitor = login(access)
+    meanwhile(access, monkeypatch, **changed)
+    with pytest.raises(NotLoggedIn):
+        run(access.new_password(visitor.session, PASSWORD, "a quite new pass phrase"))
+    found = access.register.user("operator")
+    assert {name: getattr(found, name) for name in changed} == changed
+    assert access.sessions.of("operator") == [visitor.session] and visitor.why_over == "rights"
+
+
+@pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
+def test_s04_a_new_password_by_an_administrator_does_not_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object]
+) -> None:
+    """Each of two administrators changes what that one names, and nothing else."""
+    access, _ = made(tmp_path)
+    secret, _ = login(access)
+    meanwhile(access, monkeypatch, **changed)
+    me = Actor("administrator", RIGHTS[Role.ADMINISTRATOR], "s-1")
+    body = ChangedUser(password="a quite new pass phrase")
+    told = run(_change(access, "operator", body, me))
+    found = access.register.user("operator")
+    assert told == found and {name: getattr(found, name) for name in changed} == changed
+    assert run(access.passwords.verify(found.password, "a quite new pass phrase"))
+    assert access.by_cookie(secret) is None
 
 
 def test_s05_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None:
