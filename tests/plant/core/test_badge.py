@@ -1,0 +1,78 @@
+"""What a drive does when its host dies, as its badge says: believed until something is written to it (F18)."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from drivebus.errors import WaiverNeeded
+from drivebus.plant.access.rights import Role
+from drivebus.plant.units import NOT_READ
+from drivebus.testing.virtual import run
+from plantkit import Kit, plant, remote
+
+ENGINEER = remote("eve", Role.ENGINEER)
+
+
+async def trips(kit: Kit) -> None:
+    """The drive is set to trip, and has been read to be; its manual does not publish how, so that is told here."""
+    await asyncio.sleep(2)
+    dialect = kit.service.plant.units["fan-1"].drive.dialect
+    rule = replace(dialect.profile.comm_loss, trips_values=(0,))
+    dialect.profile = replace(dialect.profile, comm_loss=rule)
+    await kit.call("lease.take", ENGINEER, drive="fan-1")
+    await write(kit, **{"F9.3": 0.0, "F9.4": 5.0})
+    await asyncio.sleep(5)
+    assert await badge(kit) == "trips"
+
+
+async def write(kit: Kit, **values: float) -> None:
+    await kit.call("lease.renew", ENGINEER, drive="fan-1")
+    await kit.call("parameters.write", ENGINEER, drive="fan-1", values=values)
+
+
+async def badge(kit: Kit) -> str:
+    found: str = (await kit.call("drives.get", drive="fan-1"))["host_dies"]["kind"]
+    return found
+
+
+def test_after_a_write_the_badge_is_doubted_and_forbids_a_start_until_it_is_read_again() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await trips(kit)
+            await write(kit, **{"F9.4": 0.0})
+            assert await badge(kit) == "unknown"
+            assert kit.service.plant.units["fan-1"].badge.text == NOT_READ
+            await kit.call("lease.release", ENGINEER, drive="fan-1")
+            with pytest.raises(WaiverNeeded):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+            await asyncio.sleep(5)
+            assert await badge(kit) == "runs_on"
+
+    run(story())
+
+
+@pytest.mark.parametrize("during", [True, False])
+def test_what_was_read_before_or_while_something_was_written_is_not_believed(during: bool) -> None:
+    """The read began before the write ended: it may have seen the old value, and the next one is an hour away."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await trips(kit)
+            unit = kit.service.plant.units["fan-1"]
+            doubts, report = unit.badge_doubts, await unit.drive.if_host_dies()
+            change = asyncio.create_task(write(kit, **{"F9.4": 0.0}))
+            await asyncio.sleep(0.01)
+            if not during:
+                await change
+            unit.found_host_dies(report, kit.service.plant.now(), doubts)
+            assert await badge(kit) == "unknown"
+            during_write = unit.badge_doubts
+            await change
+            unit.found_host_dies(report, kit.service.plant.now(), during_write)
+            assert await badge(kit) == ("unknown" if during else "trips")
+
+    run(story())
