@@ -43,12 +43,12 @@ class Patience(HttpToolsProtocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        if self._timer is not None:
+        awaited = self._timer
+        super().data_received(data)
+        if awaited is not None and self._timer is awaited:  # all of it is head: a body may come with its end
             self._head += len(data)
             if self._head > HEAD_LARGEST:
                 self.transport.abort()
-                return
-        super().data_received(data)
 
     def on_message_begin(self) -> None:
         super().on_message_begin()
