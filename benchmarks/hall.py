@@ -17,7 +17,7 @@ from pathlib import Path
 TOKEN = "dbt_benchmark"
 """Of a user who may see, stop and read parameters."""
 COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 
 
 def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, baud: int) -> str:
@@ -62,8 +62,11 @@ class Hall:
 
 
 @contextmanager
-def serving(folder: Path, links: Sequence[str], drives: int, baud: int) -> Iterator[Hall]:
-    """The whole service for the time of a ``with``. On loopback only."""
+def serving(
+    folder: Path, links: Sequence[str], drives: int, baud: int, there: Callable[[Path], None] = lambda directory: None
+) -> Iterator[Hall]:
+    """The whole service for the time of a ``with``. On loopback only. ``there`` is called with the state directory as
+    soon as the plant's socket is, which is before the web process answers."""
     directory, port, file = folder / "state", free_port(), folder / "plant.toml"
     directory.mkdir(mode=0o700)
     file.write_text(plant_text(directory, port, links, drives, baud))
@@ -76,6 +79,7 @@ def serving(folder: Path, links: Sequence[str], drives: int, baud: int) -> Itera
         )
         try:
             socket_at = _until(lambda: (directory / "plant.sock").exists(), process, folder)
+            there(directory)
             web_at = _until(lambda: _answers(port), process, folder)
             yield Hall(directory, port, process.pid, _child_of(process.pid), begun, socket_at, web_at)
         finally:
@@ -116,7 +120,7 @@ def _until(there: Callable[[], bool], process: subprocess.Popen[bytes], folder: 
 
 
 def _answers(port: int) -> bool:
-    asking = HTTPConnection("127.0.0.1", port, timeout=1.0)
+    asking = HTTPConnection("127.0.0.1", port, timeout=5.0)
     try:
         asking.request("GET", "/api/v1/health")
         return asking.getresponse().status == 200

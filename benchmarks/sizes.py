@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ PLANTS = {12: (3, 4), 300: (10, 30)}
 BAUD = 19_200
 WEBSOCKETS = 50
 ASKING_S = 8.0
+PATIENCE_S = 120.0
 ME = local("bench", "sizes")
 
 
@@ -33,32 +35,42 @@ def sizes(settle_s: float) -> Figures:
 
 def one(lines: int, drives: int, settle_s: float) -> Figures:
     links = [f"sim://vc660@1-{drives}?seed={line + 1}" for line in range(lines)]
-    with tempfile.TemporaryDirectory() as name, serving(Path(name), links, drives, BAUD) as hall:
-        first_s, every_s = asyncio.run(readings(hall, lines * drives))
-        found: Figures = {
-            "lines": lines,
-            "seconds_to": {
-                "socket": round(hall.socket_at - hall.begun, 2),
-                "web": round(hall.web_at - hall.begun, 2),
-                "first_reading": round(first_s - hall.begun, 2),
-                "reading_of_every_drive": round(every_s - hall.begun, 2),
-            },
-        }
-        for connections in (1, 8):
-            found[f"rest_{connections}"] = asking(hall, lines, drives, connections)
-        time.sleep(max(0.0, hall.begun + settle_s - time.monotonic()))
-        found["memory_mb"] = {"plant": memory_mb(hall.plant), "web": memory_mb(hall.web)}
-    return found
+    watching: list[Future[tuple[float, float]]] = []
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(1) as threads:
+
+        def there(directory: Path) -> None:
+            """The web process is still on its way."""
+            watching.append(threads.submit(lambda: asyncio.run(readings(directory, lines * drives))))
+
+        with serving(Path(name), links, drives, BAUD, there) as hall:
+            first_s, every_s = watching[0].result()
+            found: Figures = {"lines": lines, "seconds_to": seconds_to(hall, first_s, every_s)}
+            for connections in (1, 8):
+                found[f"rest_{connections}"] = asking(hall, lines, drives, connections)
+            time.sleep(max(0.0, hall.begun + settle_s - time.monotonic()))
+            return found | {"memory_mb": {"plant": memory_mb(hall.plant), "web": memory_mb(hall.web)}}
 
 
-async def readings(hall: Hall, drives: int) -> tuple[float, float]:
-    """When any drive had a good reading, and when every one had."""
-    client, good, first = SocketClient(hall.directory / "plant.sock"), set[str](), 0.0
-    async for message in _live(client):
-        good |= {topic for topic, content in message["topics"].items() if _is_good(content)}
-        first = first or (time.monotonic() if good else 0.0)
-        if len(good) == drives:
-            break
+def seconds_to(hall: Hall, first_s: float, every_s: float) -> dict[str, float]:
+    """From the command on."""
+    moments = {
+        "socket": hall.socket_at,
+        "web": hall.web_at,
+        "first_reading": first_s,
+        "reading_of_every_drive": every_s,
+    }
+    return {name: round(at - hall.begun, 2) for name, at in moments.items()}
+
+
+async def readings(directory: Path, drives: int) -> tuple[float, float]:
+    """When any drive had a good reading, and when every one had. Raises TimeoutError."""
+    client, good, first = SocketClient(directory / "plant.sock"), set[str](), 0.0
+    async with asyncio.timeout(PATIENCE_S):
+        async for message in _live(client):
+            good |= {topic for topic, content in message["topics"].items() if _is_good(content)}
+            first = first or (time.monotonic() if good else 0.0)
+            if len(good) == drives:
+                break
     await client.close()
     return first, time.monotonic()
 
