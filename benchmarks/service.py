@@ -174,7 +174,7 @@ def measure(chosen: argparse.Namespace) -> Figures:
 def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks.service", description=__doc__)
     options.add_argument("--seconds", type=float, default=50.0, help="of normal stops; half of it in the flood")
-    options.add_argument("--lines", type=int, default=12)
+    options.add_argument("--lines", type=int, default=8)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--burners", type=int, default=os.cpu_count() or 1, help="processes that only use a core")
     options.add_argument("--settle", type=float, default=60.0, help="seconds after which memory is looked at; 0: skip")
