@@ -18,45 +18,56 @@ from drivebus.cli.demo.shift import HOURS
 
 DRIVES = {part.key for line in LINES for part in line.drives}
 PATIENCE_S = 60.0
+Demo = tuple[subprocess.Popen[str], dict[str, str]]
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A running demo and its address."""
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+    """A running demo, and the address, user and password that it prints."""
     log = tmp_path_factory.mktemp("demo") / "log"
     with log.open("w") as errors:
         command = [sys.executable, "-c", "from drivebus.cli import main; main()", "demo", "--json", "--lang", "en"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
         try:
-            yield process, _address(process, log)
+            yield process, _printed(process, log)
         finally:
             process.kill()
             process.wait()
 
 
-def _address(process: subprocess.Popen[str], log: Path) -> str:
+def _printed(process: subprocess.Popen[str], log: Path) -> dict[str, str]:
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith("{"):
-            found: str = json.loads(line)["url"]
+            found: dict[str, str] = json.loads(line)
             return found
     raise AssertionError(log.read_text())
 
 
 @pytest.fixture(scope="module")
-def browser(demo: tuple[subprocess.Popen[str], str]) -> Iterator[httpx.Client]:
+def browser(demo: Demo) -> Iterator[httpx.Client]:
     """Logged in by the address that was printed."""
-    base, _, code = demo[1].partition("#login=")
+    base, _, code = demo[1]["url"].partition("#login=")
     with httpx.Client(base_url=base, headers={"Origin": base.rstrip("/")}) as client:
         done = client.post("api/v1/login-once", json={"code": code})
         assert done.status_code == 200, done.text
         yield client
 
 
-def test_the_address_logs_in_once(demo: tuple[subprocess.Popen[str], str], browser: httpx.Client) -> None:
-    base, _, code = demo[1].partition("#login=")
+def test_the_address_logs_in_once(demo: Demo, browser: httpx.Client) -> None:
+    base, _, code = demo[1]["url"].partition("#login=")
     again = httpx.post(f"{base}api/v1/login-once", json={"code": code}, headers={"Origin": base.rstrip("/")})
     assert again.status_code == 401
+
+
+def test_who_comes_back_has_a_password_and_the_configuration_is_a_file(demo: Demo, browser: httpx.Client) -> None:
+    """S07: after an idle while the page asks for it, and the address logs in only once."""
+    base, printed = str(browser.base_url).rstrip("/"), demo[1]
+    who = {"name": printed["user"], "password": printed["password"]}
+    again = httpx.post(f"{base}/api/v1/login", json=who, headers={"Origin": base})
+    assert again.status_code == 200, again.text
+    file = browser.get("api/v1/configuration").json()
+    assert "[drive.fan-1]" in file["text"]
 
 
 def test_twelve_drives_of_four_families_on_four_lines_answer(browser: httpx.Client) -> None:
@@ -82,7 +93,7 @@ def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
     assert {"command"} <= {marker["kind"] for marker in markers}
 
 
-def test_ctrl_c_ends_it(demo: tuple[subprocess.Popen[str], str]) -> None:
+def test_ctrl_c_ends_it(demo: Demo) -> None:
     process, _ = demo
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 0

@@ -26,7 +26,7 @@ from drivebus.errors import DrivebusError, ServiceUnavailable
 from drivebus.plant.access.access import Access
 from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import local
-from drivebus.plant.config import loads
+from drivebus.plant.config import load
 from drivebus.plant.failure import both
 from drivebus.plant.historian import Historian
 from drivebus.plant.logs import begin
@@ -40,6 +40,9 @@ from drivebus.seams import wall_ms
 PORT = 8080
 CODE_S = 12 * 3600.0
 """The address logs in once; until then it is good for a working day."""
+USER = "demo"
+PASSWORD_BYTES = 9
+"""Made anew each time and printed: the page asks for it after an idle while, and a second browser at once."""
 WEB_S = 30.0
 SEED = 1
 STORY = (
@@ -61,10 +64,12 @@ async def _demo(directory: Path, port: int) -> Exit:
     plant = make_plant()
     await plant.start()
     try:
-        setting = loads(plantfile.text(plant.links, directory, free_port(port)), "demo.toml", directory)
-        code = await prepared(setting)
+        file = directory / "plant.toml"
+        file.write_text(plantfile.text(plant.links, directory, free_port(port)), encoding="utf-8")
+        setting = load(file)
+        code, password = await prepared(setting)
         tasks: list[asyncio.Task[None]] = []
-        await run(setting, ready=lambda: tasks.append(asyncio.create_task(_tell(setting, code, plant))))
+        await run(setting, ready=lambda: tasks.append(asyncio.create_task(_tell(setting, code, password, plant))))
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -87,8 +92,8 @@ def free_port(wanted: int) -> int:
     return wanted
 
 
-async def prepared(setting: PlantSetting) -> str:
-    """History, waivers and a user; returns the code that logs in once."""
+async def prepared(setting: PlantSetting) -> tuple[str, str]:
+    """History, waivers and a user; returns the code that logs in once, and the user's password."""
     voice.tell("demo.preparing")
     setting.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
     await _history(setting)
@@ -97,9 +102,10 @@ async def prepared(setting: PlantSetting) -> str:
     for drive in setting.drives:  # simulated motors hurt nobody when this host dies
         store.put(f"waiver/{drive.id}", Waiver.of(voice.say("demo.waiver"), drive, buses[drive.bus]).to_keep())
     access = Access(setting.directory)
-    user = await access.made("demo", Role.ADMINISTRATOR, secrets.token_urlsafe(24))
+    password = secrets.token_urlsafe(PASSWORD_BYTES)
+    user = await access.made(USER, Role.ADMINISTRATOR, password)
     await access.change(lambda register: register.added(user))
-    return await access.issue_code("demo", CODE_S)
+    return await access.issue_code(USER, CODE_S), password
 
 
 async def _history(setting: PlantSetting) -> None:
@@ -126,7 +132,7 @@ def _marker(one: Happening, number: int) -> dict[str, Any]:
 # --- while it runs ------------------------------------------------------------------------------------------------
 
 
-async def _tell(setting: PlantSetting, code: str, plant: Plant) -> None:
+async def _tell(setting: PlantSetting, code: str, password: str, plant: Plant) -> None:
     """The address as soon as somebody answers there; then the story."""
     url = f"http://127.0.0.1:{setting.web.port}/"
     try:
@@ -134,8 +140,9 @@ async def _tell(setting: PlantSetting, code: str, plant: Plant) -> None:
     except TimeoutError:
         voice.note("demo.web_late", limit_s=f"{WEB_S:g}")
     else:
-        voice.document({"url": f"{url}#login={code}"}, stream=True)
-        voice.tell("demo.address", url=f"{url}#login={code}")
+        address = f"{url}#login={code}"
+        voice.document({"url": address, "user": USER, "password": password}, stream=True)
+        voice.tell("demo.address", url=address, user=USER, password=password)
     client = SocketClient(setting.directory / PLANT)
     try:
         await _story(client, plant)
