@@ -12,6 +12,8 @@ import pytest
 import peers
 from drivebus import errors, i18n
 from drivebus.bus import aftermath
+from drivebus.plant import audit
+from drivebus.plant.operations import OPERATIONS
 from pagehands import expecting, trip
 from pagekit import Stage
 
@@ -96,12 +98,14 @@ def test_axe_finds_nothing_serious_in_the_depths(stage: Stage, visit: Any, theme
 def test_nothing_in_the_depths_is_wider_than_a_phone(stage: Stage, visit: Any, language: str) -> None:
     trip(stage, "fan-3")
     page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
-    wide = {}
+    wide, broken = {}, 0
     for way in DEPTHS:
         dive(page, way)
+        broken += page.evaluate("[...document.querySelectorAll('td .button')].filter(b => b.offsetHeight > 40).length")
         wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert page.locator("[data-stop=all]").is_visible()
     assert {way: over for way, over in wide.items() if over > 0} == {}
+    assert broken == 0
 
 
 def test_fingers_move_and_stretch_a_trend(visit: Any) -> None:
@@ -145,6 +149,15 @@ def test_every_sentence_of_these_pages_is_used(static: Path) -> None:
     used, beginnings = set(KEY.findall(text)), tuple(BEGINNING.findall(text))
     mine = {key for key in i18n.catalogue("en") if key.startswith("plantpage.")} - used
     assert {key for key in mine if not key.startswith((*beginnings, "plantpage.error_", "plantpage.counter_"))} == set()
+
+
+def test_whatever_the_trail_records_has_words() -> None:
+    """``audit.opened`` tells an auditor who reads Chinese nothing."""
+    source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parent).glob("*.py"))
+    own = set(re.findall(r'"(audit\.(?:opened|recovered|lost|refused))"', source))
+    recorded = own | {name for name, operation in OPERATIONS.items() if operation.changes}
+    words = {"plantpage.did_" + re.sub("[.-]", "_", name) for name in recorded}
+    assert len(own) == 4 and words - set(i18n.catalogue("en")) == set()
 
 
 def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:

@@ -100,12 +100,17 @@ async def prepared(setting: PlantSetting) -> tuple[str, str]:
     store = FileStore(setting.directory / "plant.json")
     buses = {bus.id: bus for bus in setting.buses}
     for drive in setting.drives:  # simulated motors hurt nobody when this host dies
-        store.put(f"waiver/{drive.id}", Waiver.of(voice.say("demo.waiver"), drive, buses[drive.bus]).to_keep())
+        store.put(f"waiver/{drive.id}", Waiver.of(_waiver(), drive, buses[drive.bus]).to_keep())
     access = Access(setting.directory)
     password = secrets.token_urlsafe(PASSWORD_BYTES)
     user = await access.made(USER, Role.ADMINISTRATOR, password)
     await access.change(lambda register: register.added(user))
     return await access.issue_code(USER, CODE_S), password
+
+
+def _waiver() -> str:
+    """A reason is one text, as whoever wrote it: the demo's reader has not chosen a language yet."""
+    return " · ".join(i18n.text("demo.waiver", side) for side in i18n.LANGUAGES)
 
 
 async def _history(setting: PlantSetting) -> None:

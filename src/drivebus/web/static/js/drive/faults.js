@@ -9,10 +9,16 @@ import { ErrorNote, Field, Table, useLoaded } from "../ui.js";
 const NONE = "–";
 const PAST = 50;
 
+/** Its text, with the keypad's label before it where the text does not say it itself. */
+export function faultWords({ label, text }) {
+  const words = both(text);
+  return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
+}
+
 export function FaultNow({ fault }) {
   return html`<section class="faultnow" aria-labelledby="fault-title"><${Icon} name="fault" size=${40} /><div
     class="stack">
-    <h2 id="fault-title">${t("page.fault")} <b>${fault.label}</b> · ${both(fault.text)}</h2>
+    <h2 id="fault-title">${!both(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultWords(fault)}</h2>
     <dl class="facts">${fault.cause && html`<dt>${t("page.cause")}</dt><dd>${both(fault.cause)}</dd>`}
     ${fault.remedy && html`<dt>${t("page.remedy")}</dt><dd>${both(fault.remedy)}</dd>`}
     <dt>${t("page.code")}</dt><dd>${fault.code}</dd></dl></div></section>`;
@@ -31,13 +37,18 @@ function Past({ id }) {
 }
 
 export function FaultsTab({ view, profile }) {
+  return html`<div class="stack"><${Past} id=${view.id} /><h3>${t("page.all_faults")}</h3>
+    ${profile.faults.length > 0 ? html`<${Known} view=${view} profile=${profile} />`
+      : html`<p>${t("page.no_fault_table")}</p>`}</div>`;
+}
+
+function Known({ view, profile }) {
   const [search, setSearch] = useState("");
   const rows = useMemo(() => {
     const word = search.trim().toLowerCase();
     return profile.faults.filter((one) => !word || JSON.stringify(one).toLowerCase().includes(word));
   }, [profile, search]);
-  return html`<div class="stack"><${Past} id=${view.id} /><h3>${t("page.all_faults")}</h3>
-    <${Field} label=${t("page.search")}><input type="search" value=${search}
+  return html`<div class="stack"><${Field} label=${t("page.search")}><input type="search" value=${search}
       onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
     <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view.fault?.code === one.code ? "changed" : undefined)} columns=${[

@@ -6,6 +6,7 @@ import { NOTHING, moment, quantity, signalName } from "../format.js";
 import { href } from "../router.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Loading, Notice, Table, useLoaded } from "../ui.js";
+import { faultWords } from "../drive/faults.js";
 import { CaseList } from "../parts/caselist.js";
 import { saveText } from "../parts/save.js";
 import { driveTitle } from "../parts/titles.js";
@@ -47,7 +48,7 @@ function Trip({ found }) {
   const fault = found.view?.fault;
   const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => both(text)) : [];
   return html`<${Notice} kind="bad" title=${both(found.title)}><p>${both(found.text)}</p>
-    ${fault && html`<p><b>${fault.label ?? fault.code}</b> ${both(fault.text)}</p>`}
+    ${fault && html`<p>${faultWords({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
     ${said.map(([name, text]) => html`<p key=${name}>
       <b>${t(`plantpage.fault_${name}`)}</b>${t("page.colon")}${both(text)}</p>`)}<//>`;
 }
@@ -60,7 +61,7 @@ function States({ found }) {
     [t("plantpage.presence"), (one) => t(one.presence === "online"
       ? "plantpage.presence_online" : `page.presence_${one.presence}`)],
     [t("plantpage.commanded"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
-    [t("plantpage.event_fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NOTHING)],
+    [t("page.fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NOTHING)],
   ];
   return html`<${Table} caption=${t("plantpage.case_states")} columns=${columns} rows=${found.states ?? []}
     keyOf=${(one) => one.t} />`;

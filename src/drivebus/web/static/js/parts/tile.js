@@ -1,6 +1,6 @@
 // One drive of the fleet. Each tile listens to its own drive only.
 import { html, useComputed } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { t, titled } from "../i18n.js";
 import { ageOf, readingStill, stateOf } from "../format.js";
 import { trusted } from "../live.js";
 import { Icon } from "../icons.js";
@@ -9,6 +9,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
 import { stop } from "../stops.js";
+import { faultWords } from "../drive/faults.js";
 import { PriorityMark, StateMark, lookOf } from "./state.js";
 
 /** "< 1 s", "3 s"…: coarse, so that a hundred tiles have a new text only where it tells something. */
@@ -32,13 +33,13 @@ function Worst({ alarms }) {
 }
 
 function Fault({ fault }) {
-  return html`<p class="tilefault"><b>${fault.label}</b> ${both(fault.text)}</p>`;
+  return html`<p class="tilefault">${faultWords(fault)}</p>`;
 }
 
-/** The current, where the model tells one. */
+/** The current, where the model tells one in a unit that is known: a bare number would be taken for anything. */
 function current(view) {
   const found = readingStill(view, "output_current");
-  return found === null || found.value === null ? null : html`<${Value} found=${found} />`;
+  return found === null || found.value === null || !found.unit ? null : html`<${Value} found=${found} />`;
 }
 
 export function Tile({ id }) {

@@ -15,7 +15,7 @@ export function Tokens() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const close = (secret = null) => { setOpen(false); setMade(secret); reload(); };
   const columns = [
-    [t("plantpage.name"), (token) => html`<strong>${token.name}</strong>`],
+    [t("plantpage.name"), (token) => html`<strong>${token.name}</strong>`, "name"],
     [t("plantpage.user"), (token) => token.user],
     [t("plantpage.rights"),
       (token) => token.rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))],

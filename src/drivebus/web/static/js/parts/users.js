@@ -17,7 +17,7 @@ export function Users() {
   const close = () => { setOpen(null); reload(); };
   const columns = [
     [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user
-      ? ` ${t("plantpage.you")}` : ""}`],
+      ? ` ${t("plantpage.you")}` : ""}`, "name"],
     [t("plantpage.role"), (user) => t(`plantpage.role_${user.role}`)],
     [t("plantpage.state"), (user) => t(user.disabled ? "plantpage.user_disabled" : "plantpage.user_enabled")],
     [t("plantpage.sessions"), (user) => user.sessions, "right"],

@@ -43,7 +43,7 @@ function Shown({ view, source }) {
   const length = duration(to - from, (unit) => t(`plantpage.unit_${unit}`));
   return html`<span class="trend-window">${moment(from, locale)} – ${moment(to, locale)} · ${length}</span>
     ${resolution && html` <span>${t(`plantpage.points_${resolution}`)}</span>`}
-    <span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
+    ${" "}<span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
       ? t("page.loading") : ""}${source.error.value ? t("plantpage.trend_failed",
         { why: source.error.value.sentence }) : ""}</span>`;
 }
