@@ -100,6 +100,8 @@ class DriveView:
     alarms: Mapping[str, int] = field(default_factory=dict)
     """Active alarms by priority."""
     signals: Mapping[str, SignalView] = field(default_factory=dict)
+    directions: tuple[str, ...] = ("forward", "reverse")
+    """Ways in which it may be run: what the model can do, within the limits that hold now."""
     state_age_s: float | None = None
     """How old the oldest reply is that the state rests on; not in topics, where it would change all the time."""
 
@@ -111,6 +113,7 @@ class DriveView:
         return {name: getattr(self, name) for name in plain} | {
             "title": text_json(self.title),
             "capabilities": list(self.capabilities),
+            "directions": list(self.directions),
             "groups": list(self.groups),
             "host_dies": self.host_dies.as_json(),
             "lease": None if self.lease is None else self.lease.as_json(),

@@ -30,9 +30,15 @@ def drive_view(plant: Plant, unit: Unit, status: DriveStatus | None = None) -> D
         unit.commanded_hz, minimum, maximum, unit.badge, None if lease is None else lease.view(now),
         unit.bus.latched(setting.address), unit.drive.stop_pending, tuple(hindrances(plant, unit)),
         dict(plant.parts.alarms.counts(unit.id)),
-        {name: SignalView.of(reading, now) for name, reading in status.readings.items()},
+        {name: SignalView.of(reading, now) for name, reading in status.readings.items()}, _directions(unit),
         None if status.at is None else now - status.at,
     )  # fmt: skip
+
+
+def _directions(unit: Unit) -> tuple[str, ...]:
+    can, limits = unit.profile.capabilities, unit.drive.limits
+    allowed = (("forward", limits.forward and "run" in can), ("reverse", limits.reverse and "reverse" in can))
+    return tuple(way for way, may in allowed if may)
 
 
 def drive_topic(plant: Plant, view: DriveView, status: DriveStatus) -> Json:

@@ -100,13 +100,13 @@ def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file(
         store = MemoryStore()
         async with plant(store=store) as kit:
             await kit.waive("pump-1")
-            await kit.call("drive.limits", drive="pump-1", minimum_hz=5.0, maximum_hz=40.0)
+            await kit.call("drive.limits", drive="pump-1", minimum_hz=5.0, maximum_hz=40.0, reverse=False)
             with pytest.raises(Exception, match="limits of pump-1"):
                 await kit.call("drive.limits", drive="pump-1", maximum_hz=900.0)
         async with plant(store=store) as kit:
             view = await kit.call("drives.get", drive="pump-1")
             assert view["host_dies"]["waiver"] == "test bench (tester)"
-            assert (view["minimum_hz"], view["maximum_hz"]) == (5.0, 40.0)
+            assert (view["minimum_hz"], view["maximum_hz"], view["directions"]) == (5.0, 40.0, ["forward"])
             await kit.call("drive.unwaive", drive="pump-1")
         async with plant(store=store) as kit:
             assert (await kit.call("drives.get", drive="pump-1"))["host_dies"]["waiver"] is None

@@ -27,6 +27,9 @@ def page(stage: Stage, visit: Any) -> Any:
 
 
 def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
+    for text, state in (("5,5", "disabled"), ("", "enabled")):  # what is no number is not the drive's own frequency
+        page.fill(".jog input[inputmode=decimal]", text)
+        page.locator(f"{HOLD}:{state}").wait_for()
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url.partition("/drives/pump-1")[2]))
     page.hover(HOLD)
@@ -71,6 +74,7 @@ def test_a_jog_whose_renewal_fails_is_given_up_and_said_so(stage: Stage, page: A
     with page.expect_request("**/drives/pump-1/stop"):
         page.keyboard.down("Space")
     page.locator(".jog .notice.bad").wait_for()
+    page.locator(".told.good").wait_for()
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 

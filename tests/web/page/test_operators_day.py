@@ -18,7 +18,7 @@ def take(page: Any) -> None:
 
 def run_at(page: Any, hertz: str) -> None:
     """Both steps."""
-    page.fill(".control .frequency input[type=number]", hertz)
+    page.fill(".control .frequency input[inputmode=decimal]", hertz)
     page.click("[data-step=first]")
     page.click("[data-step=second]")
 
@@ -48,20 +48,22 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
     page.click("[data-drive=fan-1]")
     page.locator(".faultnow").wait_for()
+    assert page.locator(".faultnow h2").inner_text().count("Fu.") == 1
     take(page)
     page.click("[data-do=reset]")
     page.locator(".faultnow").wait_for(state="detached")
 
     run_at(page, "20")
     page.locator(f".drivestate:has-text('{word('drives.state_running')}')").wait_for()
-    page.fill(".control .frequency input[type=number]", "30")
+    page.locator(f".control .notice.good:has-text('{word('page.word_confirmed')}')").wait_for()
+    page.fill(".control .frequency input[inputmode=decimal]", "30")
     page.click("[data-do=set]")
     page.locator(".bigvalues figure:first-child .number:has-text('30.00')").wait_for()
     page.locator(".trend-plot canvas").wait_for()
 
     page.click("[data-stop=all]")
     page.locator(f".told.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
-    assert stage.view("fan-1")["state"] == "stopped"
+    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "the next poll does not tell it")
 
     stage.lose_server()
     page.locator(".banner.bad[role=alert]").wait_for()
@@ -137,6 +139,24 @@ def test_a_viewer_is_offered_nothing_that_moves(stage: Stage, visit: Any) -> Non
         assert page.locator(offered).count() == 0
 
 
+def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, visit: Any) -> None:
+    """Whoever narrows another limit afterwards does not give it back unawares."""
+    stage.call("drive.limits", drive="fan-2", reverse=False)
+    try:
+        page = visit("#/drive/fan-2")
+        only = i18n.text("page.limits_only", "en", way="forward")
+        page.locator(f".row:has-text('{only}')").wait_for()
+        assert page.locator(".control .choice button").count() == 1
+        page.click(f"text={i18n.text('page.limits_change', 'en')}")
+        page.fill(".dialog input[inputmode=decimal] >> nth=1", "40")
+        page.click(".dialog button[type=submit]")
+        page.locator(".dialog").wait_for(state="detached")
+        view = stage.view("fan-2")
+        assert (view["maximum_hz"], view["directions"]) == (40.0, ["forward"])
+    finally:
+        stage.call("drive.limits", drive="fan-2")
+
+
 def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, visit: Any) -> None:
     """S16: the first step alone moves nothing, and Escape takes it back."""
     stage.call("drive.waiver", drive="fan-1", reason="watched bench")
@@ -144,11 +164,13 @@ def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, vi
     take(page)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
-    page.fill(".control .frequency input[type=number]", "46")
-    assert page.locator("[data-step=first]").is_disabled()
-    page.fill(".control .frequency input[type=number]", "20")
+    for unlawful in ("46", "-1", "2,5", "1e1", "0x10", "5²", "twenty", ""):  # a browser's number field makes 2,5 25
+        page.fill(".control .frequency input[inputmode=decimal]", unlawful)
+        page.locator("[data-step=first]:disabled").wait_for()
+    page.fill(".control .frequency input[inputmode=decimal]", " ２０．５")
     page.click("[data-step=first]")
     page.locator("[data-step=second]").wait_for()
+    assert "20.50 Hz" in page.locator(".confirm").inner_text()
     page.keyboard.press("Escape")
     page.locator("[data-step=first]").wait_for()
     assert "arm" in asked and "run" not in asked

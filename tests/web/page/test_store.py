@@ -105,7 +105,7 @@ def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any
 
 
 def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
-    """Edit, look at the difference, write to RAM; saving is a step of its own and is not taken here."""
+    """Edit, look at the difference, write to RAM; saving is a step of its own, and taken once."""
     stage.call("drive.waiver", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1?tab=parameters")
     page.click("[data-do=take]")
@@ -113,13 +113,20 @@ def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit:
     page.click("[data-do=read]")
     row = page.locator("tr", has=page.locator("code:text-is('F9.4')"))
     row.locator("td:nth-child(4):text-is('0')").wait_for()
+    row.locator("input").fill("3,5")
+    page.click("[data-do=review]")
+    page.locator(".dialog .alarmtext").wait_for()
+    assert page.locator("[data-do=write]").is_disabled()
+    page.keyboard.press("Escape")
     row.locator("input").fill("3")
     page.click("[data-do=review]")
     page.locator(".dialog s:has-text('0')").wait_for()
     assert page.locator("[data-do=save]").count() == 0
     page.click("[data-do=write]")
     page.locator(".dialog .notice.good").wait_for()
-    page.locator("[data-do=save]").wait_for()
+    assert page.locator(".dialog .notice.good > div > p").count() == 1
+    page.click("[data-do=save]")
+    page.locator(".dialog [data-do=save]:disabled:not([aria-busy])").wait_for()
     page.keyboard.press("Escape")
     row.locator("td:nth-child(4):text-is('3')").wait_for()
     assert stage.call("parameters.read", drive="fan-1", names=["F9.4"])["parameters"]["F9.4"]["raw"] == 3

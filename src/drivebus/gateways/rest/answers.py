@@ -126,6 +126,7 @@ class Drive(Answer):
     model: str
     grade: str
     capabilities: list[str]
+    directions: list[str]
     groups: list[str]
     presence: Literal["online", "silent", "never_seen"]
     state: str

@@ -15,6 +15,16 @@ export function number(value, unit = "", digits = DIGITS[unit]) {
   return value.toFixed(digits);
 }
 
+const WIDE = /[\uFF10-\uFF19\uFF0E\uFF0B\uFF0D]/g;
+const narrow = (wide) => String.fromCharCode(wide.charCodeAt(0) - 0xFEE0);
+
+/** The number that a text is, also in a Chinese keyboard's wide digits; null for anything else. "1,5" is nothing:
+ * the browser's own number fields drop the comma, and 1.5 Hz would be 15. */
+export function numberOf(text) {
+  const plain = String(text).trim().replace(WIDE, narrow);
+  return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(plain) ? Number(plain) : null;
+}
+
 /** "25.00 Hz". */
 export function quantity(value, unit, digits) {
   return `${number(value, unit, digits)}${unit && value !== null && value !== undefined ? ` ${unit}` : ""}`;

@@ -45,7 +45,8 @@ const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", 
 export function OutcomeNote({ outcome }) {
   return html`<${Notice} kind=${OUTCOME_KIND[outcome.word] ?? "info"} live title=${t(`page.word_${outcome.word}`)}>
     <p>${both(outcome.text)}</p>
-    ${outcome.notes?.map((note) => html`<p key=${note.key}>${both(note.text)}</p>`)}
+    ${outcome.notes?.map((note) => both(note.text)).filter((text) => text !== both(outcome.text))
+      .map((text, n) => html`<p key=${n}>${text}</p>`)}
     ${outcome.frames?.length > 0 && html`<details class="frames"><summary>${t("page.frames")}</summary>
       <${Frames} frames=${outcome.frames} /></details>`}<//>`;
 }

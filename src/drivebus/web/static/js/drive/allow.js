@@ -3,6 +3,7 @@ import { html, useState } from "../lib.js";
 import { both, t, titled } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Dialog, ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { numberOf } from "../format.js";
 import { may } from "../session.js";
 import { trusted } from "../live.js";
 import { HostDiesBadge } from "../parts/state.js";
@@ -47,7 +48,9 @@ export function HostDies({ view }) {
 /** The limits that hold now; an engineer may make them narrower. */
 export function Limits({ view }) {
   const [open, setOpen] = useState(false);
-  return html`<div class="row"><span>${t("page.limits_now", view)}</span>
+  const [only, ...more] = view.directions;
+  return html`<div class="row"><span>${t("page.limits_now", view)}${view.capabilities.includes("reverse")
+    && more.length === 0 && t("page.limits_only", { way: t(`drives.way_${only}`) })}</span>
     ${may("limit") && html`<${Button} kind="quiet" disabled=${!trusted.value} onClick=${() => setOpen(true)}>
       ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;
@@ -55,17 +58,23 @@ export function Limits({ view }) {
 
 function LimitsForm({ view, onClose }) {
   const { minimum_hz, maximum_hz } = view;
-  const reverse = view.capabilities.includes("reverse");
-  const [values, setValues] = useState({ minimum_hz, maximum_hz, forward: true, reverse });
+  const has = (way) => view.directions.includes(way);
+  const [values, setValues] = useState({
+    minimum_hz: String(minimum_hz), maximum_hz: String(maximum_hz), forward: has("forward"), reverse: has("reverse"),
+  });
   const [run, busy, error] = useAsk();
   const put = (name, value) => setValues({ ...values, [name]: value });
+  const limits = Object.fromEntries(["minimum_hz", "maximum_hz"].map((name) => [name, numberOf(values[name])]));
+  const isWrong = Object.values(limits).includes(null) || !(values.forward || values.reverse);
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.put(drivePath(view.id, "/limits"), values))) onClose();
+    if (await run(() => api.put(drivePath(view.id, "/limits"), { ...values, ...limits }))) onClose();
   };
-  const hertz = (name) => html`<${Field} key=${name} label=${t(`page.${name}`)}><span class="withunit">
-    <input type="number" step="0.01" min="0" required value=${values[name]} data-first=${name === "minimum_hz"}
-      onInput=${(event) => put(name, event.currentTarget.valueAsNumber)} /><span>Hz</span></span><//>`;
+  const hertz = (name) => html`<${Field} key=${name} label=${t(`page.${name}`)}
+    wrong=${limits[name] === null && t("page.not_number")}><span class="withunit">
+    <input inputmode="decimal" autocomplete="off" maxlength="12" value=${values[name]}
+      data-first=${name === "minimum_hz"} onInput=${(event) => put(name, event.currentTarget.value)} /><span>Hz</span>
+    </span><//>`;
   const way = (name) => html`<label class="check" key=${name}><input type="checkbox" checked=${values[name]}
     onChange=${(event) => put(name, event.currentTarget.checked)} />${t(`page.allow_${name}`)}</label>`;
   return html`<${Dialog} title=${t("page.limits_change")} onClose=${onClose}><form class="stack" onSubmit=${send}><p>
@@ -73,5 +82,5 @@ function LimitsForm({ view, onClose }) {
     ${["minimum_hz", "maximum_hz"].map(hertz)}<div class="row">${["forward", "reverse"].map(way)}</div><${ErrorNote}
       error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-      <button type="submit" class="button main" disabled=${busy}>${t("page.limits_set")}</button></div></form><//>`;
+      <button type="submit" class="button main" disabled=${busy || isWrong}>${t("page.limits_set")}</button></div></form><//>`;
 }

@@ -7,7 +7,7 @@ import { trusted } from "../live.js";
 import { idle, isMine, may } from "../session.js";
 import { giveBack, inHand, take } from "../leases.js";
 import { stop } from "../stops.js";
-import { number } from "../format.js";
+import { number, numberOf } from "../format.js";
 import { Frequency, wrongWith } from "../parts/frequency.js";
 import { TwoStep } from "../parts/twostep.js";
 import { JogPanel } from "./jog.js";
@@ -56,16 +56,18 @@ export function LeaseLine({ view }) {
 
 function Motion({ view, disabled }) {
   const [hertz, setHertz] = useState(view.commanded_hz === null ? "" : String(view.commanded_hz));
-  const [way, setWay] = useState("forward");
+  const [wished, setWay] = useState("forward");
   const [run, busy, error, result] = useAsk();
   const [started, setStarted] = useState(null);
   const isWrong = wrongWith(hertz, view) !== null;
   const turning = TURNING.has(view.state);
   const reversible = view.capabilities.includes("reverse");
-  useEffect(() => { setStarted(null); }, [turning]);
+  const way = view.directions.includes(wished) ? wished : view.directions[0] ?? "forward";
+  // What became of a start stays until the motor stands again.
+  useEffect(() => { if (!turning) setStarted(null); }, [turning]);
 
-  const frequency_hz = Number(hertz);
-  const ways = ["forward", "reverse"].map((one) => [one, t(`drives.way_${one}`)]);
+  const frequency_hz = numberOf(hertz);
+  const ways = view.directions.map((one) => [one, t(`drives.way_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? way : null;
   const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm }, PATIENT);

@@ -1,5 +1,6 @@
 // A jog that goes on only while a hand holds it: pointer or key. Whatever lets go, or is late, ends it.
 import { api, drivePath } from "../api.js";
+import { stop } from "../stops.js";
 import { nowMs } from "../store.js";
 
 const RENEW_EVERY_MS = 150;
@@ -11,6 +12,7 @@ const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0,
 /** One jog from press to release. `tell(phase, detail)`: "asking", "turning", "ending", "ended", "lost". */
 export class Jog {
   constructor(drive, body, tell) {
+    this.drive = drive;
     this.path = (rest) => drivePath(drive, rest);
     this.body = body;
     this.tell = tell;
@@ -32,7 +34,7 @@ export class Jog {
       this.isHeld = false;
       this.tell("lost", error);
       // Nobody knows whether it turns: the drive's own lease ends it in half a second, and a stop goes after it.
-      if (this.word !== null || error.unreachable) api.post(this.path("/stop"), { how: "stop" }).catch(() => null);
+      if (this.word !== null || error.unreachable) stop("drive", this.drive);
     }
   }
 

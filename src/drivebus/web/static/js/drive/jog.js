@@ -4,6 +4,7 @@ import { both, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Icon } from "../icons.js";
 import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { numberOf } from "../format.js";
 import { now } from "../live.js";
 import { nowMs } from "../store.js";
 import { Frequency, wrongWith } from "../parts/frequency.js";
@@ -42,6 +43,7 @@ function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
 }
 
 function Told({ phase, detail }) {
+  if (phase === "lost" && detail.unreachable) return html`<${Notice} kind="bad" live>${t("page.jog_lost")}<//>`;
   if (phase === "lost") return html`<${ErrorNote} error=${detail} />`;
   if (phase === "ended") return html`<${Notice} live>${t("page.jog_ended")} ${both(detail?.text)}<//>`;
   if (phase === null) return null;
@@ -64,7 +66,7 @@ export function JogPanel({ view, disabled }) {
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = told.phase === "asking" || told.phase === "turning";
 
-  const ways = view.capabilities.includes("reverse") ? ["reverse", "forward"] : ["forward"];
+  const ways = [...view.directions].reverse();
   const arm = async () => {
     const asked = nowMs();
     const found = await run(() => api.post(drivePath(view.id, "/arm")));
@@ -72,7 +74,7 @@ export function JogPanel({ view, disabled }) {
   };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
-    const frequency_hz = hertz.trim() === "" ? null : Number(hertz);
+    const frequency_hz = hertz.trim() === "" ? null : numberOf(hertz);
     setArmed(null);
     jog.current = new Jog(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
       setTold({ phase, detail });

@@ -3,7 +3,7 @@
 import { html, useMemo, useRef, useState } from "../lib.js";
 import { both, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { number } from "../format.js";
+import { number, numberOf } from "../format.js";
 import { Icon } from "../icons.js";
 import { trusted } from "../live.js";
 import { may } from "../session.js";
@@ -65,14 +65,14 @@ function Edit({ parameter, value, onChange }) {
     return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NONE}</option>
       ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${both(text)}</option>`)}</select>`;
   }
-  return html`<input type="number" aria-label=${name} value=${value} step="any" min=${parameter.minimum}
-    max=${parameter.maximum} onInput=${put} />`;
+  return html`<input inputmode="decimal" autocomplete="off" maxlength="16" aria-label=${name} value=${value}
+    onInput=${put} aria-invalid=${value !== "" && lawful(parameter, value) === null ? "true" : undefined} />`;
 }
 
 /** The number that a text of the table's inputs stands for, or null where it is none within the range. */
 function lawful(parameter, text) {
-  const value = Number(text);
-  if (text === "" || !Number.isFinite(value)) return null;
+  const value = numberOf(text);
+  if (value === null) return null;
   const { minimum, maximum } = parameter;
   return (minimum !== null && value < minimum) || (maximum !== null && value > maximum) ? null : value;
 }

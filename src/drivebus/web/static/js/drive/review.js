@@ -1,7 +1,8 @@
 // Changed parameters: what was, what will be; written to the drive's RAM, and in a step of its own saved to EEPROM.
 import { html, useState } from "../lib.js";
-import { t } from "../i18n.js";
+import { both, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
+import { numberOf } from "../format.js";
 import { may } from "../session.js";
 import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useAsk } from "../ui.js";
 import { rangeOf, shownValue } from "./parameters.js";
@@ -11,14 +12,16 @@ const done = (outcome) => outcome.word === "confirmed" || outcome.word === "ackn
 const PATIENCE_MS = 60_000;
 
 function Diff({ changes }) {
-  const before = ({ parameter, before: was }) => (was === null || was.value === null ?
-    t("page.not_read") : shownValue(parameter, was.value, was.raw));
+  const before = ({ parameter, before: was }) => (was === null || was.value === null ? t("page.not_read")
+    : html`<s>${shownValue(parameter, was.value, was.raw)}</s> ${parameter.unit}`);
+  const wrong = ({ parameter, text }) => (numberOf(text) === null ? `${text}${t("page.colon")}${t("page.not_number")}`
+    : t("page.outside", { value: text, range: rangeOf(parameter) }));
   return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
     columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
-    [t("page.before"), (one) => html`<s>${before(one)}</s> ${one.parameter.unit}`, "right"],
-    [t("page.after"), (one) => (one.value === null
-      ? html`<span class="alarmtext">${one.text} ${t("page.outside", { range: rangeOf(one.parameter) })}</span>`
+    [t("page.parameter"), ({ parameter }) => both(parameter.text), "wide"],
+    [t("page.before"), before, "right"],
+    [t("page.after"), (one) => (one.value === null ? html`<span class="alarmtext">${wrong(one)}</span>`
       : html`<b>${shownValue(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],
   ]} />`;
 }
@@ -40,6 +43,7 @@ function Step({ view, changes, save, text, disabled, onWritten, kind = "main" })
 export function Review({ view, profile, changes: given, onClose, onDone }) {
   const [changes] = useState(given);
   const [isWritten, setWritten] = useState(false);
+  const [isSaved, setSaved] = useState(false);
   const names = changes.map(({ parameter }) => parameter.notation);
   const isWrong = changes.some(({ value }) => value === null);
   const ram = profile.can_write_ram;
@@ -55,7 +59,7 @@ export function Review({ view, profile, changes: given, onClose, onDone }) {
     ${profile.can_save && (!ram || isWritten) && html`<${Notice} kind="warning" title=${t("page.save_title")}>
       ${t(ram ? "page.save_note" : "page.save_only")}<//>
       ${eeprom ? html`<${Step} view=${view} changes=${changes} save text=${t("page.save")} kind="plain"
-        disabled=${isWrong}
-        onWritten=${() => setWritten(true)} />` : html`<p>${t("page.save_no_right")}</p>`}`}
+        disabled=${isWrong || isSaved}
+        onWritten=${() => { setWritten(true); setSaved(true); }} />` : html`<p>${t("page.save_no_right")}</p>`}`}
     <div class="row end"><${Button} kind="quiet" onClick=${close}>${t("page.close")}<//></div><//>`;
 }

@@ -2,7 +2,7 @@
 import { html, useState } from "../lib.js";
 import { both, t, titled } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { number } from "../format.js";
+import { number, numberOf } from "../format.js";
 import { trusted } from "../live.js";
 import { inHand, take } from "../leases.js";
 import { may } from "../session.js";
@@ -57,7 +57,7 @@ function Controls({ id, views }) {
   const limits = narrowest(views);
   const others = views.filter((view) => !inHand(view)).length;
   const off = !trusted.value || others > 0 || wrongWith(hertz, limits) !== null;
-  const frequency_hz = Number(hertz);
+  const frequency_hz = numberOf(hertz);
   const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: PATIENCE_MS });
   const set = () => run(() => ask("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
