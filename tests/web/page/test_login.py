@@ -41,6 +41,7 @@ def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) 
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
     again = visit(f"#login={code}", role=None)
     again.locator("input[name=password]").wait_for()
+    again.locator(f".notice.bad:has-text('{i18n.text('access.wrong_code', 'en')}')").wait_for()
     assert code not in again.url
 
 

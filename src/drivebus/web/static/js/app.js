@@ -5,7 +5,7 @@ import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watch } from "./session.js";
 import { api } from "./api.js";
 import { learnSignals } from "./format.js";
-import { start } from "./live.js";
+import { link, start } from "./live.js";
 import { keepLeases } from "./leases.js";
 import { go, route } from "./router.js";
 import { topic } from "./store.js";
@@ -26,12 +26,16 @@ function Current() {
     if (!exists || loaded.has(page)) return;
     import(`./pages/${page}.js`).then(
       (found) => { loaded.set(page, found.Page); redraw((n) => n + 1); },
-      () => { problem.value = "page.not_loaded"; },
+      () => { problem.value = { wasLost: link.peek() !== "live" }; },
     );
   }, [page]);
+  // A browser may remember that a module could not be fetched: only a new start of the page forgets it.
+  const isOver = Boolean(problem.value?.wasLost) && link.value === "live";
+  useEffect(() => { if (isOver) location.reload(); }, [isOver]);
   if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
   const Page = loaded.get(page);
-  if (!Page) return problem.value ? html`<${Notice} kind="bad" live>${t(problem.value)}<//>` : html`<${Loading} />`;
+  if (!Page && problem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
+  if (!Page) return html`<${Loading} />`;
   return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;
 }
 
@@ -39,7 +43,7 @@ const startError = signal(null);
 
 function App() {
   if (session.value === null) return startError.value ? html`<${ErrorNote} error=${startError.value} />` : null;
-  if (!loggedIn.value) return html`<${Login} />`;
+  if (!loggedIn.value) return html`<${Login} error=${startError.value} />`;
   return html`<${Shell}><${Current} /><//>`;
 }
 
@@ -71,6 +75,8 @@ function learnNames() {
     if (isIn) api.get("/history/tags").then(({ tags }) => learnSignals(tags), () => null);
   });
 }
+
+effect(() => { if (loggedIn.value) startError.value = null; });
 
 effect(() => {
   const plant = topic("plant").value;

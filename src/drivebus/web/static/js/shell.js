@@ -73,7 +73,7 @@ function LineNotice() {
   if (link.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
   const age = duration((now.value - lostAt.value) / 1000);
   return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
-    <strong>${t("page.offline", { age })}</strong>${" "}${closedText.value ? both(closedText.value)
+    <strong role="timer">${t("page.offline", { age })}</strong>${" "}${closedText.value ? both(closedText.value)
       : t("page.offline_how")}</span>
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }

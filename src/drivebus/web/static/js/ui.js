@@ -4,10 +4,13 @@ import { both, t } from "./i18n.js";
 import { NOTHING, clock, duration, number } from "./format.js";
 import { Icon } from "./icons.js";
 
+/** Enter held down presses a button again and again: once is what was meant. */
+const once = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
+
 /** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited. */
 export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", ...rest }) {
   return html`<button type="button" class=${`button ${kind} ${more}`} disabled=${disabled || busy}
-    aria-busy=${busy ? "true" : undefined} ...${rest}>
+    aria-busy=${busy ? "true" : undefined} onKeyDown=${once} ...${rest}>
     ${icon && html`<${Icon} name=${icon} />`}${children}</button>`;
 }
 

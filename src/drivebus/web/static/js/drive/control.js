@@ -22,7 +22,8 @@ function whyNot(view) {
   if (idle.value) return t("page.idle");
   if (!may("operate")) return t("page.view_only");
   if (view.presence !== "online") return t("page.not_online");
-  return inHand(view) ? null : t("page.not_in_hand");
+  if (inHand(view)) return null;
+  return t(view.lease ? "page.not_in_hand_other" : "page.not_in_hand");
 }
 
 function TakeOver({ view, onClose }) {
@@ -32,7 +33,7 @@ function TakeOver({ view, onClose }) {
     <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titled(view) })}</p><${ErrorNote}
       error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-      <${Button} kind="main" busy=${busy} onClick=${go} data-first>${t("page.take_over")}<//></div><//>`;
+      <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
 }
 
 /** Who commands the drive, and how to change that. */
@@ -43,7 +44,9 @@ export function LeaseLine({ view }) {
   const can = trusted.value && may("operate");
   const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
-  return html`<div class=${`lease ${mine ? "mine" : ""}`}><span class="who" role="status">${words}</span>
+  // A lease lives ten seconds: without the line nobody here knows whose it is.
+  return html`<div class=${`lease ${mine && trusted.value ? "mine" : ""}`}><span class="who" role="status">${words}
+    ${!trusted.value && html` <span class="was">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
       onClick=${() => run(() => take(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}

@@ -2,6 +2,7 @@
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { duration, number, reading, signalName, signalRank } from "../format.js";
+import { trusted } from "../live.js";
 import { Value } from "../ui.js";
 
 const BIG = ["output_frequency", "output_current"];
@@ -30,7 +31,8 @@ export function Values({ view }) {
     ${t("page.values")}</h2>
     <div class="bigvalues">${BIG.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
       <figcaption>${signalName(name)}</figcaption><${Value} found=${reading(view, name)} big /></figure>`)}
-      <figure><figcaption>${t("page.commanded")}</figcaption><span class="value big"><span class="number">${
+      <figure><figcaption>${t("page.commanded")}</figcaption><span
+        class=${`value big ${trusted.value ? "" : "bad"}`}><span class="number">${
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
         </span>
       </figure></div>

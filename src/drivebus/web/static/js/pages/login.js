@@ -32,8 +32,9 @@ const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page
     ["password", "password", "new-password", t("page.password_help", { n: SHORTEST_PASSWORD })]]}
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
-export function Login() {
-  return html`<main class="loginpage"><p class="brand">drivebus</p>
+/** `error`: why the address did not log in. */
+export function Login({ error }) {
+  return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
     ${session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
     <div class="prefs"><${Preferences} /></div></main>`;
 }

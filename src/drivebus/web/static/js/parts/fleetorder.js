@@ -3,6 +3,7 @@ import { computed, signal } from "../lib.js";
 import { titled } from "../i18n.js";
 import { recall, remember } from "../memory.js";
 import { now, trusted } from "../live.js";
+import { route } from "../router.js";
 import { drive, group, idsOf, bus } from "../store.js";
 
 const kept = recall("fleet", {});
@@ -36,10 +37,12 @@ export function kindsOf(view) {
 
 const shownDrives = computed(() => idsOf("drives").value.map((id) => drive(id).value).filter(Boolean));
 
-/** {kind: number}, as text so that equal counts redraw nothing. */
+const within = (inGroup) => (view) => !inGroup || view.groups.includes(inGroup);
+
+/** {kind: number} in the group of the address, as text so that equal counts redraw nothing. */
 const countsText = computed(() => {
   const counts = Object.fromEntries(KINDS.map((name) => [name, 0]));
-  for (const view of shownDrives.value) for (const name of kindsOf(view)) counts[name] += 1;
+  for (const view of shownDrives.value.filter(within(route.value.query.group))) for (const name of kindsOf(view)) counts[name] += 1;
   return JSON.stringify(counts);
 });
 export const counts = computed(() => JSON.parse(countsText.value));
@@ -72,7 +75,7 @@ function matches(view, words) {
 function chosen(inGroup) {
   const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
   return shownDrives.value.filter((view) => (
-    kindsOf(view).has(kind.value) && (!inGroup || view.groups.includes(inGroup)) && matches(view, words)
+    kindsOf(view).has(kind.value) && within(inGroup)(view) && matches(view, words)
   ));
 }
 

@@ -26,7 +26,7 @@ const nameOf = (id) => (drive(id).value ? titled(drive(id).value) : id);
 /** What became of each drive of a group. */
 function Outcomes({ outcomes }) {
   return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
-    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) : ""} ${both(one.text)}</li>`)}
+    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) + t("page.colon") : ""}${both(one.text)}</li>`)}
     </ul><//>`;
 }
 
@@ -86,7 +86,8 @@ export function GroupPanel({ id }) {
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${nameOf(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titled(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}</span></div>
+      <h2 id="group-title">${titled(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}
+        ${!trusted.value && t("page.state_was")}</span></div>
     ${leader && html`<p class="soft">${t("page.group_leader", { name: titled(leader) })}${ratios}</p>`}
     ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>
       <${Controls} id=${id} views=${views} /></details>`}</section>`;

@@ -19,7 +19,8 @@ export function TwoStep({ arm, act, first, second, disabled, children, onDone, k
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const over = armed && left_s <= 0;
 
-  useEffect(() => { if (armed) confirm.current?.querySelector("button")?.focus(); }, [armed]);
+  // Not to the button: a second press of the same key would start the motor unread.
+  useEffect(() => { if (armed) confirm.current?.focus(); }, [armed]);
   useEffect(() => { if (disabled || over) setArmed(null); }, [disabled, over]);
 
   const begin = async () => {
@@ -41,7 +42,7 @@ export function TwoStep({ arm, act, first, second, disabled, children, onDone, k
     return html`<div class="stack"><div><${Button} kind=${kind} disabled=${disabled} busy=${busy} onClick=${begin}
       data-step="first">${first}<//></div><${ErrorNote} error=${error} /></div>`;
   }
-  return html`<div ref=${confirm} class="confirm" onKeyDown=${key}>
+  return html`<div ref=${confirm} class="confirm" tabindex="-1" onKeyDown=${key}>
     <${Notice} kind="warning" live title=${t("page.step_two")}>${children}<//><div class="row"><${Button} kind="main"
       onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
       <${Button} onClick=${cancel}>${t("page.cancel")}<//></div></div>`;
