@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.cli import voice
 from drivebus.cli.demo import plantfile
 from drivebus.cli.demo.layout import LINES
