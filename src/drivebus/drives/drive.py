@@ -234,8 +234,8 @@ class Drive:
         """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
 
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
-        ``wished_at``: when somebody asked for it, by ``bus.now()``. Nothing that moves leaves more than 2 s after that
-        (ruling 12), however long the checks take; None: they have limits of their own.
+        ``wished_at``: when somebody asked for it, by ``bus.now()``. Nothing that moves leaves more than 5 s after that,
+        however long the checks take, nor 2 s after them (ruling 12); None: the checks have a limit of their own.
         """
         way = None if direction is None else Direction(direction)
         talk = self._wish(wished_at)
@@ -245,7 +245,7 @@ class Drive:
     async def set_frequency(self, frequency_hz: float, wished_at: float | None = None) -> Outcome:
         """Change the set frequency; absolute, read back where the model shows it.
 
-        ``wished_at``: as for ``run``, but 5 s where the frame moves nothing by itself.
+        ``wished_at``: as for ``run``; a frame that moves has 2 s from it, every other 5 s.
         """
         return await self._command(setpoint.set_frequency(self._wish(wished_at), frequency_hz))
 

@@ -28,7 +28,7 @@ EXTRA_ROUNDS = 3
 MIRRORED = "bus.mirrored"
 """A loop-back's reply equals its request: believed only once this port has shown that it has no echo (F03)."""
 PREPARE_S = 5.0
-"""From the user's act to the gate; longer is another wish …"""
+"""From the user's act to the gate (to the first bit, where its moment is known); longer is another wish …"""
 PREPARE_TRANSACTIONS = 40
 """… but on a line so slow that the checks themselves take longer, as long as so many transactions (300 baud: 25 s)."""
 KEPT_COMMANDS, KEPT_READS = 64, 24
@@ -123,9 +123,11 @@ class Talk:
         return around
 
     def command(self, kind: Kind, around: Surroundings) -> Command:
-        """The user's wish: made now, or when it was wished; a stop since then takes it away (6.5)."""
+        """The user's wish: made now, but where the moment of the wish is known it expires ``PREPARE_S`` after that, the
+        checks included; a stop since then takes it away (6.5)."""
         generation = around.generation if self.generation is None else self.generation
-        made_at = around.now if self.wished_at is None else self.wished_at
+        latest = inf if self.wished_at is None else self.wished_at + max(0.0, PREPARE_S - gate.EXPIRY_S[kind])
+        made_at = min(around.now, latest)
         return self.memory.command(kind, replace(around, now=made_at, generation=generation))
 
     def read(self, request: Any) -> Conversation[Answer]:

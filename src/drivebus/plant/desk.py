@@ -30,10 +30,10 @@ from drivebus.plant.params import of_pydantic, refusal
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
-from drivebus.plant.wishes import START_S, Motion, Wish, still, wished
+from drivebus.plant.wishes import Motion, Wish, still, wished
 
 Json = dict[str, Any]
-OLDEST_S = START_S
+OLDEST_S = 2.0
 """A command whose record took so long is another wish (I1); for a start it is the same clock that goes on."""
 UNRECORDED = frozenset(
     {

@@ -6,15 +6,15 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivebus.drives.gate import EXPIRY_S, Kind
+from drivebus.drives.operation import PREPARE_S
 from drivebus.errors import Superseded
 from drivebus.plant.actor import Actor
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
 
-START_S = EXPIRY_S[Kind.START]
-"""Ruling 12, I1: from the wish (the second step of a start, as it comes in) to the first bit of a frame that moves,
-record, turn and checks included. The gate and the bus hold it: the command that they judge is as old as the wish."""
+START_S = PREPARE_S
+"""From the wish (the second step of a start, as it comes in) to the first bit of a frame that moves: record, turn and
+checks share it, and none of it comes on top. Gate and bus hold it, and 2 s from the checks on (ruling 12, I1)."""
 
 
 @dataclass(frozen=True, slots=True)
