@@ -27,7 +27,7 @@ async def by_and_by(many: Sequence[T], at_once: int = AT_ONCE) -> AsyncIterator[
 
 
 async def encoded(message: Any) -> bytes:
-    """The message as compact JSON, with the buses' turn in between: a list of 300 drives takes 20 ms in one go.
+    """The message as compact JSON, with the buses' turn in between: a list of 300 drives takes 13 ms in one go.
 
     Raises ValueError for a number that is none in JSON.
     """
