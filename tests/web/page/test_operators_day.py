@@ -185,4 +185,4 @@ def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, vi
     page.keyboard.press("Escape")
     page.locator("[data-step=first]").wait_for()
     assert "arm" in asked and "run" not in asked
-    assert stage.view("fan-1")["state"] == "stopped"
+    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "it moves, or is not heard")
