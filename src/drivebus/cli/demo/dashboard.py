@@ -138,21 +138,25 @@ def _marker(one: Happening, number: int) -> dict[str, Any]:
 
 
 async def _tell(setting: PlantSetting, code: str, password: str, plant: Plant) -> None:
-    """The address as soon as somebody answers there; then the story."""
-    url = f"http://127.0.0.1:{setting.web.port}/"
-    try:
-        await asyncio.wait_for(_answering(setting.web.port), WEB_S)
-    except TimeoutError:
-        voice.note("demo.web_late", limit_s=f"{WEB_S:g}")
-    else:
-        address = f"{url}#login={code}"
-        voice.document({"url": address, "user": USER, "password": password}, stream=True)
-        voice.tell("demo.address", url=address, user=USER, password=password)
+    """The address as soon as somebody answers there, however late; the story then, or after a while without."""
+    opened = asyncio.create_task(_opened(setting.web.port, code, password))
     client = SocketClient(setting.directory / PLANT)
     try:
+        await asyncio.wait({opened}, timeout=WEB_S)
+        if not opened.done():
+            voice.note("demo.web_late", limit_s=f"{WEB_S:g}")
         await _story(client, plant)
+        await opened
     finally:
+        opened.cancel()
         await client.close()
+
+
+async def _opened(port: int, code: str, password: str) -> None:
+    await _answering(port)
+    address = f"http://127.0.0.1:{port}/#login={code}"
+    voice.document({"url": address, "user": USER, "password": password}, stream=True)
+    voice.tell("demo.address", url=address, user=USER, password=password)
 
 
 async def _answering(port: int) -> None:
