@@ -126,12 +126,12 @@ class EchoKeeper:
         if flight.buffer != flight.job.data:
             self.proved = self.proved or not flight.early
             return True
-        self._mirrored = b"" if self.proved else flight.job.data
+        self._mirrored = flight.job.data if self.detect and not self.proved else b""
         return self.proved
 
     def came_again(self, data: bytes) -> None:
         """A frame that nobody asked for: the one that was taken for a reply was our own, and this is its reply."""
-        if self.detect and data == self._mirrored:
+        if data and data == self._mirrored:
             self.state, self._mirrored = EchoState.ON, b""
 
 

@@ -59,7 +59,7 @@ PARTS: dict[type, dict[str, str]] = {
         "heard": "same", "deadline": "", "buffer": "", "tentative": "", "size": "", "character_s": "", "early": "",
         "echo": "", "foreign": "", "glitched": "", "heard_at": "", "need": "", "paced": "", "sent_at": "",
     },
-    EchoKeeper: {"proved": "same", "state": "", "_missing": "", "detect": "", "count": ""},
+    EchoKeeper: {"proved": "same", "state": "", "_missing": "", "_mirrored": "", "detect": "", "count": ""},
     Listener: {"buffer": "many", "_foreign": "many", "heard_at": ""},
     Patience: {"_since": "", "_line": ""},
     Plan: {"_heap": "", "_count": "", "_phases": ""},
