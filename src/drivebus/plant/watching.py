@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from drivebus.bus.stations import Presence
-from drivebus.drives.state import DriveStatus
+from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.plant.alarms import Own
 from drivebus.plant.failure import both
@@ -145,13 +145,15 @@ class Watching:
         self.plant.tell("presence", unit.id, key, drive=unit.id)
 
     def _fault_of(self, unit: Unit, status: DriveStatus) -> None:
-        """A marker when it trips."""
+        """A marker when it trips; the same fault after a silence is no new one."""
         fault = status.fault
         if fault is None:
-            self._faults.pop(unit.id, None)
+            if status.state is not DriveState.UNKNOWN or "status" not in unit.profile.capabilities:
+                self._faults.pop(unit.id, None)
         elif self._faults.get(unit.id) != fault.code:
             self._faults[unit.id] = fault.code
-            self.plant.tell("fault", unit.id, "plant.drive_fault", label=fault.label, fault=fault.text)
+            key = "plant.drive_fault_says" if fault.label in fault.text.en else "plant.drive_fault"
+            self.plant.tell("fault", unit.id, key, label=fault.label, fault=fault.text)
 
     def _port(self, line: Line, now: float) -> None:
         """A port that is gone, or another master on it: an alarm and one line when it begins and when it ends (F12)."""

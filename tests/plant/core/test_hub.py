@@ -10,6 +10,7 @@ import pytest
 from drivebus.plant.hub import Hub
 from drivebus.plant.subscription import BURST, QUEUE
 from drivebus.plant.topics import Counting
+from drivebus.sim.plate import Trip
 from drivebus.testing.virtual import run
 from plantkit import LOCAL, Kit, plant
 
@@ -158,7 +159,7 @@ def silence(kit: Kit) -> None:
     bench._group()
 
 
-def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(caplog: pytest.LogCaptureFixture) -> None:
     """On the hub, and as one line of the log each."""
     caplog.set_level("INFO", "drivebus.plant")
 
@@ -167,17 +168,20 @@ def test_a_drive_that_falls_silent_is_told_once_and_so_is_its_return(caplog: pyt
             await asyncio.sleep(5)
             bench = kit.service.plant.units["fan-1"].bus.port.bench  # type: ignore[attr-defined]
             station = bench.station(1)
+            station.trip(Trip.OVERHEAT)
+            await asyncio.sleep(5)
             silence(kit)
             await asyncio.sleep(120)
             bench.stations.append(station)
             bench._group()
             await asyncio.sleep(120)
-            told = [event for _, event in kit.service.plant.hub.items("events") if event["kind"] == "presence"]
-            assert [event["text"]["en"] for event in told if event["drive"] == "fan-1"] == [
-                "fan-1 does not answer any more", "fan-1 answers again",
+            events = [event for _, event in kit.service.plant.hub.items("events") if event["drive"] == "fan-1"]
+            assert [event["text"]["en"] for event in events if event["kind"] in ("presence", "fault")] == [
+                "fault Fu.7: see the fault table of the C320 manual", "fan-1 does not answer any more",
+                "fan-1 answers again",
             ]  # fmt: skip
             logged = [r.getMessage() for r in caplog.records if getattr(r, "event", {}).get("drive") == "fan-1"]
-            assert len(logged) == 2
+            assert len(logged) == 3
 
     run(story())
 
