@@ -10,8 +10,9 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
-# These rooms share the machine with a browser, other programs or other users' processes: one test at a time.
-ALONE := tests/web/page tests/real tests/interop tests/ports
+# These rooms hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
+ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/gateways tests/system \
+	tests/test_examples.py tests/test_guides.py
 
 .PHONY: help demo test check docs bench coverage mutation fuzz lock clean python
 help: ## List what can be made
