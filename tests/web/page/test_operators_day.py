@@ -17,10 +17,11 @@ def take(page: Any) -> None:
 
 
 def run_at(page: Any, hertz: str) -> None:
-    """Both steps."""
+    """Both steps, and what became of them: a stop in between would take the start away, and the page be told so."""
     page.fill(".control .frequency input[inputmode=decimal]", hertz)
     page.click("[data-step=first]")
-    page.click("[data-step=second]")
+    with page.expect_response("**/run"):
+        page.click("[data-step=second]")
 
 
 def running(stage: Stage, drive: str) -> bool:
