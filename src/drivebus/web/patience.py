@@ -22,11 +22,35 @@ PER_ADDRESS = 128
 """Connections of one address; this machine's own (a reverse proxy) may have all."""
 
 
-class Patience(HttpToolsProtocol):
+class _ReadInTime(asyncio.Protocol):
+    """Closes the connection of whoever leaves an answer unread."""
+
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
+    _unread: asyncio.TimerHandle | None = None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._is_read()
+        super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._unread = self.loop.call_later(READ_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._is_read()
+
+    def _is_read(self) -> None:
+        if self._unread is not None:
+            self._unread.cancel()
+        self._unread = None
+
+
+class Patience(_ReadInTime, HttpToolsProtocol):
     """Closes whoever takes too long or too much."""
 
     _timer: asyncio.TimerHandle | None = None
-    _unread: asyncio.TimerHandle | None = None
     _head = 0
     """Octets of a head that is not complete."""
 
@@ -39,7 +63,6 @@ class Patience(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._head_is_there()
-        self._is_read()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -63,14 +86,6 @@ class Patience(HttpToolsProtocol):
         if self.cycle is not None and self.cycle.more_body:
             self.transport.close()
 
-    def pause_writing(self) -> None:
-        super().pause_writing()
-        self._unread = self.loop.call_later(READ_S, self.transport.abort)
-
-    def resume_writing(self) -> None:
-        super().resume_writing()
-        self._is_read()
-
     def _await_head(self) -> None:
         if self._timer is None:
             self._timer = self.loop.call_later(HEAD_S, self.transport.abort)
@@ -80,11 +95,6 @@ class Patience(HttpToolsProtocol):
             self._timer.cancel()
         self._timer, self._head = None, 0
 
-    def _is_read(self) -> None:
-        if self._unread is not None:
-            self._unread.cancel()
-        self._unread = None
-
     def _too_many(self) -> bool:
         if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:
             return False
@@ -92,31 +102,12 @@ class Patience(HttpToolsProtocol):
         return len([other for other in others if other is not None and other[0] == self.client[0]]) > PER_ADDRESS
 
 
-class PatientSocket(WebSocketsSansIOProtocol):
+class PatientSocket(_ReadInTime, WebSocketsSansIOProtocol):
     """A WebSocket that nobody reads, or that does not end when it is told to, keeps its connection from nobody else.
 
     What waits to be sent holds a mere ``close`` back for ever.
     """
 
-    _unread: asyncio.TimerHandle | None = None
-
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self.close_timeout = CLOSE_S
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._is_read()
-        super().connection_lost(exc)
-
-    def pause_writing(self) -> None:
-        super().pause_writing()
-        self._unread = self.loop.call_later(READ_S, self.transport.abort)
-
-    def resume_writing(self) -> None:
-        super().resume_writing()
-        self._is_read()
-
-    def _is_read(self) -> None:
-        if self._unread is not None:
-            self._unread.cancel()
-        self._unread = None
