@@ -57,6 +57,8 @@ class SocketServer:
         self._connections.add(task)
         try:
             await _Connection(self._plant, reader, writer).run()
+        except asyncio.CancelledError:
+            pass  # by ``close``; Python 3.11 reports a connection's task that ends as cancelled as an error
         finally:
             self._connections.discard(task)
 
