@@ -144,4 +144,5 @@ class Stand:
                 task.cancel()
         self.loop.run_until(self.loop.time())
         self.loop.run(self.bus.close())
+        self.loop.run_until(self.loop.time())  # whoever still waited is told that the bus has ended
         inspect(self)
