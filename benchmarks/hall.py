@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
@@ -17,6 +18,7 @@ from pathlib import Path
 TOKEN = "dbt_benchmark"
 """Of a user who may see, stop and read parameters."""
 COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "plant" / "systemd" / "drivebus.service"
 PATIENCE_S = 180.0
 
 
@@ -60,6 +62,11 @@ class Hall:
         """For everything, and for "stop all"."""
         return self.directory / "plant.sock", self.directory / "stop.sock"
 
+    @property
+    def processes(self) -> dict[str, int]:
+        """Their ids by what they are."""
+        return {"plant": self.plant, "web": self.web}
+
 
 @contextmanager
 def serving(
@@ -77,6 +84,7 @@ def serving(
         process = subprocess.Popen(
             [*COMMAND, "serve", str(file)], stdout=subprocess.DEVNULL, stderr=log, env=environment
         )
+        _as_by_its_unit(process.pid)
         try:
             socket_at = _until(lambda: (directory / "plant.sock").exists(), process, folder)
             there(directory)
@@ -89,6 +97,12 @@ def serving(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def _as_by_its_unit(pid: int) -> None:
+    """The precedence that its systemd unit gives it, where this user may give it."""
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, pid, int(re.findall(r"(?m)^Nice=(.+)", UNIT.read_text())[0]))
 
 
 def free_port() -> int:

@@ -21,7 +21,7 @@ from drivebus.plant.client import PlantClient
 from drivebus.plant.failure import failure
 from drivebus.plant.operations import OPERATIONS
 from drivebus.plant.socket_paths import LONGEST_LINE, reachable
-from drivebus.plant.turns import encoded
+from drivebus.plant.turns import encoded, turn
 
 Json = dict[str, Any]
 MOST_REQUESTS = 1000
@@ -110,7 +110,12 @@ class _Connection:
         operation = str(found["op"])
         if len(self._calls) >= MOST_REQUESTS and not _stops(operation):
             return _too_busy()
-        return self._plant.call(operation, found.get("params") or {}, actor)
+        return self._called(operation, found.get("params") or {}, actor)
+
+    async def _called(self, operation: str, params: Json, actor: Actor) -> Json:
+        if not _stops(operation):
+            await turn()
+        return await self._plant.call(operation, params, actor)
 
     async def _recorded(self, entry: Json, actor: Actor) -> Json:
         await self._plant.record(entry, actor)

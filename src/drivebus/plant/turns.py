@@ -1,11 +1,13 @@
-"""Long work of the plant's loop in pieces: no answer, however long, stands in front of a stop (G06)."""
+"""What can wait is done in pieces, one each time round the event loop: nothing stands in front of a stop (G06, S14)."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+from collections import deque
 from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 T = TypeVar("T")
 AT_ONCE = 8
@@ -15,6 +17,40 @@ PIECE = 32 * 1024
 DEEP = 3
 """Levels of an answer that are taken apart: the message, what is in it, and its list of drives or frames."""
 
+
+class _Turns:
+    """Who waits on one loop, the longest waiting first."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[asyncio.Future[None]] = deque()
+
+    def wait(self, loop: asyncio.AbstractEventLoop) -> asyncio.Future[None]:
+        mine = loop.create_future()
+        self._waiting.append(mine)
+        if len(self._waiting) == 1:
+            loop.call_soon(self._next, loop)
+        return mine
+
+    def _next(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Who was cancelled meanwhile has no turn."""
+        first = self._waiting.popleft()
+        while first.done() and self._waiting:
+            first = self._waiting.popleft()
+        if not first.done():
+            first.set_result(None)
+        if self._waiting:
+            loop.call_soon(self._next, loop)
+
+
+_OF: WeakKeyDictionary[asyncio.AbstractEventLoop, _Turns] = WeakKeyDictionary()
+
+
+async def turn() -> None:
+    """Wait for it: of all that asks for turns on this loop, one goes on each time round. A stop asks for none."""
+    loop = asyncio.get_running_loop()
+    await _OF.setdefault(loop, _Turns()).wait(loop)
+
+
 ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
@@ -22,7 +58,7 @@ async def by_and_by(many: Sequence[T], at_once: int = AT_ONCE) -> AsyncIterator[
     """One after another, with the buses' turn after each ``at_once`` of them."""
     for number, one in enumerate(many):
         if number % at_once == at_once - 1:
-            await asyncio.sleep(0)
+            await turn()
         yield one
 
 
@@ -38,7 +74,7 @@ async def encoded(message: Any) -> bytes:
         size += len(text)
         if size >= PIECE:
             size = 0
-            await asyncio.sleep(0)
+            await turn()
     return "".join(parts).encode()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import os
 import sys
 from contextlib import suppress
@@ -12,6 +11,7 @@ from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.plant.access.access import Access
 from drivebus.plant.access.child import Child, understood
+from drivebus.plant.precedence import PEOPLE, give_way, seldom_collect
 from drivebus.plant.socket_client import SocketClient
 from drivebus.web.app import make_app
 from drivebus.web.server import Listening, host_for
@@ -21,6 +21,7 @@ _LOOK_S = 1.0
 
 def main(arguments: list[str]) -> int:
     """Exit code 2 where the arguments, the address or the certificate can't be used."""
+    give_way(PEOPLE)
     try:
         socket, child = understood(arguments)
         asyncio.run(_run(SocketClient(socket), child))
@@ -36,8 +37,7 @@ def main(arguments: list[str]) -> int:
 async def _run(client: SocketClient, child: Child) -> None:
     access = Access(child.directory, child.users)
     listening = Listening(make_app(client, access, child.web), access, child.web, lambda at: _say(at, access, child))
-    gc.collect()
-    gc.freeze()  # what the app is made of is not looked through again: a stop waited 0.1 s for a full collection
+    seldom_collect()
     orphaned = asyncio.create_task(_stop_with_parent(listening))
     try:
         await listening.run()

@@ -12,6 +12,7 @@ from drivebus.plant.access.refusals import AccessError, Conflict, Forbidden, NoS
 from drivebus.plant.access.rights import Right
 from drivebus.plant.access.visitor import BySession, ByToken, Visitor
 from drivebus.plant.actor import Actor
+from drivebus.plant.turns import turn
 from drivebus.web import body, rights
 from drivebus.web.answers import refuse
 from drivebus.web.hosts import Hosts
@@ -47,15 +48,23 @@ class Guard:
         headers, entry, visitor = Headers(scope=scope), None, None
         try:
             self._check_place(scope, headers)
-            entry = _entry(scope)
+            entry = await self._come(scope)
             visitor = self._visitor(entry, headers, scope)
             self._check_right(entry, visitor)
             if entry.method not in _READS:
-                receive = body.replayed(await body.read(receive, headers), receive)
+                largest = body.OF_STRANGERS if entry.need is Door.PUBLIC else body.LARGEST
+                receive = body.replayed(await body.read(receive, headers, largest), receive)
         except AccessError as error:
             await self._refuse(error, scope, entry, visitor, send)
             return
         await self._let_in(entry, visitor, scope, receive, send)
+
+    async def _come(self, scope: Scope) -> Entry:
+        """What it comes to; for a stop at once, for everything else in its turn. Raises NoSuch, NotThisWay."""
+        entry = _entry(scope)
+        if entry.need is not Right.STOP:
+            await turn()
+        return entry
 
     def _check_place(self, scope: Scope, headers: Headers) -> None:
         """Raises Forbidden for a foreign Host, and for a foreign Origin of anything that is not a plain read."""

@@ -249,3 +249,18 @@ def test_an_error_told_and_raised_again_says_the_same() -> None:
         assert failure(raised(failure(one))) == failure(one)
     strange = failure(error) | {"kind": "Exception"}
     assert failure(raised(strange))["code"] == "drives.above_maximum"
+
+
+def test_s14_a_stop_goes_before_the_questions_that_came_with_it(tmp_path: Path) -> None:
+    async def story() -> None:
+        paper = Paper()
+        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+        await server.open()
+        await client.call("plant.get", {}, LOCAL)
+        await asyncio.gather(*(client.call(name, {}, LOCAL) for name in ["buses.list"] * 50 + ["drive.stop"]))
+        asked = [operation for operation, _, _ in paper.asked]
+        assert len(asked) == 52 and asked.index("drive.stop") < 5
+        await client.close()
+        await server.close()
+
+    real(story())

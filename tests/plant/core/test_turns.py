@@ -1,4 +1,4 @@
-"""Long answers are made and encoded in pieces, so that none stands in front of a stop (G06)."""
+"""What can wait is done in turns, long answers in pieces, so that nothing stands in front of a stop (G06, S14)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivebus.plant import turns
-from drivebus.plant.turns import PIECE, by_and_by, encoded
+from drivebus.plant.turns import PIECE, by_and_by, encoded, turn
 from drivebus.testing import virtual
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
@@ -23,13 +23,7 @@ DOCUMENTS = st.recursive(
 
 
 def _done(work: Coroutine[Any, Any, bytes]) -> bytes:
-    """It waits for nothing but its next turn: no loop is needed."""
-    while True:
-        try:
-            work.send(None)
-        except StopIteration as ended:
-            found: bytes = ended.value
-            return found
+    return virtual.run(work)
 
 
 @given(DOCUMENTS)
@@ -71,4 +65,25 @@ def test_g06_so_many_at_once_as_was_said() -> None:
     many = list(range(40))
     assert virtual.run(all_of(many, 1)) == many
     assert virtual.run(_turns_during(all_of(many, 1))) > 40
-    assert virtual.run(_turns_during(all_of(many, turns.AT_ONCE))) < 10
+    assert 5 <= virtual.run(_turns_during(all_of(many, turns.AT_ONCE))) < 15
+
+
+def test_s14_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
+    async def story() -> list[list[int]]:
+        rounds: list[list[int]] = [[]]
+
+        async def wait(number: int) -> None:
+            await turn()
+            rounds[-1].append(number)
+
+        waiting = [asyncio.ensure_future(wait(number)) for number in range(4)]
+        await asyncio.sleep(0)
+        waiting[1].cancel()
+        while not all(one.done() for one in waiting):
+            rounds.append([])
+            await asyncio.sleep(0)
+        rounds.append([])
+        await wait(4)  # after everybody has gone
+        return [numbers for numbers in rounds if numbers]
+
+    assert virtual.run(story()) == [[0], [2], [3], [4]]

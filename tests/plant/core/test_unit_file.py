@@ -10,6 +10,7 @@ from pathlib import Path
 
 import drivebus.plant
 from drivebus.plant.notify import HANGS_S
+from drivebus.plant.precedence import PEOPLE
 from drivebus.plant.stopping import PATIENCE_S
 
 UNIT = Path(drivebus.plant.__file__).parent / "systemd" / "drivebus.service"
@@ -30,6 +31,12 @@ def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_m
     assert float(unit["TimeoutStopSec"]) > 2 * PATIENCE_S
     assert unit["ExecReload"].endswith("-HUP $MAINPID")
     assert unit["StateDirectoryMode"] == "0700"
+
+
+def test_the_plant_comes_before_other_work_of_the_machine_and_of_its_web_process() -> None:
+    """G06: a stop does not wait for somebody's compiler."""
+    precedence = int(service()["Nice"])
+    assert precedence < precedence + PEOPLE < 0  # the page, too, before a compiler: it stops drives
 
 
 def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:

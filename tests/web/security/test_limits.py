@@ -11,7 +11,7 @@ import pytest
 
 from doorkit import House
 from drivebus.testing.virtual import run
-from drivebus.web.body import LARGEST, LONGEST_S
+from drivebus.web.body import LARGEST, LONGEST_S, OF_STRANGERS
 from drivebus.web.headers import CSP
 
 RUN = "/api/v1/drives/fan-1/run"
@@ -61,6 +61,22 @@ def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
             whole = body + b" " * (LARGEST - len(body))
             answer = await client.post("/api/v1/configuration/check", content=whole, headers={**JSON, **more})
             assert answer.status_code == 200, answer.text
+
+    run(story())
+
+
+def test_s14_of_a_stranger_little_is_read(tmp_path: Path) -> None:
+    """A mebibyte of braces takes the page's process 0.3 s: nobody's stop waits for a stranger's."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = house.client()
+        body = json.dumps({"name": "nobody", "password": "x"}).encode()
+        fits = await client.post("/api/v1/login", content=body.ljust(OF_STRANGERS), headers=JSON)
+        assert fits.status_code == 401, fits.text
+        too_much = await client.post("/api/v1/login", content=body.ljust(OF_STRANGERS + 1), headers=JSON)
+        assert too_much.status_code == 413, too_much.text
+        assert too_much.json()["error"]["params"]["largest"] == OF_STRANGERS
 
     run(story())
 
@@ -249,3 +265,18 @@ def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path
         run(story())
     finally:
         del house.plant.call
+
+
+def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        house.plant.calls.clear()
+        questions = [client.get("/api/v1/buses") for _ in range(20)]
+        answers = await asyncio.gather(*questions, client.post("/api/v1/drives/fan-1/stop", json={}))
+        assert {answer.status_code for answer in answers} == {200}
+        asked = [call[0] for call in house.plant.calls]
+        assert len(asked) == 21 and asked.index("drive.stop") < 10, asked
+
+    run(story())

@@ -6,15 +6,13 @@ The plant has it done so: reading a year of records must not take the interprete
 from __future__ import annotations
 
 import json
-import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 from drivebus.plant.audit.files import Places
 from drivebus.plant.audit.verify import verify
+from drivebus.plant.precedence import CAN_WAIT, give_way
 
 if __name__ == "__main__":
-    with suppress(AttributeError, OSError):
-        os.nice(10)
+    give_way(CAN_WAIT)
     json.dump(verify(Places(*map(Path, sys.argv[1:]))).as_json(), sys.stdout)
