@@ -113,7 +113,9 @@ class _Connection:
         return self._called(operation, found.get("params") or {}, actor)
 
     async def _called(self, operation: str, params: Json, actor: Actor) -> Json:
-        if not _stops(operation):
+        """Questions wait for their turn. Commands don't: none may come out of the order in which they were given."""
+        known = OPERATIONS.get(operation)
+        if known is None or not known.changes:
             await turn()
         return await self._plant.call(operation, params, actor)
 

@@ -46,7 +46,7 @@ _OF: WeakKeyDictionary[asyncio.AbstractEventLoop, _Turns] = WeakKeyDictionary()
 
 
 async def turn() -> None:
-    """Wait for it: of all that asks for turns on this loop, one goes on each time round. A stop asks for none."""
+    """Wait for it: of all that asks for turns on this loop, one goes on each time round. No command asks for one."""
     loop = asyncio.get_running_loop()
     await _OF.setdefault(loop, _Turns()).wait(loop)
 

@@ -60,9 +60,10 @@ class Guard:
         await self._let_in(entry, visitor, scope, receive, send)
 
     async def _come(self, scope: Scope) -> Entry:
-        """What it comes to; for a stop at once, for everything else in its turn. Raises NoSuch, NotThisWay."""
+        """What it comes to. Questions and strangers wait for their turn; commands don't, so that none comes out of the
+        order in which they were given: a start not after the stop that followed it. Raises NoSuch, NotThisWay."""
         entry = _entry(scope)
-        if entry.need is not Right.STOP:
+        if entry.method in _READS or entry.need is Door.PUBLIC:
             await turn()
         return entry
 

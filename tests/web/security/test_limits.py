@@ -267,6 +267,9 @@ def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path
         del house.plant.call
 
 
+COMMANDS: list[tuple[str, Any]] = [("run", {"frequency_hz": 5.0}), ("stop", {})]
+
+
 def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
     house = House(tmp_path)
 
@@ -274,9 +277,11 @@ def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path
         client = await house.logged_in("operator")
         house.plant.calls.clear()
         questions = [client.get("/api/v1/buses") for _ in range(20)]
-        answers = await asyncio.gather(*questions, client.post("/api/v1/drives/fan-1/stop", json={}))
+        run, stop = (client.post(f"/api/v1/drives/fan-1/{what}", json=body) for what, body in COMMANDS)
+        answers = await asyncio.gather(*questions, run, stop)
         assert {answer.status_code for answer in answers} == {200}
         asked = [call[0] for call in house.plant.calls]
-        assert len(asked) == 21 and asked.index("drive.stop") < 10, asked
+        assert len(asked) == 22 and asked.index("drive.stop") < 10, asked
+        assert asked.index("drive.run") < asked.index("drive.stop")  # no start that comes after its stop
 
     run(story())
