@@ -160,11 +160,19 @@ class Operation:
     params: type[Params] = Nothing
     changes: bool = False
     """Audited, with its outcome; never reached by GET (S03)."""
+    renews: bool = False
+    """It keeps something from ending: too late is as bad as not at all."""
 
     @property
     def stops(self) -> bool:
         """It only takes motion away: nothing is asked or recorded before it (6.5)."""
         return self.changes and self.right is Right.STOP
+
+    @property
+    def waits(self) -> bool:
+        """Its turn (``plant.turns``): what only asks. Whatever does something comes in as it was sent, so that a stop
+        finds, and voids, all that was asked before it (6.5)."""
+        return not (self.changes or self.renews)
 
 
 _ALL = (
@@ -177,14 +185,14 @@ _ALL = (
     Operation("parameters.read", Right.OPERATE, ReadParameters),
     Operation("parameters.write", Right.TUNE, WriteParameters, changes=True),
     Operation("lease.take", Right.OPERATE, OfDrive, changes=True),
-    Operation("lease.renew", Right.STOP, OfDrive),  # who sits idle before a running drive keeps it, to stop it
+    Operation("lease.renew", Right.STOP, OfDrive, renews=True),  # who sits idle before a running drive may stop it
     Operation("lease.release", Right.OPERATE, OfDrive, changes=True),
     Operation("drive.arm", Right.OPERATE, OfDrive, changes=True),
     Operation("drive.run", Right.OPERATE, Run, changes=True),
     Operation("drive.set_frequency", Right.OPERATE, SetFrequency, changes=True),
     Operation("drive.stop", Right.STOP, StopDrive, changes=True),
     Operation("drive.jog", Right.OPERATE, Jog, changes=True),
-    Operation("drive.jog_renew", Right.OPERATE, JogHeld),
+    Operation("drive.jog_renew", Right.OPERATE, JogHeld, renews=True),
     Operation("drive.jog_end", Right.STOP, JogHeld, changes=True),
     Operation("drive.reset", Right.OPERATE, OfDrive, changes=True),
     Operation("drive.release", Right.OPERATE, OfDrive, changes=True),

@@ -113,9 +113,8 @@ class _Connection:
         return self._called(operation, found.get("params") or {}, actor)
 
     async def _called(self, operation: str, params: Json, actor: Actor) -> Json:
-        """Questions wait for their turn. Commands don't: none may come out of the order in which they were given."""
         known = OPERATIONS.get(operation)
-        if known is None or not known.changes:
+        if known is None or known.waits:
             await turn()
         return await self._plant.call(operation, params, actor)
 

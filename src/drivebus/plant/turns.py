@@ -1,4 +1,7 @@
-"""What can wait is done in pieces, one each time round the event loop: nothing stands in front of a stop (G06, S14)."""
+"""What can wait is done in pieces, one each time round the event loop: nothing stands in front of a stop (G06, S14).
+
+Commands ask for no turn: a stop would come before a start that was asked earlier, and would not void it (6.5).
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ _OF: WeakKeyDictionary[asyncio.AbstractEventLoop, _Turns] = WeakKeyDictionary()
 
 
 async def turn() -> None:
-    """Wait for it: of all that asks for turns on this loop, one goes on each time round. No command asks for one."""
+    """Wait for it: of all that asks for turns on this loop, one goes on each time round."""
     loop = asyncio.get_running_loop()
     await _OF.setdefault(loop, _Turns()).wait(loop)
 

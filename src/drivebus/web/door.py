@@ -23,7 +23,6 @@ from drivebus.web.watch import watched
 COOKIES = ("__Host-drivebus", "drivebus_session")
 """The first over TLS, where the browser itself guards it; the second on this machine."""
 CSRF = "x-drivebus-csrf"
-_READS = ("GET", rights.WEBSOCKET)
 
 
 class NotThisWay(AccessError):
@@ -48,24 +47,18 @@ class Guard:
         headers, entry, visitor = Headers(scope=scope), None, None
         try:
             self._check_place(scope, headers)
-            entry = await self._come(scope)
+            entry = _entry(scope)
+            if entry.waits:
+                await turn()
             visitor = self._visitor(entry, headers, scope)
             self._check_right(entry, visitor)
-            if entry.method not in _READS:
+            if entry.method not in rights.READS:
                 largest = body.OF_STRANGERS if entry.need is Door.PUBLIC else body.LARGEST
                 receive = body.replayed(await body.read(receive, headers, largest), receive)
         except AccessError as error:
             await self._refuse(error, scope, entry, visitor, send)
             return
         await self._let_in(entry, visitor, scope, receive, send)
-
-    async def _come(self, scope: Scope) -> Entry:
-        """What it comes to. Questions and strangers wait for their turn; commands don't, so that none comes out of the
-        order in which they were given: a start not after the stop that followed it. Raises NoSuch, NotThisWay."""
-        entry = _entry(scope)
-        if entry.method in _READS or entry.need is Door.PUBLIC:
-            await turn()
-        return entry
 
     def _check_place(self, scope: Scope, headers: Headers) -> None:
         """Raises Forbidden for a foreign Host, and for a foreign Origin of anything that is not a plain read."""
@@ -97,7 +90,7 @@ class Guard:
         """A cookie comes by itself, whoever made the browser ask: something else must show that our page did."""
         if entry.method == rights.WEBSOCKET and "origin" not in headers:
             raise Forbidden("access.foreign_origin")
-        if entry.method not in _READS and headers.get(CSRF) != visitor.session.csrf:
+        if entry.method not in rights.READS and headers.get(CSRF) != visitor.session.csrf:
             raise Forbidden("access.csrf")
 
     def _check_right(self, entry: Entry, visitor: Visitor | None) -> None:
@@ -128,7 +121,7 @@ class Guard:
 
     async def _let_in(self, entry: Entry, visitor: Visitor | None, scope: Scope, receive: Receive, send: Send) -> None:
         scope.setdefault("state", {})["visitor"] = visitor
-        if isinstance(visitor, BySession) and entry.by_hand and entry.method not in _READS:
+        if isinstance(visitor, BySession) and entry.by_hand and entry.method not in rights.READS:
             await self.access.touch(visitor.session)
         if scope["type"] == "websocket" and visitor is not None:
             await watched(self.app, visitor, scope, receive, send)

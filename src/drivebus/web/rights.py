@@ -22,6 +22,7 @@ class Door(StrEnum):
 
 Need = Right | Door
 WEBSOCKET = "WEBSOCKET"
+READS = ("GET", WEBSOCKET)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,12 @@ class Entry:
     need: Need
     by_hand: bool = True
     """A person does this; what a page does by itself keeps no session from becoming idle (S07)."""
+
+    @property
+    def waits(self) -> bool:
+        """Its turn (``plant.turns``): questions and strangers. Commands keep the order in which they were given: a stop
+        voids what was asked before it (6.5)."""
+        return self.method in READS or self.need is Door.PUBLIC
 
     @property
     def pattern(self) -> re.Pattern[str]:

@@ -199,3 +199,31 @@ def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tm
         assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["word"] == "confirmed"
 
     on_a_plant(tmp_path, story)
+
+
+def test_s14_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Path) -> None:
+    """The questions wait for their turn; the first step of a start does not, or it would be younger than the stop."""
+
+    async def story(kit: Kit, house: House) -> None:
+        client = await house.logged_in("operator")
+        assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
+        questions = [client.get("/api/v1/buses") for _ in range(20)]
+        steps = client.post("/api/v1/drives/fan-1/arm"), client.post("/api/v1/drives/fan-1/stop")
+        *_, armed, _ = await asyncio.gather(*questions, *steps)
+        body = {"frequency_hz": 20.0, "arm": armed.json().get("arm")}
+        answer = await client.post("/api/v1/drives/fan-1/run", json=body)
+        assert answer.json()["error"]["kind"] == "ArmNeeded"
+        assert kit.station("fan-1").motor.starts == 0
+
+    on_a_plant(tmp_path, story)
+
+
+def test_s14_a_stop_of_everything_holds_whatever_release_was_asked_before_it(tmp_path: Path) -> None:
+    async def story(kit: Kit, house: House) -> None:
+        client = await house.logged_in("operator")
+        assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
+        questions = [client.get("/api/v1/buses") for _ in range(20)]
+        await asyncio.gather(*questions, client.post("/api/v1/drives/fan-1/release"), client.post("/api/v1/stop"))
+        assert (await client.get("/api/v1/drives/fan-1")).json()["latched"]
+
+    on_a_plant(tmp_path, story)

@@ -44,6 +44,14 @@ def test_s03_what_changes_something_is_never_reached_by_get() -> None:
     assert not [route for route in ROUTES if route.operation.changes and route.method == "GET"]
 
 
+def test_s14_no_command_and_no_renewal_waits_at_the_door() -> None:
+    """6.5: a stop that came in front of a command asked before it would not void it."""
+    waits = {(entry.method, entry.path): entry.waits for entry in TABLE}
+    kept = [route for route in ROUTES if not route.operation.waits]
+    assert kept and not [route for route in kept if waits[route.method, PREFIX + route.path]]
+    assert all(entry.waits for entry in TABLE if entry.method in ("GET", WEBSOCKET) or entry.need is Door.PUBLIC)
+
+
 def test_s02_public_is_only_what_a_stranger_needs_to_log_in() -> None:
     assert {(entry.method, entry.path) for entry in TABLE if entry.need is Door.PUBLIC} == {
         ("GET", "/"),
