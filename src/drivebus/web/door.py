@@ -112,6 +112,8 @@ class Guard:
     async def _refuse(
         self, error: AccessError, scope: Scope, entry: Entry | None, visitor: Visitor | None, send: Send
     ) -> None:
+        """In its turn: strangers may ask for stops, too."""
+        await turn()
         actor = Actor("", frozenset(), "", address=address(scope)) if visitor is None else visitor.actor
         await self.refusals.refused(_method(scope), entry.path if entry else "-", error.key, actor)
         if scope["type"] == "websocket":

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from doorkit import House
@@ -283,5 +284,22 @@ def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path
         asked = [call[0] for call in house.plant.calls]
         assert len(asked) == 22 and asked.index("drive.stop") < 10, asked
         assert asked.index("drive.run") < asked.index("drive.stop")  # no start that comes after its stop
+
+    run(story())
+
+
+def test_s14_a_stop_goes_before_the_refusals_of_strangers(tmp_path: Path) -> None:
+    """They may ask for stops and starts as often as they like."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client, stranger, told = await house.logged_in("operator"), house.client(), list[int]()
+
+        async def ask(who: httpx.AsyncClient, what: str) -> None:
+            told.append((await who.post(f"/api/v1/drives/fan-1/{what}", json={})).status_code)
+
+        asked = [ask(stranger, what) for what in ("stop", "run") * 10]
+        await asyncio.gather(*asked, ask(client, "stop"))
+        assert len(told) == 21 and told.index(200) < 10, told
 
     run(story())
