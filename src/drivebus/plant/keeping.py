@@ -113,7 +113,7 @@ class Keeping:
             return None
         line = self.plant.line_of(unit)
         newest = list(line.frames)[-FRAMES:]
-        frames = [(frame_json(line, seen), seen.event) async for seen in by_and_by(newest)]
+        frames = [(frame_json(line, seen), seen.event) async for seen in by_and_by(newest, own=True)]
         return LineSeen(line.setting.id, line.setting.link, line.bus.port.settings, frames)
 
     async def _parameters(self, drive: str) -> Mapping[str, Json]:

@@ -145,7 +145,7 @@ class _Connection:
         if self._writer.transport.get_write_buffer_size() > MOST_UNSENT:
             self._writer.transport.abort()
             return
-        data = await encoded(message)
+        data = await encoded(message, own="live" in message)
         if len(data) >= LONGEST_LINE:
             data = json.dumps({"id": message["id"], "error": failure(ParamsError("plant.too_long"))}).encode()
         self._writer.write(data + b"\n")

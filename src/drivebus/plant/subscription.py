@@ -111,7 +111,7 @@ class Subscription:
         """Everything that is wanted; what changes meanwhile is in the first delta too."""
         hub = self._hub
         topics: Json = {}
-        async for topic in by_and_by([one for one in (*hub.contents, *hub.lists) if self.wants(one)]):
+        async for topic in by_and_by([one for one in (*hub.contents, *hub.lists) if self.wants(one)], own=True):
             if topic in hub.contents:
                 topics[topic] = hub.topic(topic)
             elif topic in hub.lists:
@@ -123,7 +123,7 @@ class Subscription:
         self._changed, self._lists, self._gone = {}, {}, set()
         topics: Json = {}
         dropped: dict[str, int] = {}
-        async for topic in by_and_by([*changed]):
+        async for topic in by_and_by([*changed], own=True):
             if topic in hub.contents:
                 topics[topic] = hub.part(topic, *changed[topic])
         for topic, after in lists.items():

@@ -10,6 +10,7 @@ import pytest
 from drivebus.plant.hub import Hub
 from drivebus.plant.subscription import BURST, QUEUE
 from drivebus.plant.topics import Counting
+from drivebus.plant.turns import turn
 from drivebus.sim.plate import Trip
 from drivebus.testing.virtual import run
 from plantkit import LOCAL, Kit, plant
@@ -212,5 +213,31 @@ def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
             assert [station["drive"] for station in found["stations"]] == ["fan-1", "fan-2"]
             assert found["is_open"] and 0 < found["load_percent"] < 100 and found["stop_bound_s"] < 0.5
             assert found["line"] == "9600 8E1"
+
+    run(story())
+
+
+def test_g17_who_asks_a_lot_holds_no_live_values_up() -> None:
+    """A snapshot and a delta of 160 topics have 20 turns each, while 200 questions wait for theirs."""
+
+    async def story() -> None:
+        one, loop, asked = hub(), asyncio.get_running_loop(), list[asyncio.Task[None]]()
+
+        def ask() -> None:
+            asked[:] = [loop.create_task(turn()) for _ in range(200)]
+
+        async def told() -> int:
+            await anext(live)
+            return sum(question.done() for question in asked)
+
+        live = one.live(["*"], 0.25)
+        for number in range(2):
+            for topic in range(160):
+                one.publish(f"drives/{topic}", {"state": number})
+            if number == 0:
+                ask()
+            assert 15 <= await told() <= 30
+            await asyncio.gather(*asked)
+            loop.call_later(0.25, ask)
 
     run(story())

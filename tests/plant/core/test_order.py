@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from drivebus.plant.operations import OPERATIONS
-from drivebus.plant.socket_server import SocketServer
+from drivebus.plant.socket_server import SocketServer, _Connection
 from drivebus.testing.virtual import run
 from plantkit import LOCAL, Kit, plant
 
@@ -104,3 +104,17 @@ def test_t13_a_hand_on_a_key_waits_for_nobodys_questions() -> None:
 def test_s14_what_waits_is_what_nothing_comes_of() -> None:
     told = {name for name, operation in OPERATIONS.items() if not operation.waits}
     assert told == {name for name, one in OPERATIONS.items() if one.changes} | {"lease.renew", "drive.jog_renew"}
+
+
+def test_g17_a_live_message_overtakes_long_answers() -> None:
+    """Each is encoded in pieces; only those of the answers wait behind each other."""
+
+    async def story() -> None:
+        wire, many = Wire(), {f"drives/{number}": {"title": "x" * 1000} for number in range(300)}
+        async with plant() as kit:
+            connection = _Connection(kit.service, asyncio.StreamReader(), cast(asyncio.StreamWriter, wire))
+            messages = [{"id": number, "result": many} for number in range(20)] + [{"id": 20, "live": many}]
+            await asyncio.gather(*map(connection._send, messages))
+        assert wire.told[0]["id"] == 20
+
+    run(story())

@@ -87,3 +87,27 @@ def test_s14_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
         return [numbers for numbers in rounds if numbers]
 
     assert virtual.run(story()) == [[0], [2], [3], [4]]
+
+
+def test_g17_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
+    """A hundred questions wait, and more come all the time; none of both kinds starves."""
+
+    async def story() -> tuple[int, int]:
+        asked, told = 0, 0
+
+        async def ask() -> None:
+            nonlocal asked
+            while asked < 1000:
+                await turn()
+                asked += 1
+
+        questions = [asyncio.ensure_future(ask()) for _ in range(100)]
+        await asyncio.sleep(0)
+        async for _ in by_and_by(range(20), 1, own=True):
+            told += 1
+        for question in questions:
+            question.cancel()
+        return asked, told
+
+    asked, told = virtual.run(story())
+    assert told == 20 and 15 <= asked <= 25
