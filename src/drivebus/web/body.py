@@ -11,8 +11,8 @@ from starlette.types import Message, Receive
 
 from drivebus.plant.access.refusals import AccessError
 
-LARGEST, OF_STRANGERS = 1024 * 1024, 4 * 1024
-"""Octets: of somebody who is known, and of anybody. The worst JSON of so much takes 0.3 s and 1 ms to read (S14)."""
+LARGEST, OF_ANYBODY = 1024 * 1024, 4 * 1024
+"""Octets: where a right is needed, and where none is. The worst JSON of so much takes 0.3 s and 1 ms to read (S14)."""
 LONGEST_S = 10.0
 """From the headers to the last byte."""
 

@@ -53,7 +53,7 @@ class Guard:
             visitor = self._visitor(entry, headers, scope)
             self._check_right(entry, visitor)
             if entry.method not in rights.READS:
-                largest = body.OF_STRANGERS if entry.need is Door.PUBLIC else body.LARGEST
+                largest = body.OF_ANYBODY if isinstance(entry.need, Door) else body.LARGEST
                 receive = body.replayed(await body.read(receive, headers, largest), receive)
         except AccessError as error:
             await self._refuse(error, scope, entry, visitor, send)

@@ -52,7 +52,7 @@ ERRORS = {
     403: "no right to do this, or a request from a foreign page",
     404: "nothing of that name",
     409: "not now: what must come first is said",
-    413: "larger than 1 MiB; 4 KiB from somebody who has not logged in",
+    413: "larger than 1 MiB; than 4 KiB where no right is needed",
     415: "not application/json",
     422: "wrong parameters, outside a limit, or nothing this drive can do; nothing was sent",
     429: "too many attempts",
