@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import pytest
 
+from drivebus import profiles
 from drivebus.drives.jogging import LONGEST_LEASE_S, begin, check_lease, end
 from drivebus.drives.state import Direction, OutcomeWord
 from drivebus.errors import CapabilityError, GateError, LimitError
 from drivebus.message import Effect
 from drivebus.protocols import sifang
-from drivekit import PaperC320, PaperModbus, World, dialect_of, talk_of
+from drivekit import MODELS, PaperC320, PaperModbus, World, dialect_of, talk_of
 
 FORWARD = Direction.FORWARD
 
@@ -96,3 +98,18 @@ def test_a_jog_above_the_limit_or_without_a_frequency_where_it_needs_one_is_refu
 def test_a_lease_is_above_zero_and_at_most_half_a_second(lease_s: float) -> None:
     with pytest.raises(LimitError):
         check_lease(lease_s)
+
+
+@pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e500", "e550"])
+def test_a_model_says_what_decides_its_jog_frequency_as_its_frames_have_it(model: str) -> None:
+    """Nobody is offered a frequency that is refused afterwards."""
+    dialect = dialect_of(model, **({"direction_proved": True} if model == "df800" else {}))
+
+    def takes(word: int | None) -> bool:
+        with suppress(CapabilityError):
+            return bool(dialect.jog(FORWARD, word))
+        return False
+
+    takes_one, takes_none = takes(5), takes(None)
+    says = {(True, True): "either", (True, False): "asked", (False, True): "drive"}[takes_one, takes_none]
+    assert profiles.load(model).jog_frequency == says

@@ -21,7 +21,7 @@ def profile_json(profile: DriveProfile) -> Json:
             "baud": line.baud, "format": line.format, "bauds": list(line.bauds), "formats": list(line.formats),
         },
         "limits": {"minimum_hz": profile.limits.minimum_hz, "maximum_hz": profile.limits.maximum_hz},
-        "capabilities": sorted(profile.capabilities),
+        "capabilities": sorted(profile.capabilities), "jog_frequency": profile.jog_frequency,
         "signals": [_signal(one) for one in profile.signals.values()],
         "parameters": [_parameter(one) for one in profile.parameters.values()],
         "faults": [_fault(one) for one in profile.faults.values()],

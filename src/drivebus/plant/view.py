@@ -104,11 +104,13 @@ class DriveView:
     """Ways in which it may be run: what the model can do, within the limits that hold now."""
     state_age_s: float | None = None
     """How old the oldest reply is that the state rests on; not in topics, where it would change all the time."""
+    jog_frequency: str | None = None
+    """What decides the frequency of a jog: ``drive``, ``asked`` or ``either``; None where the model can't jog."""
 
     def as_json(self) -> Json:
         plain: tuple[str, ...] = (
             "id", "bus", "address", "model", "grade", "presence", "state", "state_reason", "direction", "fault",
-            "commanded_hz", "minimum_hz", "maximum_hz", "latched", "stop_pending",
+            "commanded_hz", "minimum_hz", "maximum_hz", "latched", "stop_pending", "jog_frequency",
         )  # fmt: skip
         return {name: getattr(self, name) for name in plain} | {
             "title": text_json(self.title),

@@ -31,7 +31,7 @@ def drive_view(plant: Plant, unit: Unit, status: DriveStatus | None = None) -> D
         unit.bus.latched(setting.address), unit.drive.stop_pending, tuple(hindrances(plant, unit)),
         dict(plant.parts.alarms.counts(unit.id)),
         {name: SignalView.of(reading, now) for name, reading in status.readings.items()}, _directions(unit),
-        None if status.at is None else now - status.at,
+        None if status.at is None else now - status.at, unit.profile.jog_frequency,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from drivebus import i18n
 from drivebus.message import StationTiming
@@ -237,6 +237,11 @@ class NotationRule:
     """Largest parameter address (the index part of the locator)."""
 
 
+JogFrequency = Literal["drive", "asked", "either"]
+"""drive: its own setting, the bus can't say it; asked: the jog frame carries it, always; either: asked, else its own."""
+_JOG_FREQUENCY: Final[Mapping[str, JogFrequency]] = {"sifang": "either", "dzb": "asked", "modbus": "drive"}
+
+
 @dataclass(frozen=True, slots=True)
 class DriveProfile:
     """All that drivebus knows of one drive model."""
@@ -308,6 +313,11 @@ class DriveProfile:
             self.fault_label.replace("{code}", str(code)),
             Text(text.en.replace("{code}", str(code)), text.zh.replace("{code}", str(code))),
         )
+
+    @property
+    def jog_frequency(self) -> JogFrequency | None:
+        """What decides the frequency of a jog; None where the model can't jog. It is the family's way of asking for it."""
+        return _JOG_FREQUENCY[self.family] if "jog" in self.capabilities else None
 
     def writable_registers(self) -> frozenset[int]:
         """Modbus: the only registers that may ever be written (T12), EEPROM forms not counted."""

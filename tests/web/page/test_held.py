@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from pagekit import Stage
 from plantkit import LOCAL
 
@@ -16,8 +17,11 @@ HOLD = "[data-jog=forward]"
 @pytest.fixture
 def page(stage: Stage, visit: Any) -> Any:
     """A drive in hand, with a jog enabled."""
-    stage.call("drive.waiver", drive="pump-1", reason="watched bench")
-    page = visit("#/drive/pump-1")
+    return enabled(stage, visit("#/drive/pump-1"), "pump-1")
+
+
+def enabled(stage: Stage, page: Any, drive: str) -> Any:
+    stage.call("drive.waiver", drive=drive, reason="watched bench")
     page.click("[data-do=take]")
     page.locator(".lease.mine").wait_for()
     page.click(".control summary")
@@ -26,10 +30,18 @@ def page(stage: Stage, visit: Any) -> Any:
     return page
 
 
-def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
+def test_a_jog_frequency_is_asked_for_only_where_the_bus_can_say_one(stage: Stage, visit: Any) -> None:
+    page = enabled(stage, visit("#/drive/fan-1"), "fan-1")
     for text, state in (("5,5", "disabled"), ("", "enabled")):  # what is no number is not the drive's own frequency
         page.fill(".jog input[inputmode=decimal]", text)
         page.locator(f"{HOLD}:{state}").wait_for()
+    page.goto(f"{stage.at}/#/drive/pump-1")
+    page.click(".control summary")
+    page.locator(".jog .notice", has_text=i18n.text("page.jog_own_frequency", "en")).wait_for()
+    assert page.locator(".jog input").count() == 0
+
+
+def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url.partition("/drives/pump-1")[2]))
     page.hover(HOLD)

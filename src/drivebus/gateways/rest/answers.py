@@ -144,6 +144,7 @@ class Drive(Answer):
     alarms: dict[str, int]
     signals: dict[str, SignalValue]
     state_age_s: float | None
+    jog_frequency: Literal["drive", "asked", "either"] | None
 
 
 class Drives(Answer):

@@ -50,6 +50,13 @@ function Told({ phase, detail }) {
   return html`<${Notice} kind=${phase === "turning" ? "warning" : "info"} live>${t(`page.jog_${phase}`)}<//>`;
 }
 
+/** The frequency where the bus can say one; else what decides it. */
+function JogFrequency({ view, ...rest }) {
+  if (view.jog_frequency === "drive") return html`<${Notice}>${t("page.jog_own_frequency")}<//>`;
+  const label = t(view.jog_frequency === "asked" ? "page.jog_frequency_asked" : "page.jog_frequency");
+  return html`<${Frequency} label=${label} limits=${view} ...${rest} />`;
+}
+
 /** `view` is the drive's; `disabled` where it may not be commanded now. */
 export function JogPanel({ view, disabled }) {
   const [run, busy, error] = useAsk();
@@ -62,7 +69,8 @@ export function JogPanel({ view, disabled }) {
   useEffect(() => { if (disabled) { release(); setArmed(null); } }, [disabled]);
 
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
-  const wrong = hertz.trim() !== "" && wrongWith(hertz, view) !== null;
+  const unsaid = hertz.trim() === "";
+  const wrong = unsaid ? view.jog_frequency === "asked" : wrongWith(hertz, view) !== null;
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = told.phase === "asking" || told.phase === "turning";
 
@@ -74,7 +82,7 @@ export function JogPanel({ view, disabled }) {
   };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
-    const frequency_hz = hertz.trim() === "" ? null : numberOf(hertz);
+    const frequency_hz = unsaid ? null : numberOf(hertz);
     setArmed(null);
     jog.current = new Jog(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
       setTold({ phase, detail });
@@ -87,8 +95,7 @@ export function JogPanel({ view, disabled }) {
       way: t(`drives.way_${direction}`) })}<//>`;
   return html`<section class="stack jog" aria-labelledby="jog-title"><h3 class="sr" id="jog-title">${t("page.jog")}</h3><p>
     ${t("page.jog_how")}</p>
-    <${Frequency} label=${t("page.jog_frequency")} value=${hertz} onChange=${setHertz} limits=${view}
-      disabled=${disabled} />
+    <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />
     <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
       ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
       ${ways.map(button)}</div>
