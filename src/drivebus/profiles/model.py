@@ -238,7 +238,7 @@ class NotationRule:
 
 
 JogFrequency = Literal["drive", "asked", "either"]
-"""drive: its own setting, the bus can't say it; asked: the jog frame carries it, always; either: asked, else its own."""
+"""drive: its own setting, the bus can't say it; asked: every jog frame carries it; either: asked, else its own."""
 _JOG_FREQUENCY: Final[Mapping[str, JogFrequency]] = {"sifang": "either", "dzb": "asked", "modbus": "drive"}
 
 
@@ -316,7 +316,7 @@ class DriveProfile:
 
     @property
     def jog_frequency(self) -> JogFrequency | None:
-        """What decides the frequency of a jog; None where the model can't jog. It is the family's way of asking for it."""
+        """What decides the frequency of a jog, by the family's frames; None where the model can't jog."""
         return _JOG_FREQUENCY[self.family] if "jog" in self.capabilities else None
 
     def writable_registers(self) -> frozenset[int]:
