@@ -8,6 +8,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.bus.trace import Kind
+from drivebus.commissioning import wording
 from drivebus.commissioning.explain import explain
 from drivebus.errors import DrivebusError
 from drivebus.plant.failure import both
@@ -67,23 +68,19 @@ def _told(model: str, data: bytes, asked: bool) -> Json:
 
 def _sentence(found: Description, language: str) -> str:
     """Its fields in a row, and what is wrong with it."""
-    fields = [f"{_label(name, language)} {_shown(value, language)}" for name, value in found.fields.items()]
+    fields = [_field(name, value, language) for name, value in found.fields.items()]
     notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
     return "; ".join([", ".join(fields), *notes])
 
 
-def _label(name: str, language: str) -> str:
-    key = f"decode.field.{name}"
-    return i18n.text(key, language) if i18n.known(key) else name
+def _field(name: str, value: Any, language: str) -> str:
+    return f"{wording.label(name, language)} {_shown(name, value, language)}"
 
 
-def _shown(value: Any, language: str) -> str:
-    if value is None or isinstance(value, bool):
-        return i18n.text(f"decode.{str(value).lower()}", language)
+def _shown(name: str, value: Any, language: str) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{_label(name, language)} {_shown(each, language)}" for name, each in value.items())
+        return ", ".join(_field(one, each, language) for one, each in value.items())
     if isinstance(value, list | tuple):
-        return " ".join(_shown(each, language) for each in value)
-    if hasattr(value, "en") and hasattr(value, "zh"):
-        return str(getattr(value, language))
-    return str(getattr(value, "value", value))
+        return " ".join(_shown(name, each, language) for each in value)
+    said = wording.word(name, value, language)
+    return str(getattr(value, "value", value)) if said is None else said

@@ -104,15 +104,18 @@ def _may_mean(reading: Candidate) -> str:
 
 def label(name: str) -> str:
     """A field's name for people; what has none keeps the name that JSON gives it."""
-    key = f"decode.field.{name}"
-    said = voice.say(key)
-    return name if said == key else said
+    from drivebus.commissioning import wording
+
+    return wording.label(name, voice.language())
 
 
 def shown(name: str, value: Any) -> str:
     """A field's value; words of the wire with their hexadecimal form beside."""
-    if isinstance(value, bool) or value is None:
-        return voice.say(f"decode.{str(value).lower()}")
+    from drivebus.commissioning import wording
+
+    said = wording.word(name, value, voice.language())
+    if said is not None:
+        return said
     if isinstance(value, int) and name in _WORDS:
         return f"{value} ({value:04X}H)"
     if isinstance(value, dict):
@@ -120,8 +123,6 @@ def shown(name: str, value: Any) -> str:
         return voice.say("decode.and").join(pairs)
     if isinstance(value, list | tuple):
         return ", ".join(shown(name, each) for each in value)
-    if name.endswith("_name") and f"{value}".isidentifier():
-        return voice.say(f"decode.word.{value}")
     return str(voice.plain(value)) if not isinstance(value, str | int | float) else str(value)
 
 

@@ -7,7 +7,17 @@ from typing import Any
 
 from drivebus.errors import ProtocolError
 from drivebus.message import Complete
-from drivebus.protocols.describe import Candidate, Description, Direction, Note, check_whole, note, problem
+from drivebus.protocols.describe import (
+    Candidate,
+    Description,
+    Direction,
+    Note,
+    Words,
+    check_whole,
+    note,
+    problem,
+    words,
+)
 from drivebus.protocols.dzb.codec import ALL, DONE, HEADS, ONE, REFUSED, SIZE, DzbCodec, framed, raw_digits, read_reply
 from drivebus.protocols.dzb.messages import COMMANDS, Command, Control, Request
 from drivebus.protocols.dzb.values import (
@@ -185,5 +195,10 @@ def _control_hazards(request: Control, meaning: Meaning) -> tuple[Note, ...]:
     if meaning.setpoint_settled or hz <= MAINS_HZ:
         return ()
     others = (f"{value:g} ({coding})" for coding in FREQUENCY_CODINGS for value in _hz(request.data, coding).values())
-    coding = meaning.setpoint_coding
+    coding = _coding_words(meaning.setpoint_coding)
     return (note("protocols.dzb.hazard.tenfold", frequency_hz=hz, coding=coding, readings=", ".join(others)),)
+
+
+def _coding_words(coding: FrequencyCoding) -> Words:
+    """What a coding is called, its name of the settings beside it."""
+    return words("protocols.dzb.coding." + coding.replace("-", "_").replace(".", "_"))

@@ -105,14 +105,12 @@ function row(frame, gap) {
     <time>${stamp(frame.time_ms, localeOf(language.value))}</time>
     <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
     <span class="sign" aria-hidden="true">${SIGNS[frame.kind] ?? "·"}</span><span
-      class="sr">${kindWord(frame.kind)}</span>
+      class="sr">${t(`plantpage.frame_${frame.kind}`)}</span>
     <span class="station">${frame.station ?? ""}</span>
     <code class="hex">${frame.hex || NOTHING}</code>
     <span class="said">${both(frame.text)}${frame.error && html` <strong>${both(frame.error.text)}</strong>`}</span>
       </div>`;
 }
-
-const kindWord = (kind) => (kind in SIGNS ? t(`plantpage.frame_${kind}`) : kind);
 
 /** One line a frame, for a mail to whoever knows the line. */
 function asText(frames) {

@@ -1,0 +1,31 @@
+"""The words of a described frame in a language: names of fields, and of the commands, states and codings in them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus import i18n
+
+
+def label(name: str, language: str) -> str:
+    """A field's name for people, or a coding's (``frequency_hz_by_coding``); else the name that JSON gives it."""
+    return _known(f"decode.field.{name}", language) or _known(_coding(name), language) or name
+
+
+def word(name: str, value: Any, language: str) -> str | None:
+    """What a field's value is called: yes and no, orders, states and answers, signals; None where it is no word."""
+    if isinstance(value, bool) or value is None:
+        return i18n.text(f"decode.{str(value).lower()}", language)
+    if not isinstance(value, str):
+        return None
+    if name.endswith("_name") or name == "commands":
+        return _known(f"decode.word.{value}", language)
+    return _known(f"signal.{value}", language) if name == "name" else None
+
+
+def _coding(name: str) -> str:
+    return "protocols.dzb.coding." + name.replace("-", "_").replace(".", "_")
+
+
+def _known(key: str, language: str) -> str | None:
+    return i18n.text(key, language) if i18n.known(key) else None
