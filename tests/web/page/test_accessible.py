@@ -63,6 +63,21 @@ def test_nothing_is_wider_than_a_phone_of_360_pixels(stage: Stage, visit: Any, l
     assert {way: over for way, over in wide.items() if over > 0} == {}
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, language: str) -> None:
+    page = visit("#/fleet?group=air", language=language, size=(360, 740))
+    page.click(".morepicks")
+    page.fill("input[type=search]", "extract")
+    page.click(".morepicks")
+    page.locator(".tile").nth(1).wait_for(state="detached")
+    words = [i18n.text("page.filter_search", language, text="extract"), {"en": "Air", "zh": "送引风"}[language]]
+    said = i18n.text("page.filtered", language, n=1, total=5, by=i18n.text("page.comma", language).join(words))
+    assert page.locator(".filtered [role=status]").inner_text() == said
+    page.click(".filtered button")
+    page.locator(".tile").nth(4).wait_for()
+    assert page.locator(".filtered").count() == 0 and page.input_value("input[type=search]") == ""
+
+
 def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
     """A capital is 0.7 of its type: 15 mm of number and 7 mm of word at 96 to the inch, on a wall's 24 inch screen."""
     page = visit("#/fleet")

@@ -101,9 +101,29 @@ function Section({ name, ids }) {
     <div class=${`tiles ${size.value}`}>${ids.map((id) => html`<${Tile} key=${id} id=${id} />`)}</div></section>`;
 }
 
+const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
+
+/** What hides drives now: each filter in words. */
+function filters(inGroup) {
+  return [
+    search.value.trim() && t("page.filter_search", { text: search.value.trim() }),
+    inGroup && titled(group(inGroup).value ?? { id: inGroup }),
+    kind.value !== "all" && t(`page.kind_${kind.value}`),
+  ].filter(Boolean);
+}
+
+/** On a phone the filters are behind a press: that and what they hide is told all the same. */
+function Filtered({ chosen, shown }) {
+  const by = filters(chosen);
+  if (by.length === 0) return null;
+  const known = { n: new Set(shown.flatMap(([, ids]) => ids)).size, total: idsOf("drives").value.length };
+  return html`<div class="filtered"><span role="status">${t("page.filtered", { ...known,
+      by: by.join(t("page.comma")) })}</span>
+    <${Button} icon="close" onClick=${clear}>${t("page.show_all")}<//></div>`;
+}
+
 function Empty() {
   if (link.value === "starting") return html`<${Loading} />`;
-  const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
   return html`<p class="loading">${t("page.no_drive_shown")} <${Button} onClick=${clear}>${t("page.show_all")}<//></p>`;
 }
 
@@ -111,6 +131,7 @@ export function Page({ query }) {
   const chosen = query.group ?? null;
   const shown = useMemo(() => arrangement(chosen), [chosen]);
   return html`<h1 class="sr">${t("page.way_fleet")}</h1><${Tools} chosen=${chosen} />
+    <${Filtered} chosen=${chosen} shown=${shown.value} />
     ${chosen && html`<${GroupPanel} id=${chosen} />`}
     <div class="fleet" onKeyDown=${moveFocus}>${shown.value.map(([name, ids]) => html`
       <${Section} key=${name} name=${name} ids=${ids} />`)}${shown.value.length === 0 && html`<${Empty} />`}</div>`;
