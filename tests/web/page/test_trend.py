@@ -49,6 +49,24 @@ def test_g17_nothing_is_drawn_where_nothing_is_known(page: Any) -> None:
     assert found["low"][5] is None and found["high"][5] is None
 
 
+def test_the_first_label_of_an_empty_chart_is_whole(page: Any) -> None:
+    """Without values there is no axis of values beside it, and its half would lie outside."""
+    call = """(() => {
+        const host = document.body.appendChild(document.createElement("div"));
+        host.style.width = "300px";
+        const chart = new m.Chart(host, { selected() {}, pointed() {}, drawn() {} });
+        const plot = chart.build([{ tag: "a.b", label: "b", unit: "Hz", hue: 0 }], { height: 200, locale: "en-GB" });
+        chart.draw([[], [], [], [], []], { from: 0, to: 60_000 }, { markers: [], strips: [] });
+        const room = plot.bbox.left / devicePixelRatio;
+        plot.ctx.font = getComputedStyle(host).font;
+        chart.destroy();
+        host.remove();
+        return [room, plot.ctx.measureText("1970-01-01").width * 12 / 16 / 2];
+    })()"""
+    room, half = module(page, "chart", call)
+    assert room >= half > 20
+
+
 def test_an_uncertain_stretch_is_a_line_of_its_own_that_reaches_its_good_neighbours(page: Any) -> None:
     found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
     assert found["uncertain"] == [None, None, None, 12, 13, None]

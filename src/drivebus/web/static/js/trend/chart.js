@@ -12,6 +12,8 @@ export const HUES = 8;
 const AXIS_PX = 46;
 const THICK = 1.75;
 const THIN = 1;
+/** Half of a date, which stands around its moment, also where no axis of values is beside it. */
+const HALF_LABEL_PX = 36;
 /** Below this width only two units keep their axis: the others are read in the table. */
 const NARROW_PX = 560;
 
@@ -100,7 +102,7 @@ export class Chart {
     const units = [...new Set(lines.map((line) => line.unit))];
     const shown = width < NARROW_PX ? units.slice(0, 2) : units;
     return {
-      width, height, ms: 1, legend: { show: false }, padding: [10, shown.length > 1 ? 0 : 12, 0, 0],
+      width, height, ms: 1, legend: { show: false }, padding: [10, shown.length > 1 ? 0 : 12, 0, edge],
       cursor: {
         y: false, points: { size: 7 }, drag: { x: true, y: false, setScale: false },
         dataIdx: nearest,
@@ -182,6 +184,8 @@ function tick(value, splits) {
   return value.toFixed(Math.max(0, Math.min(4, -Math.floor(Math.log10(apart) + 1e-9))));
 }
 
+/** The left edge of an empty chart has no axis: uPlot leaves it away where no value is known. */
+const edge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
 const scale = (unit) => `y ${unit}`;
 const faint = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
 const pointed = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
