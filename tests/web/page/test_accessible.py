@@ -8,6 +8,7 @@ import pytest
 
 import peers
 from drivebus import i18n
+from pagehands import trip
 from pagekit import Stage, log_in
 
 WAYS = {
@@ -79,13 +80,28 @@ def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, lan
 
 
 def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
-    """A capital is 0.7 of its type: 15 mm of number and 7 mm of word at 96 to the inch, on a wall's 24 inch screen."""
-    page = visit("#/fleet")
+    """A capital is 0.7 of its type: 15 mm of number and 7 mm of word at 96 to the inch, on a wall's 24 inch screen.
+    Three rows, two of them with a tripped drive, are whole there."""
+    trip(stage, "fan-3")
+    page = visit("#/fleet", size=(1920, 1080))
     page.select_option("select >> nth=-1", "wall")
     size = "element => parseFloat(getComputedStyle(element).fontSize)"
     mm = 0.7 * 25.4 / 96
     assert page.locator(".tile .value.big .number").first.evaluate(size) * mm > 13
     assert page.locator(".tile .state").first.evaluate(size) * mm > 6.5
+    page.locator(".tilefault").first.wait_for()
+    first, last = (page.locator(".tile").nth(n).bounding_box() for n in (0, -1))
+    bar = page.locator(".stopbar").bounding_box()
+    assert last["y"] > first["y"] and first["height"] > last["height"]
+    assert first["y"] + 2 * first["height"] + last["height"] + 2 * 12 <= bar["y"]
+
+
+def test_the_last_row_can_be_scrolled_above_a_stop_bar_of_any_height(visit: Any) -> None:
+    page = visit("#/fleet", size=(700, 500))
+    page.locator(".tile").nth(4).wait_for()
+    page.evaluate("document.querySelector('.told').style.height = '180px'")
+    edges = "['.tile:last-child', '.stopbar'].map((one) => document.querySelector(one).getBoundingClientRect())"
+    page.wait_for_function(f"scrollTo(0, 1e6), (([tile, bar]) => bar.height > 180 && tile.bottom <= bar.top)({edges})")
 
 
 def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: Any) -> None:

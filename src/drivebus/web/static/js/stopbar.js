@@ -1,6 +1,6 @@
 // The stop bar: at the foot of every page. A bus stop is a convenience over a wire; it must never look like the red
 // button on the machine, so it has neither its colours nor its shape.
-import { html, signal, useEffect } from "./lib.js";
+import { html, signal, useEffect, useRef } from "./lib.js";
 import { t, titled } from "./i18n.js";
 import { clock } from "./format.js";
 import { Icon } from "./icons.js";
@@ -61,13 +61,26 @@ function Told() {
       </span></p>`;
 }
 
+/** Its height is the style sheet's `--bar`: whatever it says, and on any screen, the last row can be scrolled above. */
+function useHeight() {
+  const bar = useRef(null);
+  useEffect(() => {
+    const tell = () => document.documentElement.style.setProperty("--bar", `${bar.current.offsetHeight}px`);
+    const watch = new ResizeObserver(tell);
+    watch.observe(bar.current);
+    return () => watch.disconnect();
+  }, []);
+  return bar;
+}
+
 export function StopBar() {
-  if (!may("stop")) return html`<footer class="stopbar"><p class="told">${t("page.stop_no_right")}</p></footer>`;
+  const bar = useHeight();
+  if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="told">${t("page.stop_no_right")}</p></footer>`;
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;
   const offered = groups.length ? groups : every;
   const view = id && drive(id).value;
-  return html`<footer class="stopbar" aria-label=${t("page.stop_bar")}>
+  return html`<footer class="stopbar" ref=${bar} aria-label=${t("page.stop_bar")}>
     ${menuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
     <div class="stops">
       ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titled(view) : id}<//>`}
