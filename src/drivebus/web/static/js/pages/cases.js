@@ -83,11 +83,17 @@ function Parameters({ parameters }) {
   const columns = [
     [t("plantpage.parameter"), ([name]) => html`<code>${name}</code>`],
     [t("plantpage.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
-    [t("plantpage.value"), ([, one]) => `${one.value ?? NOTHING} ${one.unit ?? ""}`, "right"],
+    [t("plantpage.value"), ([, one]) => heldOrWhy(one), "right"],
     [t("plantpage.raw"), ([, one]) => one.raw ?? NOTHING, "right"],
   ];
   return html`<${Table} caption=${t("plantpage.case_parameters")} columns=${columns} rows=${rows}
     keyOf=${([name]) => name} />`;
+}
+
+/** What it held, or why nobody knows. */
+function heldOrWhy({ value, unit, reason }) {
+  if (value !== null) return `${value} ${unit ?? ""}`;
+  return html`<span class="small">${reason ? t(reason) : t("page.no_value")}</span>`;
 }
 
 function CaseFrames({ frames }) {
