@@ -291,11 +291,41 @@ def test_a_code_logs_in_once_and_not_too_late(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "password",
-    ["", "short pass"[:9], "x" * 201, "aaaaaaaaaaaa", "abababababab", "Password123", "operator-01x", "1234567890"],
+    ["", "short pass"[:9], "x" * 201, "aaaaaaaaaaaa", "abababababab", "Password123", "ann smith-01x", "1234567890"],
 )
 def test_a_password_that_is_easily_guessed_is_refused(password: str) -> None:
     with pytest.raises(Unfit):
-        check_new(password, "operator")
+        check_new(password, "ann smith")
+
+
+GUESSED = (
+    "password123456", "PASSWORD!!!2026", "p@ssw0rd2024", "adminadmin", "admin-12345", "operator123", "drivebus123",
+    "qwertyuiop", "poiuytrewq", "1q2w3e4r5t", "1qaz2wsx3edc", "zxcvbnm123", "abcd123456", "a123456789", "woaini1314",
+    "5201314520", "13800138000", "Summer2026!", "welcome pump 1", "iloveyou123",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("password", GUESSED)
+def test_s06_common_words_rows_and_digits_are_no_password(password: str) -> None:
+    with pytest.raises(Unfit) as refused:
+        check_new(password, "somebody else")
+    assert refused.value.key == "access.password_common"
+
+
+KEPT = (
+    PASSWORD,
+    "seven pumps sing",
+    "7#kQ9!2x&4",
+    "3fa94b01c7d2",
+    "pumpenhaus nord 7",
+    "password of the old quay",
+    "锅炉房的门朝北开着呢",
+)
+
+
+@pytest.mark.parametrize("password", KEPT)
+def test_what_has_something_of_its_own_is_a_password(password: str) -> None:
+    assert check_new(password, "operator") == password
 
 
 def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:

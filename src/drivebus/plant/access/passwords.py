@@ -12,6 +12,7 @@ from typing import TypeVar
 from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 
+from drivebus.plant.access.guessable import FEWEST_OWN, is_guessable
 from drivebus.plant.access.refusals import Unavailable, Unfit
 
 T = TypeVar("T")
@@ -21,11 +22,6 @@ LONGEST = 200
 _FEWEST_DIFFERENT = 5
 _WAITING = 8
 """So many may wait for the thread; more are sent away, or a flood of logins would fill the memory (S14)."""
-_COMMON = """
-1234567890 12345678910 123456789a 0123456789 password12 password123 password1234 qwertyuiop qwerty12345
-1q2w3e4r5t 1qaz2wsx3edc administrator admin12345 adminadmin changeme123 drivebus123 iloveyou123 letmein1234
-welcome123 operator123 engineer123 a123456789 woaini1314 5201314520 asdfghjkl1 zxcvbnm123 abcd123456 abc123456789
-"""
 
 
 class Passwords:
@@ -67,8 +63,8 @@ def check_new(password: str, name: str) -> str:
     said = _normal(password)
     if not SHORTEST <= len(said) <= LONGEST:
         raise Unfit("access.password_length", shortest=SHORTEST, longest=LONGEST)
-    if len(set(said)) < _FEWEST_DIFFERENT or said.casefold() in _COMMON.split() or name.casefold() in said.casefold():
-        raise Unfit("access.password_common", different=_FEWEST_DIFFERENT)
+    if len(set(said)) < _FEWEST_DIFFERENT or is_guessable(said) or name.casefold() in said.casefold():
+        raise Unfit("access.password_common", different=_FEWEST_DIFFERENT, own=FEWEST_OWN)
     return password
 
 
