@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from pagekit import Stage, log_in
 
 
@@ -92,6 +94,51 @@ def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) ->
     page.evaluate("window.muted = false")
     page.locator(".line.live").wait_for()
     page.locator(".tile .value.good").first.wait_for()
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit: Any, language: str) -> None:
+    page = visit("#/drive/fan-1", role="operator", language=language)
+    told = page.locator(".takeovers .banner")
+    for taken in (False, True):
+        page.click("[data-do=take]")
+        page.locator(".lease.mine").wait_for()
+        if not taken:  # given back by hand, it is taken from nobody
+            page.click(".lease.mine button")
+        stage.wait(lambda taken=taken: bool(stage.view("fan-1")["lease"]) is taken, "no lease")  # type: ignore[misc]
+        stage.call("lease.take", drive="fan-1")
+        page.locator(".lease:not(.mine) .who", has_text="tester").wait_for()
+        assert told.count() == taken
+        if not taken:
+            stage.call("lease.release", drive="fan-1")
+    name = {"en": "Supply fan", "zh": "送风机"}[language]
+    said = i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d")
+    page.evaluate("location.hash = '#/alarms'")
+    page.reload()
+    page.locator(".line.live").wait_for()
+    assert re.search(said, told.inner_text()) and page.get_attribute(".takeovers", "role") == "status"
+    page.click("[data-do=read]")
+    told.wait_for(state="detached")
+    page.reload()
+    page.locator(".line.live").wait_for()
+    assert told.count() == 0
+
+
+def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: Any) -> None:
+    found = page.evaluate("""async () => {
+      const [store, live, session, m] = await Promise.all(
+        ['store', 'live', 'session', 'takeovers'].map((one) => import(`/static/js/${one}.js`)));
+      const hold = (owner, of) => store.delta({ topics: { 'drives/x': { lease: { owner, session: of } } } });
+      const drawn = () => new Promise((resolve) => { setTimeout(resolve, 100); });
+      hold('me', session.session.value.session);
+      await drawn();
+      live.link.value = 'lost';
+      hold('bob', 'another');
+      await drawn();
+      live.link.value = 'live';
+      return m.takeovers.value;
+    }""")
+    assert found == [{"drive": "x", "owner": "bob", "time_ms": None}]
 
 
 def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any) -> None:

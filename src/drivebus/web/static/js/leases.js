@@ -3,12 +3,25 @@ import { api, drivePath } from "./api.js";
 import { link, renew } from "./live.js";
 import { isMine, may, session } from "./session.js";
 import { drive, idsOf } from "./store.js";
+import { giving } from "./takeovers.js";
 
 /** A lease lives ten seconds. */
 const RENEW_EVERY_MS = 3000;
 
-export const take = (id) => api.post(drivePath(id, "/lease"));
-export const giveBack = (id) => api.remove(drivePath(id, "/lease"));
+export function take(id) {
+  giving.delete(id);
+  return api.post(drivePath(id, "/lease"));
+}
+
+export async function giveBack(id) {
+  giving.add(id);
+  try {
+    return await api.remove(drivePath(id, "/lease"));
+  } catch (error) {
+    giving.delete(id);
+    throw error;
+  }
+}
 
 /** May the user command this drive now? */
 export const inHand = (view) => isMine(view.lease) && may("operate");

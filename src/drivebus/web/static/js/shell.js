@@ -2,7 +2,7 @@
 import { html, signal, useEffect } from "./lib.js";
 import { LANGUAGES, both, chooseLanguage, language, t, titled } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
-import { duration } from "./format.js";
+import { clock, duration } from "./format.js";
 import { Icon } from "./icons.js";
 import { api } from "./api.js";
 import { Button, ErrorNote, Notice, useAsk } from "./ui.js";
@@ -13,6 +13,7 @@ import { drive, topic } from "./store.js";
 import { PriorityMark } from "./parts/state.js";
 import { Wake } from "./parts/wake.js";
 import { StopBar } from "./stopbar.js";
+import { read, takeovers } from "./takeovers.js";
 
 /** Page → the right that it needs. */
 export const WAYS = [
@@ -96,6 +97,17 @@ function AlarmStrip() {
     ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</div>`;
 }
 
+/** Who took a drive from here; the line is there before its words are, so that they are spoken. */
+function Takeovers() {
+  return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
+    const view = drive(one.drive).value;
+    const told = { owner: one.owner, name: view ? titled(view) : one.drive, time: clock(one.time_ms) };
+    return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
+      <a href=${href("drive", one.drive)}>${t(one.time_ms === null ? "page.taken_unseen" : "page.taken", told)}</a>
+      <${Button} onClick=${() => read(one)} data-do="read">${t("page.taken_read")}<//></div>`;
+  })}</div>`;
+}
+
 function PlantNotice() {
   const plant = topic("plant").value;
   if (!plant) return null;
@@ -110,7 +122,7 @@ export function Shell({ children }) {
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${Head} /><${LineNotice} /><${Wake} /><${AlarmStrip} />
+    <${Head} /><${LineNotice} /><${Wake} /><${Takeovers} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${link.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }
