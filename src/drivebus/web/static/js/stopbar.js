@@ -65,9 +65,10 @@ function Told() {
 function useHeight() {
   const bar = useRef(null);
   useEffect(() => {
-    const tell = () => document.documentElement.style.setProperty("--bar", `${bar.current.offsetHeight}px`);
+    const element = bar.current; // told once more after it has gone, when the reference is empty
+    const tell = () => document.documentElement.style.setProperty("--bar", `${element.offsetHeight}px`);
     const watch = new ResizeObserver(tell);
-    watch.observe(bar.current);
+    watch.observe(element);
     return () => watch.disconnect();
   }, []);
   return bar;
