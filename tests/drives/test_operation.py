@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.drives.dialect import Frame
 from drivebus.drives.gate import Kind
-from drivebus.drives.operation import KEPT_READS
+from drivebus.drives.operation import KEPT_READS, exchange_of
 from drivebus.drives.start import run
 from drivebus.drives.state import DriveState
 from drivebus.drives.talk import Keep, Wait, play
 from drivebus.drives.wear import Wear
-from drivebus.errors import DrivebusError, NotPermitted
-from drivebus.message import Lane, WriteClass
+from drivebus.errors import DrivebusError, NoReply, NotPermitted
+from drivebus.message import Answer, Ask, Lane, WriteClass
+from drivebus.plant.failure import frame_json
 from drivebus.protocols import modbus, sifang
 from drivekit import PaperC320, PaperModbus, World, dialect_of, talk_of
 
@@ -47,6 +50,15 @@ def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
     with pytest.raises(DrivebusError):
         world.play(run(talk_of(world.dialect), 10.0, None))
     assert not world.effects()
+
+
+@pytest.mark.parametrize("language", i18n.LANGUAGES)
+def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language: str) -> None:
+    silence = NoReply("bus.no_reply", station=1, attempt=2, bytes=0, milliseconds=50)
+    frame = json.loads(json.dumps(frame_json(exchange_of(Answer(Ask(1, None), error=silence)))))
+    told = i18n.text(frame["error"], language, **frame["params"])
+    assert told == silence.text(language) and "{" not in told
+    assert frame_json(exchange_of(Answer(Ask(1, None))))["error"] is None
 
 
 def test_what_was_read_before_a_command_never_shows_its_effect() -> None:

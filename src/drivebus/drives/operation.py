@@ -281,8 +281,9 @@ def noted(outcome: Outcome, key: str, /, **params: Any) -> Outcome:
 
 def exchange_of(answer: Answer) -> Exchange:
     """An answer as evidence."""
-    error = getattr(answer.error, "key", None) if answer.error is not None else None
-    return Exchange(answer.sent, answer.received, answer.sent_at, answer.received_at, error)
+    found = Exchange(answer.sent, answer.received, answer.sent_at, answer.received_at)
+    error = answer.error
+    return replace(found, error=error.key, params=error.params) if isinstance(error, DrivebusError) else found
 
 
 def _known(error: Exception) -> DrivebusError:

@@ -143,6 +143,8 @@ class Exchange:
     received_at: float | None
     error: str | None = None
     """i18n key of what went wrong."""
+    params: Mapping[str, Any] = field(default_factory=dict)
+    """Of that sentence."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,4 +107,5 @@ def frame_json(exchange: Exchange) -> Json:
     return {
         "sent": exchange.sent.hex(" ").upper(), "received": exchange.received.hex(" ").upper(),
         "sent_at_s": exchange.sent_at, "received_at_s": exchange.received_at, "error": exchange.error,
+        "params": plain(exchange.params),
     }  # fmt: skip

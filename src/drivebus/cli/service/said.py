@@ -28,7 +28,7 @@ def outcome_of(found: Json) -> Outcome:
 
 def _exchange(frame: Json) -> Exchange:
     sent, received = bytes.fromhex(frame["sent"]), bytes.fromhex(frame["received"])
-    return Exchange(sent, received, frame["sent_at_s"], frame["received_at_s"], frame["error"])
+    return Exchange(sent, received, frame["sent_at_s"], frame["received_at_s"], frame["error"], frame["params"])
 
 
 def status_of(view: Json, now: float) -> DriveStatus:

@@ -30,6 +30,8 @@ class Exchange(Answer):
     sent_at_s: float | None
     received_at_s: float | None
     error: str | None
+    """The key of a sentence; ``params`` are its own."""
+    params: dict[str, Any] = {}
 
 
 class Note(Answer):

@@ -57,7 +57,7 @@ export function OutcomeNote({ outcome }) {
 function Frames({ frames }) {
   return html`<table class="data"><thead><tr><th>${t("page.frame_sent")}</th><th>${t("page.frame_received")}</th></tr>
     </thead><tbody>${frames.map((frame, n) => html`<tr key=${n}><td class="mono">${frame.sent}</td>
-    <td class="mono">${frame.received || (frame.error && t(frame.error)) || NOTHING}</td></tr>`)}</tbody></table>`;
+    <td class="mono">${frame.received || (frame.error && t(frame.error, frame.params)) || NOTHING}</td></tr>`)}</tbody></table>`;
 }
 
 /** Says in a word, and to whoever asks in a sentence, why a value is not good. */
