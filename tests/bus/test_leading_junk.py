@@ -37,6 +37,15 @@ def test_a_station_that_is_said_to_glitch_is_understood_behind_one_stray_byte(ju
     assert len(answer.reply.values) == 4
 
 
+@pytest.mark.parametrize("address", [1, 7, 48])
+def test_what_it_seems_to_be_with_the_stray_byte_does_not_matter(address: int) -> None:
+    """The address stands where the function would: of one that is no function no length is known."""
+    station = Station(address)
+    play = Playbook(core(address, timing=GLITCHING), wire(station, deliver=behind(b"\x02", whole)))
+    play.ask(ask_read(address))
+    assert play.answer().error is None
+
+
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 def test_two_stray_bytes_are_too_many(deliver: Delivery) -> None:
     assert heard_behind(b"\x00\x00", deliver, GLITCHING).answer().error is not None

@@ -238,3 +238,27 @@ def test_the_reader_stays_awake_where_something_else_than_a_reply_may_come() -> 
     assert Transaction(flight().job, 1.0, C, paced=True, echo=EchoFilter(b"frame", True)).useful_at() is None
     stop = Job(Ask(0, modbus.WriteRegister(0, 0x2000, 2)), None, core(1).stations[1], LINE)
     assert Transaction(stop, 1.0, C, paced=True, echo=None).useful_at() is None
+
+
+def test_a_byte_behind_the_reply_is_told_with_both_lengths() -> None:
+    reply = CODEC.encode_reply(modbus.Registers(1, 3, (1, 2, 3, 4)))
+    one = flight()
+    one.received(reply + b"\x00", 1.1)
+    assert isinstance(one.error, TrailingError) and one.error.key == "bus.trailing"
+    assert one.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
+
+
+def test_g20_a_mark_without_a_byte_voids_the_reply_that_was_whole() -> None:
+    """It ends at the deadline: what else is on its way is not sent into."""
+    one = flight()
+    one.received(CODEC.encode_reply(modbus.Registers(1, 3, (1, 2, 3, 4))), 1.05)
+    assert one.final_at < one.deadline
+    one.received(b"", 1.051, marks=1)
+    assert isinstance(one.error, LineFault) and one.final_at == one.deadline
+
+
+def test_how_long_was_waited_is_told_in_milliseconds() -> None:
+    one = flight()
+    one.deadline = one.sent_end + 2.0
+    error = one.outcome()
+    assert isinstance(error, NoReply) and error.params["milliseconds"] == 2000

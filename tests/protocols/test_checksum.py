@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -107,3 +108,13 @@ def test_an_alphabet_error_tells_byte_and_position() -> None:
         checksum.hex_value(b"0G", start=3)
     assert str(caught.value) == "byte 4: 47H is not one of the digits 0-9 A-F"
     assert caught.value.text("zh") == "第 4 字节：47H 不是数字字符 0-9 A-F"
+
+
+READERS = [checksum.canonical, checksum.hex_value, checksum.decimal_value, checksum.hex_bytes]
+
+
+@pytest.mark.parametrize("reads", READERS, ids=lambda reads: reads.__name__)
+def test_positions_count_from_0_unless_said(reads: Callable[[bytes], object]) -> None:
+    with pytest.raises(AlphabetError) as caught:
+        reads(b"12G4")
+    assert caught.value.params["position"] == 2
