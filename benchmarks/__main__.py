@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def commit() -> str:
     """The commit that was measured, with a mark where the tree differs from it."""
-    return report.commit(ROOT) or "unknown"
+    return report.commit(ROOT, "src", "benchmarks") or "unknown"
 
 
 def measure(seconds: float, rounds: int) -> Figures:

@@ -116,12 +116,12 @@ def test_s14_what_the_flood_takes_from_the_plant_or_lets_the_web_process_grow_to
 
     def judged(polls: float, most_mb: float) -> list[bool]:
         web = {"web": {"memory_mb": {"most": most_mb}}}
-        flood = {"by_socket": met, "polls": {"of_a_drive_per_s": polls}, "processes": web}
-        return list(verdicts({"normal": normal, "flood": flood}).values())
+        flood = {"by_socket": met, "by_web": met, "polls": {"of_a_drive_per_s": polls}, "processes": web}
+        return list(verdicts({"normal": normal, "loaded": normal, "flood": flood}).values())
 
-    assert judged(2.0, 100.0) == [True] * 5
-    assert judged(1.8, 100.0) == [True] * 4 + [False]
-    assert judged(2.0, CAP_MB) == [True] * 3 + [False, True]
+    assert judged(2.0, 100.0) == [True] * 8
+    assert judged(1.8, 100.0) == [True] * 7 + [False]
+    assert judged(2.0, CAP_MB) == [True] * 6 + [False, True]
 
 
 def test_the_measured_plant_is_one_that_the_service_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
