@@ -340,3 +340,30 @@ def test_a_station_that_is_trusted_again_has_its_parked_polls_at_once() -> None:
     one.parked.append(parked)
     scheduler.trusts(one, 10.0)
     assert one.parked == [] and taken(scheduler, 1, 10.0) == [parked]
+
+
+def test_only_stops_count_for_whose_stop_is_next() -> None:
+    """What else was said to a station meanwhile does not put its stop behind another one's."""
+    one, two = station(1), station(2)
+    scheduler = filled(stop(one))
+    taken(scheduler, 1, 1.0)
+    scheduler.put(ask(two))
+    taken(scheduler, 1, 2.0)
+    for each in (stop(one), stop(two)):
+        scheduler.put(each)
+    assert [job.station for job in taken(scheduler, 2, 3.0)] == [two, one]
+
+
+def test_only_commands_bring_a_waiting_parameter_its_turn() -> None:
+    one = station()
+    scheduler = filled(ask(one), *(stop(one) for _ in range(URGENT_RUN)))
+    taken(scheduler, URGENT_RUN)
+    scheduler.put(write(one))
+    assert [job.lane for job in taken(scheduler, 2)] == [Lane.COMMAND, Lane.PARAMETER]
+
+
+def test_lateness_is_told_in_milliseconds() -> None:
+    scheduler = filled(write(station(), until=1.0))
+    assert scheduler.next(3.0) is None
+    [(_, error)] = scheduler.refused
+    assert isinstance(error, Expired) and error.params["late_ms"] == 2000

@@ -266,3 +266,19 @@ def test_an_error_tells_what_happened_with_both_numbers(frame: bytes, english: s
     with pytest.raises(ProtocolError) as caught:
         CODECS["ascii"].decode_reply(MONITOR, frame)
     assert (caught.value.text("en"), caught.value.text("zh")) == (english, chinese)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_t05_a_command_that_expects_no_monitor_believes_no_data_of_a_fault_either(encoding: Encoding) -> None:
+    told = Reply(5, Response.OK, State.FAULT, 0, None, 7, fault_code=3)
+    found = accepted(sifang.Control(5, Operation.STOP), CODECS[encoding].encode_reply(told), encoding)
+    assert (found.state, found.fault_code, found.item, found.data) == (State.FAULT, 3, None, None)
+
+
+def test_t05_an_identity_with_a_byte_that_is_no_digit_is_one_of_a_fault_or_none() -> None:
+    frame = FORMS["hex"].build(WRITE, 5, 0, State.STOPPED, 2, 0x10, 0)
+    with pytest.raises(AlphabetError) as caught:
+        CODECS["hex"].decode_reply(sifang.ReadIdentity(5, 2), frame)
+    error = caught.value
+    assert (error.key, error.expected, error.found) == ("protocols.sifang.digit", 0x0F, 0x10)
+    assert error.params["position"] == 8

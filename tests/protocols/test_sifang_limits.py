@@ -148,6 +148,7 @@ UNBELIEVED: list[tuple[sifang.Request, Layout, tuple[int, ...], type[ProtocolErr
     (ASKED, WRITE, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sifang.echo.item", 10, 11, 0),
     (sifang.ReadMonitor(5, 3), WRITE, (5, 0, 3, 1, 3, 0), EchoError, "protocols.sifang.echo.group", 0, 1, 0),
     (sifang.ReadMonitor(5, 3), WRITE, (5, 0, 3, 0, 4, 0), EchoError, "protocols.sifang.echo.item", 3, 4, 0),
+    (sifang.ReadIdentity(5, 2), IDENTITY, (6, 0, 3, 2, 0, 0, 0), AddressError, "protocols.address", 5, 6, 18),
     (sifang.ReadIdentity(5, 2), IDENTITY, (5, 0, 3, 1, 0, 0, 0), EchoError, "protocols.sifang.echo.group", 2, 1, 0),
     (sifang.Control(5, Operation.STOP), WRITE, (5, 0, 3, 1, 0, 0), EchoError, "protocols.sifang.echo.group", 0, 1, 0),
     (sifang.WriteParameter(5, 1, 2, 7), WRITE, (5, 0, 3, 1, 2, 8), EchoError, "protocols.sifang.echo.data", 7, 8, 0),
