@@ -54,6 +54,28 @@ def document(found: list[Judged], version: str) -> dict[str, Any]:
     return made
 
 
+def survivors(module: str) -> frozenset[str]:
+    """The changes that nobody noticed last time, by scope and change."""
+    kept = json.loads(REPORT.read_text(encoding="utf-8")).get(module, {"survivors": ()})
+    return frozenset(key(module, left["scope"], left["change"]) for left in kept["survivors"])
+
+
+def again(found: list[Judged], version: str) -> dict[str, Any]:
+    """The kept figures, where only the survivors were tried again.
+
+    Raises ValueError where a module has changed since: then all of it is to be tried.
+    """
+    old = json.loads(REPORT.read_text(encoding="utf-8"))
+    made = document(found, version)
+    for module, one in made.items():
+        before = old[module]
+        if before["mutants"] != len(mutants(tree_of(module))):
+            raise ValueError(f"{module} has other mutants than in {REPORT.name}: try it without --again")
+        killed = before["mutants"] - len(one["survivors"])
+        made[module] = before | {"commit": version, "killed": killed, "survivors": one["survivors"]}
+    return made
+
+
 def unexplained(one: Judged) -> bool:
     """It survived, and nobody has said why it may."""
     mutant = mutants(tree_of(one.module))[one.number]
