@@ -124,16 +124,14 @@ class Transaction:
     def _take(self, verdict: Complete | CompleteIfSilent | Incomplete) -> None:
         if type(verdict) is Incomplete:
             self.message = None
-            self.need = max(verdict.need, len(self.buffer) + 1)
+            self.need = verdict.need
             return
         assert not isinstance(verdict, Incomplete)
         self.message, self.size = verdict.message, verdict.size
         self.tentative = isinstance(verdict, CompleteIfSilent)
         if isinstance(verdict, CompleteIfSilent):
-            self.need = max(verdict.need, len(self.buffer) + 1)
-            return
-        self.need = self.size + 1
-        if len(self.buffer) > self.size:
+            self.need = verdict.need
+        elif len(self.buffer) > self.size:
             self._void(TrailingError("bus.trailing", expected=self.size, found=len(self.buffer)))
 
     def _settle(self, now: float) -> None:
