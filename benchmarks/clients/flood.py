@@ -17,13 +17,12 @@ import sys
 from collections import Counter
 
 from benchmarks.clients.plain_http import request
+from drivebus.web.body import OF_ANYBODY as LARGEST
 
 HUGE = 100 * 1024 * 1024
 PIECE = b" " * 65536
 DRIP_S = 1.0
 """Between two octets of a slow head."""
-LARGEST = 4096
-"""Octets of a body that the service reads of somebody who has not logged in."""
 BOMBS = {
     "deep JSON": (b"[" * (LARGEST - 1), ""),
     "wide JSON": (b'{"a":[' + b"{}," * (LARGEST // 3 - 10) + b"{}]}", ""),

@@ -56,7 +56,9 @@ async def turn(*, own: bool = False) -> None:
     ``own``: live values and cases, which nobody's questions hold up: they have every second turn (G17).
     """
     loop = asyncio.get_running_loop()
-    await _OF.setdefault(loop, _Turns()).wait(loop, own)
+    if (turns := _OF.get(loop)) is None:
+        turns = _OF[loop] = _Turns()
+    await turns.wait(loop, own)
 
 
 ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
