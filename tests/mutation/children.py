@@ -16,6 +16,8 @@ from mutation.load import SEEN, Hit
 QUICK_S = 0.3
 """A test that takes longer (seconds of the processor) is left out."""
 KILLED, SURVIVED, UNTESTED, TIMEOUT = "killed", "survived", "untested", "timeout"
+LOAD = 100
+"""Exit code of a child that could not try its mutant in living functions: it is to be loaded."""
 Wait = Callable[[], int]
 
 
@@ -37,7 +39,7 @@ def isolated(work: Callable[[], int], seconds: float) -> Wait:
 
 def verdict(code: int) -> str:
     """0: all tests passed. A signal: the processor time ran out, or a crash."""
-    return SURVIVED if code == 0 else KILLED if code > 0 else TIMEOUT
+    return SURVIVED if code in (0, LOAD) else KILLED if code > 0 else TIMEOUT
 
 
 class FirstFailure:

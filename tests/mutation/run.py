@@ -19,7 +19,7 @@ from typing import Any, TextIO
 import hypothesis
 import pytest
 
-from mutation.children import SURVIVED, UNTESTED, FirstFailure, Wait, Ways, isolated, measured, run_items, verdict
+from mutation.children import LOAD, SURVIVED, UNTESTED, FirstFailure, Wait, Ways, isolated, measured, run_items, verdict
 from mutation.load import SEEN, Finder, Hit, functions, probed, swap
 from mutation.mutate import Mutant, apply, mutants
 
@@ -92,7 +92,7 @@ class Collected:
                 try:
                     swap(alive, compile(tree, path, "exec", dont_inherit=True))
                 except ValueError:  # the closure is another
-                    return 0
+                    return LOAD
                 return run_items([items[name] for name in names])
 
             yield judged, isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
@@ -106,6 +106,7 @@ def in_order(begun: Iterable[tuple[Judged, Wait]], jobs: int) -> Iterator[Judged
         judged, wait = running.pop(0)
         code = wait()
         judged.verdict = judged.verdict if judged.verdict == UNTESTED else verdict(code)
+        judged.afresh = judged.afresh or code == LOAD
         return judged
 
     for one in begun:

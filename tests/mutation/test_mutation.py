@@ -11,9 +11,10 @@ import sys
 import pytest
 
 from mutation import pages
+from mutation.children import LOAD, SURVIVED
 from mutation.mutate import apply, mutants
 from mutation.report import REPORT, ROOMS, ROOT
-from mutation.run import tree_of
+from mutation.run import Judged, in_order, tree_of
 
 
 def changes(source: str) -> list[str]:
@@ -52,6 +53,12 @@ def test_what_acts_while_a_module_is_loaded_is_known() -> None:
     source = "A = 1\nclass C:\n b = 2\n def f(self, c=3):\n  return 4"
     found = {mutant.before: mutant.at_load for mutant in mutants(ast.parse(source))}
     assert {number: found[number] for number in "1234"} == {"1": True, "2": True, "3": True, "4": False}
+
+
+def test_what_cannot_be_put_into_a_living_function_is_loaded() -> None:
+    """Such as the last ``super()`` of a function, which is a change of its closure."""
+    (judged,) = in_order(iter([(Judged("m", 0, SURVIVED, afresh=False), lambda: LOAD)]), jobs=1)
+    assert (judged.verdict, judged.afresh) == (SURVIVED, True)
 
 
 def test_a_change_is_one_change() -> None:

@@ -341,3 +341,11 @@ def test_a_full_reply_needs_all_its_fields(encoding: Encoding) -> None:
     ):
         with pytest.raises(ValueError, match=f"^{sentence}$"):
             CODECS[encoding].encode_reply(reply)
+
+
+@pytest.mark.parametrize(("place", "address"), [(1, None), (2, None), (5, 5), (6, 5)])
+def test_t02_a_station_complains_of_a_bad_digit_in_its_own_name_or_not_at_all(place: int, address: int | None) -> None:
+    data = CODECS["ascii"].encode_request(ASKED)
+    with pytest.raises(AlphabetError) as caught:
+        CODECS["ascii"].decode_request(spoiled(data, place, ord("g")))
+    assert (caught.value.params["position"], caught.value.params["address"]) == (place, address)
