@@ -50,6 +50,18 @@ def test_an_honest_run_has_no_violation_and_a_story(session: Session, kind: Kind
     assert stop.word in (("confirmed", "unknown") if kind.tells else ("acknowledged", "unknown"))
 
 
+def test_g13_a_remembered_wish_keeps_nothing_of_the_way_to_its_end(session: Session) -> None:
+    """The frames of its error hold the whole conversation: a day of these was a quarter of the memory."""
+    here = stand(session)
+    here.station(1).faults.silent = True
+    stop = here.wish(1, "stop")
+    assert stop.task is not None
+    here.finish(stop)
+    here.close()
+    assert stop.word == "unknown" and stop.task is None
+    assert stop.error is not None and stop.error.__traceback__ is stop.error.__cause__ is stop.error.__context__ is None
+
+
 def test_i1_a_move_that_nobody_wished_for(session: Session) -> None:
     here = stand(session)
     here.loop.run(here.drives[1].preflight())

@@ -399,6 +399,7 @@ def test_a_state_word_with_an_unlisted_digit_is_not_believed(
 @given(st.builds(dzb.StateWord, st.integers(0, 8), st.integers(0, 15), st.integers(0, 20)))
 def test_a_state_word_comes_back(word: dzb.StateWord) -> None:
     assert dzb.StateWord.parse(word.word("decimal"), "decimal") == word
+    assert word.word() == word.word("decimal")
     assert dzb.StateWord.parse(word.word("hex"), "hex") == word
 
 

@@ -13,7 +13,7 @@ from drivebus.lab.campaign import Session
 from drivebus.lab.kinds import Kind
 from drivebus.lab.world.loop import Loop, running
 from drivebus.lab.world.truth import inspect
-from drivebus.lab.world.wishes import CURRENT, Wish
+from drivebus.lab.world.wishes import CURRENT, Wish, bare
 from drivebus.lab.world.witness import Witness
 from drivebus.message import Answer, Ask, WriteClass
 from drivebus.ports import open_port
@@ -104,11 +104,12 @@ class Stand:
         try:
             wish.outcome = await method(*arguments, **named)
         except DrivebusError as error:
-            wish.error = error
+            wish.error = bare(error)
             wish.outcome = getattr(error, "outcome", None)
         except Exception as error:  # no user is ever told in another way (I8)
             self.witness.violation(f"I8 {type(error).__name__} escaped from {wish}: {error}")
         finally:
+            wish.task = None
             self.witness.ended(wish)
 
     def run(self, seconds: float) -> None:

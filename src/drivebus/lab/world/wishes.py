@@ -7,6 +7,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivebus.errors import DrivebusError
+
 CURRENT: ContextVar[Wish | None] = ContextVar("wish", default=None)
 """Whose wish this task fulfils; tasks that it starts inherit it."""
 STOPS = frozenset({"stop", "coast", "quick_stop"})
@@ -58,3 +60,9 @@ class Wish:
     def __str__(self) -> str:
         shown = " ".join(str(argument) for argument in self.arguments)
         return f"#{self.number} {self.what} {shown}".strip() + f" @{self.address}"
+
+
+def bare(error: DrivebusError) -> DrivebusError:
+    """The error without the frames that it came through: the witness remembers wishes for hours, and they with it."""
+    error.__context__ = error.__cause__ = None
+    return error.with_traceback(None)
