@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from drivebus.lab.campaign import NAMES, Session, find, perform
+from drivebus.lab.campaigns import soak
 
 DONE = [name for name in NAMES if importlib.util.find_spec(f"drivebus.lab.campaigns.{name}")]
 SHORT = {
@@ -51,3 +52,13 @@ def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> Non
     environment = {**os.environ, "PYTHONHASHSEED": "4711"}
     done = subprocess.run([sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split() == [here]
+
+
+@pytest.mark.parametrize(
+    ("pages", "since_first", "since_noon"), [((100, 120, 125, 126), 26.0, 5.0), ((100,), 0.0, 0.0)]
+)
+def test_g13_memory_is_told_since_the_first_hour_and_since_noon(
+    pages: tuple[int, ...], since_first: float, since_noon: float
+) -> None:
+    found = soak._growth([*pages])
+    assert found == {"rss_growth_percent": since_first, "rss_growth_since_noon_percent": since_noon}

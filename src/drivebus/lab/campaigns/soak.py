@@ -144,21 +144,26 @@ def one_day(seed: int, hours: int, listener: Callable[[str], None] | None = None
     """One seed, in a process of its own."""
     session = Session("soak", seed, hours, listener=listener)
     kind = KINDS[seed % len(KINDS)]
-    began, first = time.process_time(), 0
+    began, pages = time.process_time(), list[int]()
     day = Day(session, kind, seed)
-    for hour in range(hours):
+    for _ in range(hours):
         day.hour()
         session.did()
-        first = first or (_resident() if hour == 0 else 0)
-    grown = (_resident() - first) / max(first, 1)
+        pages.append(_resident())
     witness = day.stand.witness
     day.stand.close()
     session.counts["requests"] += witness.frames
     session.counts["replies believed"] += witness.accepted
     session.figures[f"seed {seed}"] = f"{kind.name}: {witness.frames} requests, trace {session.digest[:16]}"
     factor = hours * HOUR_S / (time.process_time() - began)  # of a processor's seconds: others may use it too
-    session.machine[f"seed {seed}"] = {"real_time_factor": round(factor), "rss_growth_percent": round(100 * grown, 2)}
+    session.machine[f"seed {seed}"] = {"real_time_factor": round(factor), **_growth(pages)}
     return session.part()
+
+
+def _growth(pages: list[int]) -> dict[str, float]:
+    """Of the memory at the end of each hour, since the first one and since noon, when all that is bounded is full."""
+    since = {"rss_growth_percent": pages[0], "rss_growth_since_noon_percent": pages[len(pages) // 2 - 1]}
+    return {name: round(100 * (pages[-1] - first) / max(first, 1), 2) for name, first in since.items()}
 
 
 def _resident() -> int:
@@ -179,7 +184,7 @@ def run(session: Session) -> None:
         for seed, hours in days:
             session.merge(one_day(seed, hours, session.listener))
         return
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), max_tasks_per_child=1) as pool:
         for part in pool.map(one_day, *zip(*days, strict=True)):
             session.merge(part)
 
