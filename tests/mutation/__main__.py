@@ -62,10 +62,10 @@ def _choice(kind: str | None, left: bool) -> Wanted:
 
 
 def judged(modules: list[str], tests: list[str], wanted: Wanted, jobs: int) -> list[Judged]:
-    found, files = in_functions(modules, tests, wanted, jobs)
+    found, names = in_functions(modules, tests, wanted, jobs)
     again = [one for one in found if one.afresh and one.verdict == SURVIVED]
     print(f"{len(found)} tried, {len(again)} to be loaded", file=sys.stderr, flush=True)
-    for one in afresh(again, files, jobs):
+    for one in afresh(again, names, jobs):
         if one.verdict == SURVIVED:
             print(told(one), flush=True)
     return found

@@ -2,7 +2,7 @@
 
 A mutant within a function is put into the living functions of tests that are already collected, and the tests that
 pass through its statement are run, quickest first. A mutant of what is computed while a module is loaded, and whatever
-survived although its statement also runs then, is loaded afresh, with the test files that touch the module.
+survived although its statement also runs then, is loaded afresh; the tests that pass through the module come first.
 """
 
 from __future__ import annotations
@@ -19,7 +19,19 @@ from typing import Any, TextIO
 import hypothesis
 import pytest
 
-from mutation.children import LOAD, SURVIVED, UNTESTED, FirstFailure, Wait, Ways, isolated, measured, run_items, verdict
+from mutation.children import (
+    LOAD,
+    SURVIVED,
+    UNTESTED,
+    FirstFailure,
+    Only,
+    Wait,
+    Ways,
+    isolated,
+    measured,
+    run_items,
+    verdict,
+)
 from mutation.load import SEEN, Finder, Hit, functions, probed, swap
 from mutation.mutate import Mutant, apply, mutants
 
@@ -62,7 +74,7 @@ class Collected:
         items = {item.nodeid: item for item in session.items}
         ways = measured(session.items, self.jobs)
         for module in self.modules:
-            self._tell({"module": module, "files": ways.files(module)})
+            self._tell({"module": module, "names": ways.names(module)})
             for judged in in_order(self._begun(module, items, ways, at_load), self.jobs):
                 self._tell([judged.module, judged.number, judged.verdict, judged.afresh, judged.tests])
         return True
@@ -120,7 +132,7 @@ def in_order(begun: Iterable[tuple[Judged, Wait]], jobs: int) -> Iterator[Judged
 def in_functions(
     modules: Sequence[str], tests: Sequence[str], wanted: Wanted, jobs: int
 ) -> tuple[list[Judged], dict[str, list[str]]]:
-    """The mutants within functions; and which test files touch each module."""
+    """The mutants within functions; and the tests of each module, in the best order for what is loaded."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -134,11 +146,11 @@ def in_functions(
             os._exit(code)
     os.close(writing)
     found: list[Judged] = []
-    files: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
     with os.fdopen(reading) as lines:
         for line in map(json.loads, lines):
             if isinstance(line, dict):
-                files[line["module"]] = line["files"]
+                names[line["module"]] = line["names"]
                 print(line["module"], file=sys.stderr, flush=True)
             else:
                 found.append(Judged(*line))
@@ -146,7 +158,7 @@ def in_functions(
                     print(told(found[-1]), flush=True)
     if code := os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]):
         raise SystemExit(f"pytest ended with {code}")
-    return found, files
+    return found, names
 
 
 def told(judged: Judged) -> str:
@@ -156,7 +168,7 @@ def told(judged: Judged) -> str:
     return f"{where} [{mutant.kind}] {mutant.told()}: {judged.verdict}, {judged.tests} tests"
 
 
-def afresh(found: Sequence[Judged], files: dict[str, list[str]], jobs: int) -> Iterator[Judged]:
+def afresh(found: Sequence[Judged], names: dict[str, list[str]], jobs: int) -> Iterator[Judged]:
     """Try again what has to be loaded, each in a process that has loaded nothing of ours."""
 
     def begun() -> Iterator[tuple[Judged, Wait]]:
@@ -169,7 +181,9 @@ def afresh(found: Sequence[Judged], files: dict[str, list[str]], jobs: int) -> I
                 sys.meta_path.insert(
                     0, Finder(frozenset({judged.module}), lambda _, fresh: fresh.__setattr__("body", tree.body))
                 )
-                return int(pytest.main([*OPTIONS, *files[judged.module]], plugins=[FirstFailure()]))
+                ours = names[judged.module]
+                files = dict.fromkeys(name.split("::")[0] for name in ours)
+                return int(pytest.main([*OPTIONS, *files], plugins=[FirstFailure(), Only(ours)]))
 
             yield judged, isolated(work, LOADED_S)
 
