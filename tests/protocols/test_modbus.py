@@ -753,3 +753,17 @@ def test_one_sentence_of_each_error_is_pinned() -> None:
             codec.decode_reply(asked, data)
         assert str(caught.value) == sentence
         assert caught.value.text("zh") not in ("", sentence)
+
+
+@pytest.mark.parametrize("codec", CODECS[:2], ids=NAMES[:2])
+def test_an_exception_has_a_code_that_the_standard_knows(codec: Codec) -> None:
+    """V1.1b3, 7: 9 is none, and neither is what a damaged byte leaves."""
+    asked, known = ReadRegisters(5, 0), {1, 2, 3, 4, 5, 6, 7, 8, 10, 11}
+    for code in range(256):
+        data = frame(codec, f"05 83 {code:02X}")
+        if code in known:
+            assert codec.decode_reply(asked, data).message == ErrorReply(5, 3, code)  # type: ignore[union-attr]
+            continue
+        with pytest.raises(CodeError) as caught:
+            codec.decode_reply(asked, data)
+        assert (caught.value.key, caught.value.found) == ("modbus.exception_code", code)

@@ -26,7 +26,6 @@ MAX_WRITE_BITS: Final = 1968
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_REGISTER: Final = 2
 ILLEGAL_VALUE: Final = 3
-DEVICE_FAILURE: Final = 4
 EXCEPTION_CODES: Final = frozenset((1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
 """Codes that V1.1b3 section 7 documents; VC660 documents 1 to 4."""
 
