@@ -225,6 +225,8 @@ PLANTS: list[tuple[str, str, Plant]] = [
             put(Transaction, "_without_early", unechoed),
         ),
     ),
+    ("echo/vc660", "a mirrored reply is an answer", put(EchoKeeper, "believes", says_yes)),
+    ("echo/df800-ascii", "a mirrored reply is an answer", put(EchoKeeper, "believes", says_yes)),
     ("error_answer/dzb100", "no refusal", put(dzb.DzbDialect, "refusal", nothing)),
     ("status_fault/c320-ascii", "values of a fault are good", put(sifang, "_unechoed", lambda reading: reading)),
     ("duplicate_address/dzb100", "no alarm", put(Station, "duplicate", says_no)),

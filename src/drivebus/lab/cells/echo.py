@@ -25,21 +25,27 @@ def own_echo(at: Case) -> None:
         line.expect(wish.word == ("confirmed" if at.kind.tells else "acknowledged"), f"echo {setting}: run {wish.word}")
         line.expect(line.station(1).motor.starts == 1, "not one start")
     for setting, weather in (("on", "echo"), ("detect", "echo"), ("off", "echo"), ("on", "clean")):
-        _nobody_there(at, setting, weather)
+        for paced in (True, False):
+            _nobody_there(at, setting, weather, paced)
     for setting in ("on", "detect", "off"):
         _unheard(at, setting)
     _wrongly_off(at)
 
 
-def _nobody_there(at: Case, setting: str, weather: str) -> None:
-    """G19: a write to a drive that is not there is acknowledged by nobody, be the setting right or wrong."""
+def _nobody_there(at: Case, setting: str, weather: str, paced: bool) -> None:
+    """G19: a write to a drive that is not there is acknowledged by nobody, be the setting right or wrong.
+
+    Where the port can't tell when its last bit is out (TCP), an echo comes where a reply is waited for.
+    """
     line = at.line(1, echo=setting, weather=weather)
-    absent = line.absent(ABSENT)
+    line.bus.core.paced, line.witness.conduct.misled = paced, not paced
     notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[at.kind.model]
     saves = at.kind.model in ("dzb100", "df800")  # T21: else a RAM write, whose echo has a reply's length in C320
-    _no_word(line, absent, "write", {notation: 7.0}, saves)
-    for what, arguments in (("set_frequency", (at.hz(),)), ("reset_fault", ()), ("run", (at.hz(),)), ("stop", ())):
-        _no_word(line, absent, what, *arguments)
+    wishes: dict[str, tuple[Any, ...]] = {
+        "write": ({notation: 7.0}, saves), "set_frequency": (at.hz(),), "reset_fault": (), "run": (at.hz(),), "stop": (),
+    }  # fmt: skip
+    for address, (what, arguments) in enumerate(wishes.items(), ABSENT):  # one that failed once is not believed anyway
+        _no_word(line, line.absent(address), what, *arguments)
 
 
 def _no_word(line: Line, address: int, what: str, *arguments: Any) -> None:
