@@ -1,8 +1,9 @@
-"""The witness sees what is there to see: each invariant broken on purpose and found (I2: by the commands campaign)."""
+"""The witness sees what is there to see: each invariant broken on purpose and found (I9: by ``failures``)."""
 
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,12 +12,16 @@ from drivebus.bus.core import BusCore
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.transaction import Transaction
 from drivebus.drives.operation import Talk
+from drivebus.drives.state import DriveStatus
 from drivebus.drives.talk import look
+from drivebus.drives.wear import Wear
+from drivebus.lab.breaking.wallclock import WallClock, before_midnight, installed
 from drivebus.lab.campaign import Session
-from drivebus.lab.kinds import C320, C320_HEX, DZB100, KINDS, VC660, Kind
+from drivebus.lab.kinds import C320, C320_HEX, DF800, DZB100, KINDS, VC660, Kind
 from drivebus.lab.manual import Does, request
 from drivebus.lab.world.loop import running
 from drivebus.lab.world.stand import Stand
+from drivebus.lab.world.writes import written
 from drivebus.message import Permit
 
 
@@ -91,6 +96,22 @@ def _granted(command: Any, address: int, effect: Any, write_class: Any, around: 
     return Permit(address, effect, write_class, around.now + 2.0, around.generation)
 
 
+@pytest.mark.parametrize("kind", [DZB100, DF800], ids=lambda kind: kind.name)
+def test_i2_a_start_that_is_sent_again_blindly(session: Session, monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    """Also where the second one finds the motor on and changes nothing."""
+    monkeypatch.setattr("drivebus.bus.job.Job._attempts_allowed", lambda job: 3)
+    here = stand(session, kind)
+    here.loop.run(here.drives[1].preflight())
+    run = here.wish(1, "run", 12.0)
+    while 1 not in here.witness.conduct._started:
+        here.run(0.005)
+    here.station(1).faults.mute = True
+    here.run(0.3)
+    here.station(1).faults.mute = False
+    here.finish(run)
+    assert found(session, "I2")
+
+
 def test_i3_a_stop_that_waits_for_others(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Scheduler.next
 
@@ -119,6 +140,34 @@ def test_i4_a_value_that_is_called_good_for_ever(session: Session, monkeypatch: 
     here.station(1).faults.silent = True
     here.run(120.0)
     assert found(session, "I4")
+
+
+def test_i4_a_drive_that_is_silent_and_a_reading_that_calls_itself_new(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The witness takes nobody's word for an age."""
+    monkeypatch.setattr("drivebus.reading.Reading.age_s", lambda reading, now: 0.0)
+    here = stand(session)
+    here.monitor(1)
+    here.run(5.0)
+    here.station(1).faults.silent = True
+    here.run(120.0)
+    assert found(session, "I4")
+
+
+def test_i4_a_reading_whose_time_is_moved(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = stand(session)
+    monitor = here.monitor(1)
+    here.run(5.0)
+    here.station(1).faults.silent = True
+    status, now = monitor.status(), here.loop.time
+    monkeypatch.setattr(monitor, "status", lambda: _refreshed(status, now()))
+    here.run(120.0)
+    assert found(session, "I4")
+
+
+def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
+    return replace(status, readings={name: replace(one, source_time=now) for name, one in status.readings.items()})
 
 
 def test_i5_a_late_reply_that_is_believed(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,6 +203,50 @@ def test_i6_a_second_request_while_one_is_out(session: Session, monkeypatch: pyt
         here.monitor(address)
     here.run(5.0)
     assert found(session, "I6")
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_i7_a_frequency_beyond_the_limit(session: Session, monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    monkeypatch.setattr("drivebus.drives.memory.Memory._check_limits", lambda memory, hz: None)
+    here = stand(session, kind)
+    here.loop.run(here.drives[1].preflight())
+    here.finish(here.wish(1, "run", kind.maximum_hz + 0.1))
+    assert found(session, "I7")
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_i7_one_save_more_than_a_day_has(session: Session, monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    """G16. A day is the wall clock's."""
+    monkeypatch.setattr(Wear, "charge", lambda wear, notation, day: iter(()))
+    clock = WallClock(before_midnight(3600.0), lambda: 0.0)
+    notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[kind.model]
+    with installed(clock):
+        here = stand(session, kind)
+        for number in range(20):
+            here.finish(here.wish(1, "write", {notation: 10.0 + number}, True))
+        assert session.violations == []
+        here.finish(here.wish(1, "write", {notation: 40.0}, True))
+        assert found(session, "I7")
+        session.violations.clear()
+        clock.jump("+1 h")
+        here.finish(here.wish(1, "write", {notation: 10.0}, True))
+        assert session.violations == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "frame"),
+    [
+        (VC660, "01 06 20 0B 00 01"), (VC660, "01 06 81 C3 00 01"), (VC660, "01 06 20 00 00 81"),
+        (DF800, "01 06 20 00 00 0E"), (DF800, "01 06 20 00 00 21"), (DF800, "01 06 20 02 00 01"),
+        (DF800, "01 06 00 05 00 01"), (DZB100, "50 03 01 30 31 38 31 30 30 30 30"),
+    ],
+    ids=lambda given: getattr(given, "name", given),
+)  # fmt: skip
+def test_i7_what_is_on_no_list(kind: Kind, frame: str) -> None:
+    """T12, T16: 200BH, a place behind the last, codes without a meaning, the toggle, a monitor."""
+    check = b"" if kind is DZB100 else b"\0\0"
+    with pytest.raises(ValueError):
+        written(kind, bytes.fromhex(frame) + check)
 
 
 def test_i8_an_error_that_escapes(session: Session) -> None:
@@ -207,6 +300,26 @@ def test_i11_a_read_that_acts(session: Session) -> None:
     here.monitor(1)
     here.run(1.0)
     assert found(session, "I11")
+
+
+def test_i12_questions_that_are_remembered_for_ever(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[Any] = []
+    monkeypatch.setattr("drivebus.bus.aftermath._owed", lambda flight, now: kept.append((now, flight.job)))
+    here = stand(session, weather="loss=0.1")
+    here.bus.core.stations[1].unanswered = kept
+    here.monitor(1)
+    here.run(1500.0)
+    here.close()
+    assert found(session, "I12")
+
+
+def test_i12_a_queue_that_nobody_empties(session: Session) -> None:
+    here = stand(session)
+    with running(here.loop):
+        for _ in range(500):
+            here.loop.create_task(here.drives[1].read(("F00.00",)))
+    here.run(0.1)
+    assert found(session, "I12")
 
 
 def test_the_manuals_tables_know_every_request() -> None:

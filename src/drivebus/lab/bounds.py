@@ -46,14 +46,19 @@ FRAMES: Mapping[str, Frames] = {
 4 ms and 20 ms of work. DF800: FC03 of two registers at most. A stop of DZB100 always carries 0000 (T11)."""
 
 
+def character_s(line: LineSettings) -> float:
+    """One start bit, the data bits, the parity bit where there is one, and the stop bits."""
+    return (1 + line.data_bits + (line.parity != "N") + line.stop_bits) / line.baud
+
+
 class Times:
     """One family on one line. All in seconds."""
 
     def __init__(self, kind: Kind, line: LineSettings) -> None:
         self.kind, self.frames = kind, FRAMES[kind.name]
-        self.character_s = line.character_s
-        self.gap_s = max(kind.gap_characters * line.character_s, kind.gap_floor_s)
-        self.babble_s = self.gap_s + BABBLE_CHARACTERS * line.character_s
+        self.character_s = character_s(line)
+        self.gap_s = max(kind.gap_characters * self.character_s, kind.gap_floor_s)
+        self.babble_s = self.gap_s + BABBLE_CHARACTERS * self.character_s
 
     def limit_s(self, address: int, data: bytes) -> float:
         """From the last bit of this request until its reply is whole or given up."""

@@ -30,6 +30,8 @@ class Kind:
     tells: bool = True
     """The drive reports whether it runs."""
     broadcast: int | None = 0
+    maximum_hz: float = 50.0
+    """No higher frequency is ever sent, unless a user of the drive allows it."""
 
 
 _CODINGS = {"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_coding": "hex-0.1"}
@@ -43,11 +45,12 @@ C320_HEX = Kind(
     "c320-hex", "c320", "hex", 9600, gap_characters=5, patience_s=0.0, patience_characters=26, lateness_s=0.18,
     broadcast=31,
 )  # fmt: skip
-DZB100 = Kind("dzb100", "dzb100", "ascii", 4800, _CODINGS, patience_characters=11)
+DZB100 = Kind("dzb100", "dzb100", "ascii", 4800, _CODINGS, patience_characters=11, maximum_hz=400.0)
 VC660 = Kind("vc660", "vc660", "rtu", 9600, gap_floor_s=0.00175, patience_s=0.004, lateness_s=0.204)
-DF800 = Kind("df800-rtu", "df800", "rtu", 9600, _PROVED, gap_floor_s=0.00175, tells=False)
+DF800 = Kind("df800-rtu", "df800", "rtu", 9600, _PROVED, gap_floor_s=0.00175, tells=False, maximum_hz=400.0)
 DF800_ASCII = Kind(
-    "df800-ascii", "df800", "ascii", 9600, _PROVED, {"encoding": "ascii"}, patience_characters=15, tells=False
+    "df800-ascii", "df800", "ascii", 9600, _PROVED, {"encoding": "ascii"}, patience_characters=15, tells=False,
+    maximum_hz=400.0,
 )  # fmt: skip
 KINDS = (C320, C320_HEX, DZB100, VC660, DF800, DF800_ASCII)
 BY_NAME = {kind.name: kind for kind in KINDS}

@@ -98,6 +98,7 @@ class Episode:
                 users[user] = wish if self.chance.random() < PATIENT else None
         self._calm()
         self._truth()
+        self._beyond()
         self.stand.close()
 
     def _soon(self, mean_s: float) -> float:
@@ -234,6 +235,19 @@ class Episode:
         if deeds.on and not run_since and not by_another:
             tell(f"G05 {stop}: {stop.word}, and the motor is on")
         self.session.count("stops looked at in the end")
+
+    def _beyond(self) -> None:
+        """I7: what is out of range is refused before anything is sent for it."""
+        notation, save, _, _ = WRITES[self.kind.model]
+        too_fast, address = self.kind.maximum_hz + 0.1, PRESENT[0]
+        for wish in (
+            self.stand.wish(address, "run", too_fast),
+            self.stand.wish(address, "set_frequency", too_fast),
+            self.stand.wish(address, "write", {notation: 1e6}, save),
+        ):
+            self.stand.finish(wish)
+            if wish.word != "LimitError" or wish.sent:
+                self.stand.witness.violation(f"I7 {wish}: {wish.word}, and {wish.sent} frames left for it")
 
 
 def run(session: Session) -> None:

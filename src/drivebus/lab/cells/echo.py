@@ -42,8 +42,12 @@ def _nobody_there(at: Case, setting: str, weather: str, paced: bool) -> None:
     notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[at.kind.model]
     saves = at.kind.model in ("dzb100", "df800")  # T21: else a RAM write, whose echo has a reply's length in C320
     wishes: dict[str, tuple[Any, ...]] = {
-        "write": ({notation: 7.0}, saves), "set_frequency": (at.hz(),), "reset_fault": (), "run": (at.hz(),), "stop": (),
-    }  # fmt: skip
+        "write": ({notation: 7.0}, saves),
+        "set_frequency": (at.hz(),),
+        "reset_fault": (),
+        "run": (at.hz(),),
+        "stop": (),
+    }
     for address, (what, arguments) in enumerate(wishes.items(), ABSENT):  # one that failed once is not believed anyway
         _no_word(line, line.absent(address), what, *arguments)
 

@@ -1,7 +1,8 @@
-"""Holds every frame of the host against I1, I3, I6, I7 and I10. Knows times, bytes and wishes; no code of the bus."""
+"""Holds every frame of the host against I1, I2, I3, I6, I7 and I10. Knows times, bytes and wishes."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from math import inf
 
@@ -15,6 +16,8 @@ PREPARE_S = 5.0
 EXPIRY_S = 2.0
 """From the command object to the first bit of a frame that moves (ruling 12)."""
 MOST_PATIENCE_S = 0.1
+LOOKS = 4
+"""Ruling 6: two reads, each behind a fence of its own, before a start is sent again."""
 
 
 class Frame:
@@ -30,7 +33,7 @@ class Conduct:
     """What a host may say, and when."""
 
     def __init__(self, kind: Kind, character_s: float, violation: Callable[[str], None]) -> None:
-        self._broadcast = kind.broadcast
+        self._broadcast, self._tells = kind.broadcast, kind.tells
         self._violation = violation
         self._gap_s = max(kind.gap_characters * character_s, kind.gap_floor_s)
         self._patience_s = min(kind.patience_s + kind.patience_characters * character_s, MOST_PATIENCE_S)
@@ -42,6 +45,10 @@ class Conduct:
         self._stop_at: dict[int, float] = {}
         self._lost_at = -inf
         self._wished: set[int] = set()
+        self._started: dict[int, Wish] = {}
+        """Whose start left last, by address …"""
+        self._looks: Counter[int] = Counter()
+        """… and how often that drive was asked since."""
         self._jogged: set[int] = set()
         """VC660 jogs by a level: the levels at rest are then the stop itself, until one of them was answered."""
 
@@ -72,6 +79,8 @@ class Conduct:
             self._violation(f"I3 {frame.does} to {frame.address} went before a stop wished at {self._stop_due:.6f}")
         if frame.does is not Does.READ:
             self._rights(frame)
+        else:
+            self._looks[frame.address] += 1
 
     def _timing(self, frame: Frame, last: Frame, heard_end: float, answered: bool) -> None:
         """I6: one request outstanding, and the gap before each."""
@@ -106,3 +115,12 @@ class Conduct:
             self._violation(f"I1 {what} for {wish}, after a newer stop")
         if self._lost_at > wish.at:
             self._violation(f"I10 {what} for {wish}, which is older than the port")
+        if frame.does is Does.MOVE and wish.what == "run":
+            self._start(frame.address, wish)
+
+    def _start(self, address: int, wish: Wish) -> None:
+        """I2: never twice, unless a drive that can tell was looked at in between."""
+        looks = self._looks[address] if self._tells else 0
+        if self._started.get(address) is wish and looks < LOOKS:
+            self._violation(f"I2 {wish} was sent again after {self._looks[address]} looks")
+        self._started[address], self._looks[address] = wish, 0

@@ -8,14 +8,12 @@ from math import inf
 from typing import Any
 
 from drivebus.lab.manual import Does
-from drivebus.lab.world.conduct import Frame
+from drivebus.lab.world.conduct import LOOKS, Frame
 from drivebus.lab.world.wishes import Wish
 
 HAND_STOPS = frozenset({"press_stop", "power_cycle", "trip"})
 HANDS = ("press_run", "press_set", *sorted(HAND_STOPS))
 """What happens to a station without a frame, and what of it takes the motor off."""
-LOOKS = 4
-"""Ruling 6: two reads, each behind a fence of its own, before a start is sent again."""
 REMEMBERED = 32
 
 

@@ -12,7 +12,7 @@ from drivebus.errors import DrivebusError
 from drivebus.lab.campaign import Session
 from drivebus.lab.kinds import Kind
 from drivebus.lab.world.loop import Loop, running
-from drivebus.lab.world.truth import inspect
+from drivebus.lab.world.truth import check_memory, inspect
 from drivebus.lab.world.wishes import CURRENT, Wish, bare
 from drivebus.lab.world.witness import Witness
 from drivebus.message import Answer, Ask, WriteClass
@@ -140,6 +140,7 @@ class Stand:
     def close(self) -> None:
         """End the bus, and look once more."""
         inspect(self)
+        check_memory(self)
         with running(self.loop):
             for task in list(self.loop.tasks):
                 task.cancel()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+from collections import deque
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from drivebus.reading import Quality
@@ -11,6 +14,8 @@ if TYPE_CHECKING:
 
 MOST_TIMEOUT_S = 0.4
 """The longest time to answer of any family at the campaigns' baud rates (ruling 12 adds it to the age)."""
+MOST_KEPT = {"frames are remembered": 300, "entries are kept in one place": 600}
+"""I12, of a bus of 31 drives: 512 prepared reads of each are the longest list."""
 MOST = {"tasks": 400, "queued requests": 400, "events on the wire": 4000}
 """I12, for up to 31 drives under load."""
 
@@ -30,10 +35,38 @@ def inspect(stand: Stand) -> None:
 
 
 def check_ages(stand: Stand, address: int, monitor: Any) -> None:
-    """I4: nothing is called good that is older than max(3 x period, 1 s) + timeout (ruling 12)."""
+    """I4: nothing is called good that is older than max(3 x period, 1 s) + timeout (ruling 12).
+
+    Its age is the reading's own time's, and never less than the time since the drive was last heard on the copper.
+    """
     now, signals = stand.loop.time(), stand.drives[address].profile.signals
+    silent_s = now - stand.witness.heard_at.get(address, -inf)
     for name, reading in monitor.status().readings.items():
         if reading.quality is Quality.GOOD:
-            age = reading.age_s(now)
-            if age is None or age > max(3 * signals[name].period_s, 3 * stand.period_s, 1.0) + MOST_TIMEOUT_S:
+            age = inf if reading.source_time is None else max(now - reading.source_time, silent_s)
+            if age > max(3 * signals[name].period_s, 3 * stand.period_s, 1.0) + MOST_TIMEOUT_S:
                 stand.witness.violation(f"I4 {name} of {address} is called good at an age of {age} s")
+
+
+def check_memory(stand: Stand) -> None:
+    """I12: how much the bus keeps, wherever it keeps it."""
+    for (what, most), size in zip(MOST_KEPT.items(), sizes(stand.bus.core), strict=True):
+        if size > most:
+            stand.witness.violation(f"I12 {size} {what}")
+
+
+def sizes(core: object) -> tuple[int, int]:
+    """The jobs that can be reached from here over the bus's own objects and plain containers; the longest container."""
+    seen, waiting, jobs, longest = {id(core)}, [core], 0, 0
+    while waiting:
+        for one in gc.get_referents(waiting.pop()):
+            kind = type(one)
+            if id(one) not in seen and (kind in _CONTAINERS or kind.__module__.startswith("drivebus.bus")):
+                seen.add(id(one))
+                waiting.append(one)
+                jobs += kind.__name__.endswith("Job")
+                longest = max(longest, len(one) if kind in _CONTAINERS else 0)
+    return jobs, longest
+
+
+_CONTAINERS = frozenset({list, tuple, dict, set, deque})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from datetime import date
 from typing import Any
 
 from drivebus.errors import DrivebusError
@@ -25,6 +26,8 @@ class Wish:
     """The drive's method: "run", "stop", "set_frequency", "reset_fault", "write"."""
     arguments: tuple[Any, ...]
     at: float
+    day: date
+    """On the wall clock: saves are counted by days (G16)."""
     ended_at: float | None = None
     sent: int = 0
     """Frames of this wish that left, but for stops."""

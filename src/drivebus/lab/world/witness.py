@@ -1,7 +1,8 @@
 """The observer of a stand: sees the bytes on the copper, the motors and what users were told, and nothing else.
 
 It shares no code with the bus, the drives or the codecs: what a frame does it reads with ``manual``, times it knows
-from ``kinds``. Every event is held against the invariants I1 to I12, here and in ``conduct`` and ``truth``.
+from ``kinds``. Every event is held against the invariants I1 to I12, here and in ``conduct``, ``writes`` and
+``truth``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from contextlib import contextmanager
 from math import inf
 from typing import Any
 
+from drivebus import seams
+from drivebus.lab.bounds import character_s
 from drivebus.lab.campaign import Session
 from drivebus.lab.kinds import Kind
 from drivebus.lab.manual import Does, request
@@ -19,8 +22,8 @@ from drivebus.lab.world.conduct import Conduct, Frame
 from drivebus.lab.world.deeds import Deeds
 from drivebus.lab.world.outcomes import check_outcome
 from drivebus.lab.world.wishes import Wish
+from drivebus.lab.world.writes import Writes
 from drivebus.message import Answer
-from drivebus.sim.bench import Bench
 
 REMEMBERED = 64
 """So many frames and deliveries are remembered: an answer refers to one of the last few."""
@@ -29,17 +32,20 @@ REMEMBERED = 64
 class Witness:
     """Watches one bench. Everything that it finds goes to the session."""
 
-    def __init__(self, session: Session, kind: Kind, bench: Bench, name: str, now: Callable[[], float]) -> None:
+    def __init__(self, session: Session, kind: Kind, bench: Any, name: str, now: Callable[[], float]) -> None:
         self.session, self.kind, self.bench, self.name, self.now = session, kind, bench, name, now
         self.frames = self.replies = self.accepted = self.made = 0
         self.wishes: dict[int, list[Wish]] = {}
         """Open wishes by address."""
-        self.conduct = Conduct(kind, bench.line.character_s, self.violation)
+        self.conduct = Conduct(kind, character_s(bench.line), self.violation)
+        self._writes = Writes(kind, self.violation)
         self._asked: deque[tuple[Any, Frame]] = deque(maxlen=REMEMBERED)
         self._said: deque[tuple[Any, Frame | None]] = deque(maxlen=REMEMBERED)
         """Replies, with the request that caused each."""
         self._heard: deque[tuple[float, Any]] = deque(maxlen=REMEMBERED)
         """What reached a host, and when."""
+        self.heard_at: dict[Any, float] = {}
+        """When each drive was last heard at all."""
         self._heard_end = -inf
         """The end of the last character that reached a host: what collided with an earlier one is swallowed."""
         self._obeying: Frame | None = None
@@ -52,7 +58,7 @@ class Witness:
     # --- the tap on the copper -----------------------------------------------------------------------------------
 
     def _tap(self) -> None:
-        bench: Any = self.bench
+        bench = self.bench
         bench.now()  # the bench moves into this loop: its wire is a new one
         say, to_hosts, dispatch = bench.wire.say, bench._to_hosts, bench._dispatch
 
@@ -68,6 +74,7 @@ class Witness:
 
         def on_to_hosts(said: Any, first: int, last: int) -> None:
             self._heard.append((self.now(), said))
+            self.heard_at[getattr(said.talker, "address", None)] = self.now()
             kept = [index for index in range(first, last) if index not in said.dropped]
             if kept:
                 self._heard_end = max(self._heard_end, said.start + (kept[-1] + 1) * said.character_s)
@@ -113,6 +120,8 @@ class Witness:
         answered = any(last_end < one.end <= said.start + 1e-9 for _, one in reversed(self._heard))
         if does is not Does.READ and address not in self.deeds:
             self.session.count("acting frames to drives that are not there (G19)")
+        if does is not Does.READ:
+            self._writes.sent(frame, data, seams.wall_clock().date())
         self.conduct.asked(frame, self._heard_end, answered)
         self._asked.append((said, frame))
 
@@ -159,7 +168,7 @@ class Witness:
     def wished(self, address: int, what: str, arguments: tuple[Any, ...]) -> Wish:
         """A user gives a command now."""
         self.made += 1
-        wish = Wish(self.made, address, what, arguments, self.now())
+        wish = Wish(self.made, address, what, arguments, self.now(), seams.wall_clock().date())
         self.wishes.setdefault(address, []).append(wish)
         if address in self.deeds:
             self.deeds[address].wished(wish)
