@@ -12,7 +12,7 @@ from drivebus.bus.core import BusCore
 from drivebus.lab.breaking import reopening
 from drivebus.lab.campaign import Session, find, perform
 from drivebus.lab.campaigns import replug
-from drivebus.lab.kinds import VC660
+from drivebus.lab.kinds import DF800, VC660
 from drivebus.ports import device
 from drivebus.ports.posix import Descriptor
 
@@ -27,6 +27,18 @@ def test_the_first_unplugs_are_clean_and_the_same_twice() -> None:
     assert first.digest == second.digest
     assert first.figures["names of the adapter"] != 1 and first.figures["real reopenings"]
     assert perform(find("replug"), Session("replug", 2, 1)).digest != first.digest
+
+
+def test_a_drive_whose_fences_are_alike_is_found_again_as_soon_as_none_can_be_late() -> None:
+    """Seed 1, line 10: a DF800 was asked a question of two registers when the adapter was pulled (G04, G09)."""
+    session = Session("replug", 1, 1000)
+    line = replug.Line(session, DF800, 10)
+    for _ in range(16):
+        line.unplug()
+    line.stand.close()
+    assert session.violations == []
+    assert 5.0 < max(line.back_s) < 7.0 and max(line.first_s) < 1.0
+    assert session.counts["every drive polled again: later than 2 s"] == 1
 
 
 def test_a_bus_that_looks_for_its_port_too_seldom_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,9 @@ class Kind:
     """… plus so many characters."""
     lateness_s: float = 0.5
     """The family's longest lateness (ruling 2)."""
+    alike_s: float = 0.0
+    """DF800: fences differ in nothing but their count; after an unanswered question of that count none is believed for
+    so long (G04, ruling 2)."""
     tells: bool = True
     """The drive reports whether it runs."""
     broadcast: int | None = 0
@@ -47,10 +50,12 @@ C320_HEX = Kind(
 )  # fmt: skip
 DZB100 = Kind("dzb100", "dzb100", "ascii", 4800, _CODINGS, patience_characters=11, maximum_hz=400.0)
 VC660 = Kind("vc660", "vc660", "rtu", 9600, gap_floor_s=0.00175, patience_s=0.004, lateness_s=0.204)
-DF800 = Kind("df800-rtu", "df800", "rtu", 9600, _PROVED, gap_floor_s=0.00175, tells=False, maximum_hz=400.0)
+DF800 = Kind(
+    "df800-rtu", "df800", "rtu", 9600, _PROVED, gap_floor_s=0.00175, alike_s=5.0, tells=False, maximum_hz=400.0
+)
 DF800_ASCII = Kind(
     "df800-ascii", "df800", "ascii", 9600, _PROVED, {"encoding": "ascii"}, patience_characters=15, tells=False,
-    maximum_hz=400.0,
+    alike_s=5.0, maximum_hz=400.0,
 )  # fmt: skip
 KINDS = (C320, C320_HEX, DZB100, VC660, DF800, DF800_ASCII)
 BY_NAME = {kind.name: kind for kind in KINDS}

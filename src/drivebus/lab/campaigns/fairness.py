@@ -22,9 +22,7 @@ STRETCH = 1.112
 PROBE_SHARE = 0.1
 FOUND_S = 60.0
 ASKED_S = 2.0
-"""A station that somebody asks by hand is found within this time …"""
-ALIKE_S = 5.0
-"""… but DF800, whose fences differ in nothing: after an unanswered one none is believed for so long (G04, ruling 2)."""
+"""A station that somebody asks by hand is found within this time; DF800, whose fences are alike, that much later."""
 LIVES_S, DIES_S, SETTLES_S, WATCHED_S = 5.0, 10.0, 20.0, 60.0
 STEP_S = 0.01
 MISSED_S = 0.03
@@ -186,8 +184,7 @@ def _case(session: Session, line: Line, alone_s: float, worst: dict[str, float])
     if line.dead:
         asked_s = line.revive_asked()
         session.count("asked by hand: later than 2 s", int(asked_s > ASKED_S))
-        alike = line.kind.model == "df800"
-        _note(line, worst, "asked and found after s", asked_s, ASKED_S + (ALIKE_S if alike else 0.0))
+        _note(line, worst, "asked and found after s", asked_s, ASKED_S + line.kind.alike_s)
     _note(line, worst, "all found after s", line.revive_all(within_s), within_s)
     session.count("stations revived", line.number)
     line.stand.close()
