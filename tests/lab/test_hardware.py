@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from drivebus.cli.ending import Ending
 from drivebus.lab.hardware import verb
 from drivebus.lab.hardware.checklist import STEPS, Finding, Needs, Verdict, perform
 from drivebus.lab.hardware.rig import Rig
-from drivebus.ports import open_port
+from drivebus.ports import locks, open_port
 from drivebus.sim.bench import Bench
 from drivebus.sim.port import find_bench, forget_benches
 from drivebus.testing.virtual import run
@@ -65,6 +66,31 @@ def test_on_a_good_line_a_step_passes(bench: Bench, name: str) -> None:
 @pytest.mark.parametrize("name", ["owner", "parity"])
 def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: Bench, name: str) -> None:
     assert step(name).verdict is Verdict.SKIPPED
+
+
+def owned(path: str) -> Finding:
+    return asyncio.run(perform("owner", Rig(Target(path, "vc660", 1), Ending(), False, 5.0)))
+
+
+@pytest.fixture
+def pty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    far, near = os.openpty()
+    yield os.ttyname(near)
+    os.close(far)
+    os.close(near)
+
+
+def test_g18_another_program_is_refused_the_port_with_the_owners_pid(pty: str) -> None:
+    found = owned(pty)
+    assert found.verdict is Verdict.PASSED
+    assert f"pid {os.getpid()}" in found.figures["refused"]
+
+
+def test_g18_a_port_that_another_program_gets_is_told(pty: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "_flock", lambda fd: None)
+    monkeypatch.setattr(locks, "_claim", lambda device: -1)
+    assert owned(pty).verdict is Verdict.FAILED
 
 
 def test_f14_another_master_is_heard(bench: Bench) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivebus.errors import DrivebusError, PortUnavailable
+from drivebus.errors import DrivebusError
 from drivebus.message import Ask
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
+    from drivebus.cli.connect import Target
     from drivebus.drives import Drive
     from drivebus.lab.hardware.rig import Rig
 
@@ -36,15 +39,26 @@ async def port(rig: Rig) -> Found:
 
 
 async def owner(rig: Rig) -> Found:
-    """G18: while we have the port nobody else gets it."""
+    """G18: while we have the port no other program gets it."""
     if rig.target.link.startswith(("sim:", "memory:", "tcp:", "rfc2217:")):
         return None, {}
     async with rig.drive():
-        try:
-            async with rig.drive():
-                return False, {}
-        except PortUnavailable as error:
-            return True, {"refused": error.text("en")}
+        error = (await rig.race(_another_program(rig.target))).get("error", {})
+    return error.get("type") == "PortUnavailable", {"refused": error["text"]} if error else {}
+
+
+async def _another_program(target: Target) -> dict[str, Any]:
+    """What a second drivebus is told that reads the status of this drive."""
+    options = ["--model", target.model, "--address", str(target.address), "--json", "--lang", "en"]
+    options += [] if target.baud is None else ["--baud", str(target.baud)]
+    options += [] if target.format is None else ["--format", target.format]
+    program = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", "from drivebus.cli import main; main()", "status", target.link, *options,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
+    )  # fmt: skip
+    said, _ = await program.communicate()
+    told: dict[str, Any] = json.loads(said.splitlines()[-1])
+    return told
 
 
 async def quiet(rig: Rig) -> Found:
