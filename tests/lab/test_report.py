@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
+import pytest
+
+from drivebus.lab import report, verbs
+from drivebus.lab.campaign import find
 from drivebus.lab.report import commit
 
 
@@ -25,3 +30,11 @@ def test_a_report_names_its_commit_and_whether_what_it_tried_was_changed(tmp_pat
     assert (commit(tmp_path), commit(tmp_path, "src"), commit(tmp_path, "src", "docs")) == (
         f"{head}-dirty", head, f"{head}-dirty",
     )  # fmt: skip
+
+
+def test_a_report_is_of_the_commit_at_which_its_run_began(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A checkout goes on while a campaign runs for hours."""
+    heads = iter(("began", "went on"))
+    monkeypatch.setattr(report, "commit", lambda: next(heads))
+    verbs._campaign(find("matrix"), 1, 1, None, tmp_path)
+    assert json.loads((tmp_path / "lab-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"

@@ -67,6 +67,8 @@ class Session:
     """Called with the trials done so far."""
     listener: Callable[[str], None] | None = None
     """Gets every trace line, for people who read them."""
+    commit: str = ""
+    """What was tried, looked up when the run began: a checkout may go on while a long campaign runs."""
     trials: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     figures: dict[str, object] = field(default_factory=dict)

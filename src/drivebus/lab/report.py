@@ -18,7 +18,7 @@ def document(campaign: Campaign, session: Session) -> dict[str, Any]:
     return {
         "campaign": campaign.name,
         "evidence_for": list(campaign.ids),
-        "commit": commit(),
+        "commit": session.commit or commit(),
         "seed": session.seed,
         "budget": session.budget,
         "unit": campaign.unit,

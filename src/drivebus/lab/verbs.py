@@ -50,8 +50,9 @@ def _run(
 def _campaign(campaign: Campaign, seed: int, budget: int, trace: Path | None, folder: Path | None) -> Session:
     with Bar() as bar:
         session = Session(
-            campaign.name, seed, budget, lambda done: bar.count(f"lab {campaign.name}", done, budget, campaign.unit)
-        )
+            campaign.name, seed, budget, lambda done: bar.count(f"lab {campaign.name}", done, budget, campaign.unit),
+            commit=report.commit(),
+        )  # fmt: skip
         if trace is None:
             perform(campaign, session)
         else:
