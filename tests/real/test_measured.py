@@ -6,12 +6,15 @@ Its figures are for a quiet machine and a report; here only that every stop reac
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from cProfile import Profile
 from pathlib import Path
 
 import pytest
 
+from drivebus.protocols.modbus import ReadRegisters, Registers, RtuCodec
 from peers import need_program
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -134,3 +137,24 @@ def test_the_measured_plant_is_one_that_the_service_takes(tmp_path: Path, monkey
     file.write_text(plant_text(tmp_path / "state", 8080, ["sim://vc660@1-8", "sim://vc660@1-8?seed=2"], 8, 19_200))
     found = load(str(file))
     assert [drive.id for drive in found.drives][7:9] == [drive_id(0, 8), drive_id(1, 1)]
+
+
+def test_time_counts_for_the_room_that_spends_it_and_a_built_in_function_for_its_caller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the operating system does is a room of its own."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.where import room, shares
+
+    profile, codec = Profile(), RtuCodec()
+    reply = codec.encode_reply(Registers(1, 3, (1, 2, 3, 4)))
+    profile.enable()
+    for _ in range(200):
+        codec.decode_reply(ReadRegisters(1, 0, 4), reply)
+        os.getppid()
+    profile.disable()
+    rooms, functions = shares(profile)
+    assert rooms["drivebus.protocols"] > 20 and rooms["operating system"] > 0
+    assert rooms.keys() <= {"drivebus.protocols", "drivebus.message", "operating system", "other"}
+    assert 99 < sum(rooms.values()) < 101 and any("decode_reply" in name for name in functions)
+    assert room("/x/lib/python3.12/asyncio/events.py") == "asyncio" and room("/x/drivebus/line.py") == "drivebus.line"

@@ -1,0 +1,108 @@
+"""Where the processor's time goes while one process polls a line as fast as it goes; writes docs/reports/profile.json.
+
+The profiler's own cost falls on every call, so rooms of many small functions look somewhat dearer than they are: the
+shares say where to look, the benchmark says what is won.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import time
+from collections import Counter
+from cProfile import Profile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.__main__ import ROOT, commit
+from benchmarks.clients.links import link
+from benchmarks.harness import Figures, Stations
+from benchmarks.master import UNPACED_BAUD, UNPACED_PERIOD_S
+from benchmarks.virtual import STATIONS
+from drivebus.bus import Bus
+from drivebus.bus.planner import Poll
+from drivebus.message import Answer
+from drivebus.ports import open_port
+from drivebus.protocols.modbus import ReadRegisters, RtuCodec
+
+SYSTEM = ("posix.", "select.", "fcntl.", "timerfd")
+"""Built-in functions that ask the operating system."""
+SHOWN = 15
+
+
+def run(seconds: float) -> Figures:
+    """Shares of the time, by room and by function; built-in functions count for the room that calls them."""
+    profile = Profile(time.process_time)
+    with Stations() as stations:
+        done = asyncio.run(_poll(stations.paths[0], seconds, profile))
+    rooms, functions = shares(profile)
+    return {"transactions": done, "rooms_percent": rooms, "functions_percent": functions}
+
+
+async def _poll(path: str, seconds: float, profile: Profile) -> int:
+    """31 stations, four registers each; how many answers came while it was watched."""
+    done, codec = 0, RtuCodec()
+
+    def sink(answer: Answer) -> None:
+        nonlocal done
+        done += answer.error is None
+
+    async with Bus(open_port(path, baud=UNPACED_BAUD, format="8N1", echo="off")) as bus:
+        for address in range(1, STATIONS + 1):
+            bus.add(link(address, codec, 0.002))
+            bus.watch(address, [Poll(ReadRegisters(address, address, 4), UNPACED_PERIOD_S)], sink)
+        await asyncio.sleep(1.0)
+        done = 0
+        profile.enable()
+        await asyncio.sleep(seconds)
+        profile.disable()
+    return done
+
+
+def shares(profile: Profile) -> tuple[dict[str, float], dict[str, float]]:
+    """Percent of the time: of rooms, and of the dearest functions."""
+    rooms, functions = Counter[str](), Counter[str]()
+    profile.create_stats()
+    found: dict[Any, Any] = profile.stats
+    for (file, _, name), (_, _, own_s, _, callers) in found.items():
+        if file != "~":
+            rooms[room(file)] += own_s
+            functions[f"{'/'.join(Path(file).parts[-2:])}:{name}"] += own_s
+        elif any(part in name for part in SYSTEM):
+            rooms["operating system"] += own_s
+            functions[name] += own_s
+        else:
+            for (caller, _, _), (*_, by_it_s, _) in callers.items():
+                rooms[room(caller)] += by_it_s
+    return _percent(rooms, len(rooms)), _percent(functions, SHOWN, sum(rooms.values()))
+
+
+def room(file: str) -> str:
+    """``drivebus.bus`` and so on; everything else is asyncio or "other"."""
+    parts = Path(file).parts
+    if "drivebus" in parts and parts[-1] != "drivebus":
+        after = parts[len(parts) - parts[::-1].index("drivebus") :]
+        return "drivebus." + (after[0] if len(after) > 1 else Path(after[0]).stem)
+    return "asyncio" if "asyncio" in parts else "other"
+
+
+def _percent(times: Counter[str], most: int, whole_s: float | None = None) -> dict[str, float]:
+    whole = sum(times.values()) if whole_s is None else whole_s
+    return {name: round(100 * own_s / whole, 1) for name, own_s in times.most_common(most)}
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(prog="python -m benchmarks.where", description=__doc__)
+    options.add_argument("--seconds", type=float, default=10.0, help="of polling")
+    options.add_argument("--write", action="store_true", help="write docs/reports/profile.json")
+    chosen = options.parse_args()
+    figures = {"commit": commit(), **run(chosen.seconds)}
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if chosen.write:
+        (ROOT / "docs" / "reports" / "profile.json").write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
