@@ -109,8 +109,8 @@ class Stand:
         except Exception as error:  # no user is ever told in another way (I8)
             self.witness.violation(f"I8 {type(error).__name__} escaped from {wish}: {error}")
         finally:
-            wish.task = None
             self.witness.ended(wish)
+        wish.task = None
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
