@@ -767,3 +767,8 @@ def test_an_exception_has_a_code_that_the_standard_knows(codec: Codec) -> None:
         with pytest.raises(CodeError) as caught:
             codec.decode_reply(asked, data)
         assert (caught.value.key, caught.value.found) == ("modbus.exception_code", code)
+
+
+def test_whoever_names_no_count_reads_one() -> None:
+    assert (ReadRegisters(5, 0).count, ReadRegisters(5, 0).function) == (1, 3)
+    assert (ReadBits(5, 0).count, ReadBits(5, 0).function) == (1, 1)
