@@ -25,6 +25,8 @@ MOST = 100
 MOST_BYTES = 1_000_000
 ROUNDS = 8
 """A table without the key it needs is put aside, then what held it: a file is no deeper."""
+STAND_IN = {"id": "plant"}
+"""For a ``[plant]`` or its id that is put aside: no file is without them, and the rest can still be checked."""
 
 
 def load(path: str | Path) -> PlantSetting:
@@ -110,7 +112,11 @@ def _shaped(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Problem]]:
             found = shape.from_pydantic(error, PlantFile)
         faults += [one for one in found if not _follows(one, faults)]
         for one in found:
-            _drop(rest, one.path[:-1] if one.kind == "missing_key" else one.path)
+            if one.path in (("plant",), ("plant", "id")):
+                plant = rest.get("plant")
+                rest["plant"] = (plant if isinstance(plant, dict) else {}) | STAND_IN
+            else:
+                _drop(rest, one.path[:-1] if one.kind == "missing_key" else one.path)
     return None, faults
 
 
