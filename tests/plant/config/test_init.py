@@ -123,12 +123,12 @@ def test_without_a_terminal_nobody_is_asked(tmp_path: Path) -> None:
 def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(verb, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
-    told = "Pump station\nttyUSB0\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n1-2\nMain pump\n\nn\n"
+    told = "Pump station\nttyUSB0\ntpc://10.0.0.7:4001\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n0-2\n1-2\nMain pump\n\nn\n"
     result = init("-o", path, "--lang", "en", input=told)
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
-    for wrong in ("ttyUSB0 is no LINK", "there is no model vc66", "found 1-x"):
+    for wrong in ("ttyUSB0 is no LINK", "scheme tpc", "there is no model vc66", "found 1-x", "address 0 is broadcast"):
         assert wrong in result.output, "asked again, with the reason"
     assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
         ("main-pump", 1, "Main pump"), ("vc660-2", 2, "vc660 2"),

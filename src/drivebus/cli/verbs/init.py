@@ -161,14 +161,14 @@ def _asked(links: tuple[str, ...]) -> Answers:
     """A few questions on the terminal. Raises ConfigurationError where there is none."""
     from drivebus.errors import ConfigurationError
     from drivebus.plant.config.answers import Answers
-    from drivebus.ports.link import parse_link
+    from drivebus.ports import open_port
 
     if not _on_terminal():
         raise ConfigurationError("plant_init.no_terminal")
     title = _ask("title", voice.say("plant_init.default_title"))
-    lines = [_asked_line(link) for link in links or (_ask("link", check=parse_link),)]
+    lines = [_asked_line(link) for link in links or (_ask("link", check=open_port),)]
     while not links and click.confirm(voice.say("plant_init.ask_more"), default=False, err=True):
-        lines.append(_asked_line(_ask("link", check=parse_link)))
+        lines.append(_asked_line(_ask("link", check=open_port)))
     return Answers(title, tuple(lines))
 
 
@@ -182,10 +182,20 @@ def _asked_line(link: str) -> LineAnswer:
 
     voice.note("plant_init.about", link=link)
     model = _ask("model", "c320", check=profiles.load)
-    addresses = options.addresses(_ask("addresses", "1", check=options.addresses))
+    addresses = options.addresses(_ask("addresses", "1", check=lambda text: _of_model(model, text)))
     names = [_ask("name", f"{model} {address}", address=address) for address in addresses]
     drives = (DriveAnswer(address, model, name) for address, name in zip(addresses, names, strict=True))
     return LineAnswer(link, tuple(drives))
+
+
+def _of_model(model: str, text: str) -> None:
+    """Raises ValueError: no addresses; ConfigurationError: one that the model can't have."""
+    from drivebus import profiles
+    from drivebus.drives.make import make_dialect
+
+    profile = profiles.load(model)
+    for address in options.addresses(text):
+        make_dialect(profile, address)
 
 
 def _ask(name: str, default: str | None = None, check: Callable[[str], object] | None = None, **params: object) -> str:
