@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -25,11 +26,13 @@ Demo = tuple[subprocess.Popen[str], dict[str, str]]
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
     """A running demo, and the address, user and password that it prints."""
     log = tmp_path_factory.mktemp("demo") / "log"
+    (log.parent / "tmp").mkdir()
     with log.open("w") as errors:
+        own = os.environ | {"TMPDIR": str(log.parent / "tmp")}
         command = [sys.executable, "-c", "from drivebus.cli import main; main()", "demo", "--json", "--lang", "en"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=own)
         try:
-            yield process, _printed(process, log)
+            yield process, _printed(process, log) | {"tmp": own["TMPDIR"]}
         finally:
             process.kill()
             process.wait()
@@ -93,7 +96,8 @@ def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
     assert {"command"} <= {marker["kind"] for marker in markers}
 
 
-def test_ctrl_c_ends_it(demo: Demo) -> None:
-    process, _ = demo
+def test_ctrl_c_ends_it_and_nothing_of_it_is_left(demo: Demo) -> None:
+    process, printed = demo
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 0
+    assert list(Path(printed["tmp"]).iterdir()) == []

@@ -57,7 +57,9 @@ def show(port: int = PORT) -> Exit:
     """Until Ctrl-C."""
     begin("text")
     with tempfile.TemporaryDirectory(prefix="drivebus-plant-") as folder:
-        return asyncio.run(_demo(Path(folder), port))
+        directory = Path(folder) / "demo"  # a folder in the temporary one: the audit trail's key lies beside it
+        directory.mkdir(mode=0o700)
+        return asyncio.run(_demo(directory, port))
 
 
 async def _demo(directory: Path, port: int) -> Exit:
