@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivebus.errors import Interlocked
-from drivebus.plant.model import InterlockSetting
+from drivebus.plant.alarms import Own
+from drivebus.plant.model import InterlockAction, InterlockSetting
 from drivebus.profiles.model import Text
 from drivebus.sim.motor import Phase
 from drivebus.testing.virtual import run
@@ -62,6 +64,34 @@ def test_g17_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
             assert kit.service.plant.units["pump-1"].drive.stop_pending is False and kit.station("pump-1").running
             await asyncio.sleep(6.0)
             assert kit.station("pump-1").motor.phase is Phase.OFF
+
+    run(story())
+
+
+def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
+    """Drive, interlock, and whether it is still raised."""
+    active = kit.service.plant.parts.alarms.active()
+    return [(one.drive, one.about, one.cleared_ms is None) for one in active if one.kind == Own.INTERLOCK]
+
+
+def test_an_alarm_is_raised_for_what_was_stopped_and_not_for_what_stands() -> None:
+    """At rest nothing runs, and no interlock that wants something running holds: that is no trip."""
+    block = replace(AIR, id="block", drives=("pump-2",), action=InterlockAction.BLOCK_START)
+
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR, block))) as kit:
+            await asyncio.sleep(15)
+            assert interlock_alarms(kit) == []
+            await both_run(kit)
+            await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
+            await asyncio.sleep(6)
+            await kit.call("drive.stop", drive="fan-1")
+            await asyncio.sleep(6)
+            assert interlock_alarms(kit) == [("pump-1", "air", True)]
+            assert kit.station("pump-1").motor.phase is Phase.OFF and kit.station("pump-2").running
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            await asyncio.sleep(6)
+            assert interlock_alarms(kit) == [("pump-1", "air", False)], "it holds again"
 
     run(story())
 

@@ -66,15 +66,17 @@ class Policies:
 
     def interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """A drive may run only while its interlocks hold; while one that stops does not, it is stopped whenever it
-        turns."""
+        turns. Only that is an alarm: one that does not hold over drives that stand is how a plant looks at rest."""
         engine = self.plant.parts.interlocks
         settings = {one.id: one for one in self.plant.setting.interlocks}
         for id, holds in engine.evaluate(views, now):
-            for drive in settings[id].drives:
-                (self.plant.calm if holds else self.plant.alarm)(Own.INTERLOCK, drive, about=id)
+            for drive in settings[id].drives if holds else ():
+                self.plant.calm(Own.INTERLOCK, drive, about=id)
         for unit in self.plant.units.values():
             stopping = engine.stopping(unit.id)
             if stopping and may_turn(unit) and not unit.drive.stop_pending and unit.id not in self._stopping:
+                for one in stopping:
+                    self.plant.alarm(Own.INTERLOCK, unit.id, about=one.id)
                 self.stop(unit, "plant.stopped_interlock", interlock=stopping[0].id)
 
     def stop(self, unit: Unit, key: str, **params: str) -> None:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from drivebus.errors import ConfigurationError, PlantError
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
+from drivebus.plant.alarms import Alarm, Own
+from drivebus.plant.alarms.alarm import OWN
 from drivebus.plant.config.difference import Difference, Fate, difference
 from drivebus.plant.config.load import load, loads
 from drivebus.plant.failure import both
@@ -102,6 +104,7 @@ class Reloading:
         plant.units = {drive.id: plant.units[drive.id] for drive in new.drives}
         plant.parts.interlocks.replace(new.interlocks)
         plant.alarmed(plant.parts.alarms.apply(new.alarms, new.drives, plant.wall_ms()))
+        self._calm(change)
         plant.parts.on_setting(plant.setting)
         self._forget(change)
         await asyncio.gather(*(line.close() for line in closing))
@@ -132,6 +135,12 @@ class Reloading:
                 unit.take(drive, polls=change.fates[id] is Fate.POLLS)
                 self.plant.recall(unit)
 
+    def _calm(self, change: Difference) -> None:
+        """What the service had found about something that is gone is over, and about an interlock that is another."""
+        for alarm in self.plant.parts.alarms.active():
+            if alarm.kind in OWN and alarm.cleared_ms is None and _is_gone(alarm, change):
+                self.plant.calm(Own(alarm.kind), alarm.drive, about=alarm.about)
+
     def _forget(self, change: Difference) -> None:
         for id in _leaving(change):
             self.service.watching.ask_again(id)
@@ -149,6 +158,13 @@ def _leaving(change: Difference) -> list[str]:
     """Drives that are taken off their bus, for good or to be added anew."""
     anew = [id for id, fate in change.fates.items() if fate is Fate.ANEW]
     return [*change.drives.removed, *anew]
+
+
+def _is_gone(alarm: Alarm, change: Difference) -> bool:
+    if alarm.kind == Own.INTERLOCK and alarm.about in (*change.interlocks.removed, *change.interlocks.changed):
+        return True
+    of_bus = alarm.kind in (Own.PORT, Own.FOREIGN_MASTER)
+    return alarm.about in change.buses.removed if of_bus else alarm.drive in change.drives.removed
 
 
 def told(change: Difference) -> Json:

@@ -16,6 +16,7 @@ from drivebus.errors import (
     StopUnconfirmed,
     Superseded,
 )
+from drivebus.plant.alarms import Own
 from drivebus.plant.config.load import load
 from drivebus.testing.virtual import run
 from plantkit import Kit, plant
@@ -256,5 +257,30 @@ def test_a_drive_whose_stop_is_under_way_is_not_taken_from_its_bus(tmp_path: Pat
             with pytest.raises(StopUnconfirmed):
                 await stop
             assert unit.drive.stopping
+
+    run(story())
+
+
+def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: Path) -> None:
+    """An interlock that is taken out, a drive, a bus: nobody could clear their alarms any more."""
+    interlock = '[interlock.air]\ndrives = ["fan-1"]\nrequire = "fan-2.state == running"\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP, interlock)
+
+    async def story() -> None:
+        async with plant(load(file)) as kit:
+            await asyncio.sleep(2)
+            own = kit.service.plant.alarm
+            own(Own.INTERLOCK, "fan-1", about="air")
+            own(Own.NO_OWNER, "fan-2")
+            own(Own.NO_OWNER, "fan-1")
+            own(Own.FOREIGN_MASTER, about="b")
+            own(Own.FOREIGN_MASTER, about="a")
+            own(Own.STORE, about="cases")
+            head = HEAD.partition("[bus.b]")[0]
+            write(file, FAN_1, head=head)
+            await kit.call("configuration.reload")
+            active = kit.service.plant.parts.alarms.active()
+            left = {(one.kind, one.drive, one.about) for one in active if one.cleared_ms is None}
+            assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "cases")}
 
     run(story())
