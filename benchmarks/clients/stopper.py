@@ -91,6 +91,7 @@ class Plant:
             reader, writer = await asyncio.open_unix_connection(self.directory / STOP, limit=LONGEST_LINE)
             at = time.monotonic_ns()
             writer.write(b"stop all\n")
+            await reader.readline()  # that it was heard
             buses = json.loads(await reader.readline())["buses"]
             writer.close()
         else:

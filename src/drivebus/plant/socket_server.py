@@ -29,6 +29,8 @@ MOST_REQUESTS = 1000
 MOST_UNSENT = 16 * 1024 * 1024
 """A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
 STOP_WORD = b"stop all\n"
+HEARD = b"heard\n"
+"""Whoever asked for a stop of all knows by it that the plant does not hang."""
 LOG = logging.getLogger("drivebus.plant")
 
 
@@ -161,7 +163,7 @@ async def _too_busy() -> Json:
 
 
 class StopServer:
-    """``stop.sock``: one line in, what became of it out."""
+    """``stop.sock``: one line in; out come that it was heard, at once, and what became of it."""
 
     def __init__(self, plant: PlantClient, path: Path) -> None:
         self._plant, self.path = plant, path
@@ -179,6 +181,7 @@ class StopServer:
         try:
             if await reader.readline() == STOP_WORD:
                 self._stops += 1
+                writer.write(HEARD)
                 found = await self._plant.call("plant.stop", {}, local("stop-all", f"stop-{self._stops}"))
                 writer.write(json.dumps(found, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()

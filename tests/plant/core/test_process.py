@@ -9,11 +9,17 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from drivebus.cli.exits import Exit, code_of
+from drivebus.cli.verbs import stop_all
+from drivebus.errors import StopUnconfirmed
 from drivebus.plant.actor import local
 from drivebus.plant.socket_client import SocketClient
 
@@ -152,5 +158,30 @@ def children(pid: int) -> list[int]:
 
 def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
     found = verb("stop-all", "--directory", str(tmp_path))
-    assert found.returncode == 1 and "no plant answers" in found.stderr
+    assert found.returncode == 1 and "nothing was stopped" in found.stderr
     assert verb("stop-all").returncode == 2
+
+
+@pytest.mark.parametrize(("says", "key"), [(b"", "stop_all.hangs"), (b"heard\n", "stop_all.gone")])
+def test_stop_all_never_waits_for_a_plant_that_hangs_and_calls_nothing_stopped(
+    says: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frozen, it still has its socket, and the kernel takes the word for it."""
+    monkeypatch.setattr(stop_all, "HEARD_S", 0.2)
+
+    def asked() -> None:
+        with socket.socket(socket.AF_UNIX) as door:
+            door.bind(str(tmp_path / "stop.sock"))
+            door.listen()
+            threading.Thread(target=answered, args=(door,), daemon=True).start()
+            asyncio.run(stop_all._asked(tmp_path))
+
+    def answered(door: socket.socket) -> None:
+        if says:
+            with door.accept()[0] as one:
+                one.recv(100)
+                one.sendall(says)
+
+    with pytest.raises(StopUnconfirmed) as caught:
+        asked()
+    assert caught.value.key == key and code_of(caught.value) is Exit.UNKNOWN

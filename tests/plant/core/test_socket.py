@@ -16,7 +16,7 @@ from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import Actor
 from drivebus.plant.failure import failure, raised
 from drivebus.plant.socket_client import WAITING, SocketClient
-from drivebus.plant.socket_server import MOST_REQUESTS, SocketServer, StopServer
+from drivebus.plant.socket_server import HEARD, MOST_REQUESTS, SocketServer, StopServer
 from plantkit import LOCAL, plant, remote
 
 Json = dict[str, Any]
@@ -210,6 +210,7 @@ def test_the_stop_socket_takes_nothing_but_stop_all(tmp_path: Path) -> None:
         assert paper.asked == []
         reader, writer = await asyncio.open_unix_connection(str(tmp_path / "stop.sock"))
         writer.write(b"stop all\n")
+        assert await reader.readline() == HEARD, "at once, before anything has stopped"
         assert json.loads(await reader.readline())["operation"] == "plant.stop"
         assert [asked[0] for asked in paper.asked] == ["plant.stop"]
         writer.close()

@@ -10,7 +10,10 @@ from typing import Any
 from drivebus.cli import voice
 from drivebus.cli.command import Argument, Option, Verb
 from drivebus.cli.exits import Exit
-from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.errors import ConfigurationError, ServiceUnavailable, StopUnconfirmed
+
+HEARD_S = 3.0
+"""A plant says at once that it has heard; only what comes of the stop takes as long as a motor takes to stand."""
 
 
 def _stop_all(plant: str | None, directory: str | None) -> Exit:
@@ -30,19 +33,26 @@ def _folder(plant: str | None, directory: str | None) -> Path:
 
 
 async def _asked(folder: Path) -> dict[str, Any]:
-    """Raises ServiceUnavailable."""
+    """Raises ServiceUnavailable: nobody is there; StopUnconfirmed: the plant hangs, or ended before it had told."""
     from drivebus.plant.socket_paths import LONGEST_LINE, STOP, reachable
 
+    where = str(folder / STOP)
     try:
         with reachable(folder / STOP) as path:
             reader, writer = await asyncio.open_unix_connection(path, limit=LONGEST_LINE)
         writer.write(b"stop all\n")
-        line = await reader.readline()
-        writer.close()
     except OSError as error:
-        raise ServiceUnavailable("plant.not_there", socket=str(folder / STOP)) from error
+        raise ServiceUnavailable("stop_all.nobody", socket=where) from error
+    try:
+        heard = await asyncio.wait_for(reader.readline(), HEARD_S)
+        line = await reader.readline() if heard else b""
+        writer.close()
+    except TimeoutError:
+        raise StopUnconfirmed("stop_all.hangs", socket=where, seconds=HEARD_S) from None
+    except OSError:
+        line = b""
     if not line:
-        raise ServiceUnavailable("plant.gone")
+        raise StopUnconfirmed("stop_all.gone", socket=where)
     found: dict[str, Any] = json.loads(line)
     return found
 
