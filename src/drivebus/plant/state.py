@@ -94,7 +94,7 @@ class Plant:
 
     def followers(self, leader: str) -> list[tuple[GroupSetting, Unit]]:
         """Who gets its share when this drive gets another frequency: drives of its group that this service started."""
-        found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.ratios]
+        found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.drives]
         return [(group, self.unit(id)) for group, id in found if id != leader and self.unit(id).started]
 
     def command_id(self, word: str) -> str:

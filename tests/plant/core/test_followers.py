@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -61,6 +62,18 @@ def test_a_follower_that_one_does_not_own_keeps_its_leader_at_its_frequency_too(
             await kit.call("lease.take", remote("ann", Role.ENGINEER), drive="fan-2")
             await asked(kit, operation)
             assert targets(kit) == [30.0, 15.0]
+
+    run(story())
+
+
+def test_a_drive_whose_ratio_is_not_written_follows_at_one() -> None:
+    """As plant.toml's reference says of ``leader`` and ``ratios``."""
+
+    async def story() -> None:
+        async with plant(setting(groups=(replace(GROUP, ratios={}),))) as kit:
+            await running(kit, ("fan-1", ANN), ("fan-2", ANN))
+            await asked(kit, "drive.set_frequency")
+            assert targets(kit) == [30.0, 30.0]
 
     run(story())
 
