@@ -142,7 +142,8 @@ class Plant:
         """Tell everybody what happened to some alarms; that one has its case now is seen in the alarm itself."""
         for word, alarm in ((change.word, change.alarm) for change in changes if change.word != "case"):
             text = both(f"plant.alarm_{word}", {"text": alarm.text})
-            self.event("alarm", alarm.drive or None, text, alarm.by, word, log=alarm.kind not in TOLD)
+            actor = alarm.by if word == "acknowledged" else None
+            self.event("alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in TOLD)
 
     def stopped(self, *units: Unit) -> None:
         """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""

@@ -17,13 +17,15 @@ from typing import Any
 
 import pytest
 
+from drivebus.cli.exits import Exit
+from drivebus.cli.verbs import serve
 from drivebus.errors import ConfigurationError
 from drivebus.plant import logs, supervisor
 from drivebus.plant.lock import only_one
 from drivebus.plant.notify import HANGS_S, Notify, alive
 from drivebus.plant.supervisor import Supervisor
 from drivebus.testing.virtual import run
-from plantkit import plant
+from plantkit import plant, setting
 
 
 def line(text: str, drive: str | None = None) -> logging.LogRecord:
@@ -40,6 +42,19 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
     found = json.loads(logs.JsonLines().format(line(evil, "fan-1")))
     assert found["text"] == evil and found["drive"] == "fan-1" and found["level"] == "warning"
     assert "\n" not in logs.JsonLines().format(line(evil))
+
+
+def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6.6: in the form that was asked for, like every other line."""
+
+    async def ended(setting: Any, *, web: bool, ready: Any) -> dict[str, Any]:
+        return {"fan-1": None, "fan-2": {"word": "confirmed"}}
+
+    lines: list[str] = []
+    monkeypatch.setattr("drivebus.plant.process.run", ended)
+    monkeypatch.setattr(logs.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}"))
+    assert asyncio.run(serve._run(setting(), web=False)) is Exit.UNKNOWN
+    assert len(lines) == 1 and lines[0].startswith("fan-1 ")
 
 
 def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from drivebus.drives.state import DriveState
 from drivebus.errors import ArmNeeded
+from drivebus.plant.alarms import Own
 from drivebus.plant.model import OnClientLost
 from drivebus.testing.virtual import run
 from plantkit import DRIVES, Kit, plant, remote, setting
@@ -65,3 +66,26 @@ def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stan
             assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
 
     run(story())
+
+
+def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
+    """F12: whoever acknowledged an alarm is not who ended it."""
+    heard: list[tuple[str | None, str | None]] = []
+
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(2)
+            hall = kit.service.plant
+            hall.parts.on_event = lambda event: heard.append((event["outcome"], event["actor"]))
+            port = hall.units["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            port.unplug()
+            await asyncio.sleep(2)
+            (alarm,) = [one for one in hall.parts.alarms.active() if one.kind == Own.PORT]
+            assert alarm.text.en == "Bus a has lost its port: it is opened again as soon as it can be"
+            hall.alarmed(hall.parts.alarms.acknowledge(alarm.id, "ann", hall.wall_ms()))
+            port.replug()
+            await asyncio.sleep(3)
+
+    run(story())
+    assert [one for one in heard if one[1] == "ann"] == [("acknowledged", "ann")]
+    assert ("cleared", None) in heard

@@ -23,6 +23,7 @@ def _serve(plant: str, web: bool, log: str) -> Exit:
 
 
 async def _run(setting: PlantSetting, web: bool) -> Exit:
+    from drivebus.plant.logs import LOG
     from drivebus.plant.process import run
 
     def ready() -> None:
@@ -32,7 +33,7 @@ async def _run(setting: PlantSetting, web: bool) -> Exit:
     found = await run(setting, web=web, ready=ready)
     left = [drive for drive, told in found.items() if told is None or "word" not in told]
     for drive in left:
-        voice.note("serve.unconfirmed", drive=drive)
+        LOG.error(voice.say("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
     return Exit.UNKNOWN if left else Exit.DONE
 
 
