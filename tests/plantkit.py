@@ -101,7 +101,11 @@ class PaperHistory:
     """Samples in memory."""
 
     samples: list[Sample] = field(default_factory=list)
-    ok: bool = True
+    problem: str | None = None
+
+    @property
+    def ok(self) -> bool:
+        return self.problem is None
 
     def append(self, samples: Sequence[Sample]) -> None:
         self.samples.extend(samples)

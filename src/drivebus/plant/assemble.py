@@ -39,6 +39,10 @@ class Heard:
     def ok(self) -> bool:
         return self._history.ok
 
+    @property
+    def problem(self) -> str | None:
+        return self._history.writer.problem
+
     def append(self, samples: Sequence[Sample]) -> None:
         self._history.append(samples)
         self._keeping.samples(samples)
@@ -54,6 +58,7 @@ class Rooms:
         self.runs = RunBook(self.history)
         self.log = AlarmLog(setting.directory / "alarms.jsonl")
         self.keeping = Keeping(self.log, CaseStore(setting.directory / "cases"), now)
+        self.keeping.stores[self.trail.places.current.name] = lambda: self.trail.error
         self.keeping.stores[self.trail.places.checkpoints.name] = lambda: self.trail.mark_error
         self.alarms: AlarmBook | None = None
 

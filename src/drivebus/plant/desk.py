@@ -24,7 +24,7 @@ from drivebus.plant.access.rights import Right
 from drivebus.plant.actor import Actor
 from drivebus.plant.alarms import Own
 from drivebus.plant.audit import Entry
-from drivebus.plant.failure import failure, plain
+from drivebus.plant.failure import failure, plain, why
 from drivebus.plant.operations import OPERATIONS, Operation, Params, Run, SetFrequency, WriteParameters
 from drivebus.plant.params import of_pydantic, refusal
 from drivebus.plant.parts import Handler
@@ -117,6 +117,7 @@ class Desk:
             number = await self._record(replace(entry, outcome="asked"))
         except AuditUnavailable:
             if operation.name not in UNRECORDED:
+                self._note(_refused(entry))
                 raise
             number = None
         except BaseException as error:  # it may be on the disk all the same
@@ -154,14 +155,20 @@ class Desk:
     async def record(self, found: Json, actor: Actor) -> None:
         """Something that is no operation: ``what``, ``target``, ``params``, ``outcome``. Raises AuditUnavailable."""
         who = {"who": actor.name, "session": actor.session, "address": actor.address}
-        await self._record(Entry.from_json({**found, **who}))
+        entry = Entry.from_json({**found, **who})
+        try:
+            await self._record(entry)
+        except AuditUnavailable:
+            self._note(_refused(entry))
+            raise
 
     async def _record(self, entry: Entry) -> int:
-        """Raises AuditUnavailable, after which every start is refused until an entry can be written again."""
+        """Raises AuditUnavailable, after which every start is refused until an entry can be written again: whoever
+        calls it notes what comes of it."""
         try:
             number = await self.plant.parts.trail.record(entry)
         except AuditUnavailable as error:
-            self.plant.alarm(Own.STORE, about=TRAIL, reason=error)
+            self.plant.alarm(Own.STORE, about=TRAIL, reason=why(error))
             raise
         self.plant.calm(Own.STORE, about=TRAIL)
         return number
@@ -201,6 +208,11 @@ def _entry(
         actor, operation.name, target=target, params=known | ({"drives": concerned} if concerned else {}),
         outcome=outcome,
     )  # fmt: skip
+
+
+def _refused(entry: Entry) -> Entry:
+    """It was not done because it could not be recorded."""
+    return replace(entry, what="audit.refused", params={"what": entry.what}, frames=(), outcome=None)
 
 
 def _failed(entry: Entry, error: BaseException) -> Entry:

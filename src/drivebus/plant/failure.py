@@ -36,6 +36,12 @@ _STATUS: tuple[tuple[type[DrivebusError], int], ...] = (
 """First match wins; what is left (protocol, silence, port) is 502: the line or the drive failed."""
 
 
+def why(error: Exception) -> str:
+    """Why a store can't be written, in the system's words where there are any."""
+    params = error.params if isinstance(error, DrivebusError) else {}
+    return str(params.get("reason") or getattr(error, "strerror", None) or error)
+
+
 def both(key: str, params: Mapping[str, Any] | None = None) -> Json:
     """A sentence in both languages."""
     return {language: i18n.text(key, language, **(params or {})) for language in i18n.LANGUAGES}

@@ -15,6 +15,7 @@ from drivebus.plant.alarms.log import AlarmLog, number
 from drivebus.plant.cases import CaseStore, FlightRecorder
 from drivebus.plant.cases.parameters import that_matter
 from drivebus.plant.cases.recorder import FRAMES, TRIPS, LineSeen
+from drivebus.plant.failure import why
 from drivebus.plant.frames import frame_json
 from drivebus.plant.parameters import address_hex, reading_json
 from drivebus.plant.parts import Handler
@@ -54,7 +55,7 @@ class Keeping:
             await asyncio.sleep(LOOK_S)
             for name, error in self.stores.items():
                 if (found := error()) is not None:
-                    plant.alarm(Own.STORE, about=name, reason=getattr(found, "strerror", None) or str(found))
+                    plant.alarm(Own.STORE, about=name, reason=why(found))
                 else:
                     plant.calm(Own.STORE, about=name)
             self._log.retry()

@@ -40,6 +40,11 @@ class History(Protocol):
 
     @property
     def ok(self) -> bool: ...
+    @property
+    def problem(self) -> str | None:
+        """Why it can't be written, in the store's words."""
+        ...
+
     def append(self, samples: Sequence[Sample]) -> None: ...
 
 

@@ -104,7 +104,10 @@ class Watching:
         plant = self.plant
         if self._looks % DISK_LOOKS == 0 and (self._disk is None or self._disk.done()):
             self._disk = asyncio.create_task(self._room(), name="room on the disk")
-        (plant.calm if plant.parts.history.ok else plant.alarm)(Own.STORE, about="history")
+        if plant.parts.history.ok:
+            plant.calm(Own.STORE, about="history")
+        else:
+            plant.alarm(Own.STORE, about="history", reason=plant.parts.history.problem)
         plant.alarmed(plant.parts.alarms.tick(plant.now(), now_ms))
         plant.hub.publish("alarms", plant.parts.alarms.topic())
         plant.hub.publish("plant", plant_topic(plant))

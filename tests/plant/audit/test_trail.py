@@ -12,9 +12,13 @@ import pytest
 
 from drivebus.errors import AuditUnavailable, ParamsError
 from drivebus.plant import grouped, journal
+from drivebus.plant.assemble import Rooms
 from drivebus.plant.audit import Entry
 from drivebus.plant.audit.entry import LONGEST_TEXT
 from drivebus.plant.audit.seal import LONGEST_LINE
+from drivebus.plant.failure import why
+from drivebus.plant.model import PlantSetting
+from drivebus.profiles.model import Text
 from plant.auditkit import LI, entry, kinds, report, trail, wall, written
 
 EVER = (0, 10**14)
@@ -201,11 +205,11 @@ def test_g14_a_disk_that_fails_refuses_what_waits_and_keeps_what_does_not(
             made.note(Entry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
             await made.checkpoint()
             assert not made.ok and "No space" in str(refused.value)
-        assert await made.record(entry(2)) == 4
+        assert await made.record(entry(2)) == 3
         assert made.ok
         await made.close()
         what = [one["what"] for one in lines(made.places.current)]
-        assert what == ["audit.opened", "audit.refused", "drive.stop", "drive.run"]
+        assert what == ["audit.opened", "drive.stop", "drive.run"]
         assert report(made).ok
 
     asyncio.run(go())
@@ -229,7 +233,27 @@ def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path
         await asyncio.sleep(6.0)
         assert made.ok
         await made.close()
-        assert [one["what"] for one in lines(made.places.current)] == ["audit.refused", "audit.refused"]
+        assert [one["what"] for one in lines(made.places.current)] == ["audit.opened"]
+
+    run(go())
+
+
+def test_g14_the_alarm_about_the_trail_says_why_and_ends_while_nobody_asks(tmp_path: Path) -> None:
+    """Looked at every five seconds, as every store is."""
+    from drivebus.testing.virtual import run
+
+    async def go() -> None:
+        blocked = tmp_path / "plant"
+        blocked.write_text("a file where the folder should be")
+        loop = asyncio.get_running_loop()
+        rooms = Rooms(PlantSetting("p", Text("P", "P"), blocked, (), ()), loop.time, lambda: 0)
+        await rooms.trail.open()
+        found = rooms.keeping.stores["audit.jsonl"]()
+        assert found is not None and why(found) == "Not a directory"
+        blocked.unlink()
+        await asyncio.sleep(6.0)
+        assert rooms.keeping.stores["audit.jsonl"]() is None
+        await rooms.trail.close()
 
     run(go())
 

@@ -48,6 +48,7 @@ def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
             assert found["outcome"]["word"] == "confirmed"
             with pytest.raises(AuditUnavailable):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert [one.params["what"] for one in kit.trail.entries if one.what == "audit.refused"] == ["drive.run"]
             assert "plant.audit_unavailable" in [one["key"] for one in await blocked(kit, "fan-1")]
             kit.trail.broken = False
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
@@ -86,6 +87,10 @@ def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
             kit.trail.broken = True
             found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
             assert found["outcome"]["word"] == "acknowledged"  # what a C320 can show of it
+            assert [one.what for one in kit.trail.entries[-1:]] == ["drive.set_frequency"], (
+                "its end; nothing was refused"
+            )
+            assert "audit.refused" not in [one.what for one in kit.trail.entries]
             assert [alarm.about for alarm in kit.service.plant.parts.alarms.active() if alarm.kind == "store"]
 
     run(story())
@@ -497,11 +502,12 @@ def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> 
     async def story() -> None:
         async with plant() as kit:
             await ready(kit)
-            kit.history.ok = False
+            kit.history.problem = "database or disk is full"
             await asyncio.sleep(1)
-            assert "store" in kinds(kit)
+            (alarm,) = [one for one in kit.service.plant.parts.alarms.active() if one.kind == "store"]
+            assert alarm.text.en.startswith("history can't be written: database or disk is full;")
             assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
-            kit.history.ok = True
+            kit.history.problem = None
             await asyncio.sleep(1)
             assert "store" not in kinds(kit)
 

@@ -11,8 +11,6 @@ import json
 import sys
 from asyncio.subprocess import PIPE
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -68,18 +66,17 @@ class AuditTrail:
         """Make ready, and begin to write checkpoints, the first one for what an earlier life left. Never fails: ``ok``
         tells, and it is tried again."""
         self._timer = asyncio.get_running_loop().create_task(self._run(), name="audit checkpoints")
-        with suppress(AuditUnavailable):
+        try:
             await self.record(Entry("audit.opened"))
-            await self.checkpoint()
+        except AuditUnavailable:
+            self.note(Entry("audit.opened"))
+            return
+        await self.checkpoint()
 
     async def record(self, entry: Entry) -> int:
-        """Its number; it is durable when this returns. Raises AuditUnavailable."""
-        try:
-            return await self._writing.put(told(entry, self._now_ms()))
-        except AuditUnavailable:
-            refused = replace(entry, what="audit.refused", params={"what": entry.what}, frames=(), outcome=None)
-            self.note(refused)
-            raise
+        """Its number; it is durable when this returns. Raises AuditUnavailable: what then becomes of the wish is to be
+        noted, so that the disk is tried again."""
+        return await self._writing.put(told(entry, self._now_ms()))
 
     async def write(self, entry: Json) -> int:
         """``record`` of what is already JSON. Raises AuditUnavailable."""
