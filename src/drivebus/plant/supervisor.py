@@ -40,9 +40,11 @@ class Supervisor:
             pause_s = min(LAST_S, 2 * pause_s)
 
     async def _once(self) -> int:
-        """Its exit code; 127 where it can't be started."""
+        """Its exit code; 127 where it can't be started. A terminal's Ctrl-C is the plant's, which then ends it."""
         try:
-            self.process = await asyncio.create_subprocess_exec(*self._command, stdin=asyncio.subprocess.DEVNULL)
+            self.process = await asyncio.create_subprocess_exec(
+                *self._command, stdin=asyncio.subprocess.DEVNULL, start_new_session=True
+            )
         except OSError as error:
             LOG.error("the web process can't be started: %s", error)
             return 127

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import io
 import itertools
 import json
 import logging
+import os
 import socket
 import subprocess
 import sys
@@ -164,20 +166,29 @@ def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch)
         while child.starts == 0:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.3)
+        assert child.process is not None
+        assert os.getsid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
         await child.close()
-        assert child.process is not None and child.process.returncode is not None
+        assert child.process.returncode is not None
 
     asyncio.run(story())
 
 
-def test_a_state_directory_serves_one_plant_and_is_its_users_own(tmp_path: Path) -> None:
+def test_a_state_directory_serves_one_plant_and_is_its_users_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     folder = tmp_path / "a" / "state"
     with only_one(folder):
         assert folder.stat().st_mode & 0o777 == 0o700
         with pytest.raises(ConfigurationError, match="runs already"), only_one(folder):
             raise AssertionError
-    with only_one(folder):
-        pass
+    with monkeypatch.context() as context:
+        context.setattr(os, "write", full)
+        with only_one(folder):  # G14: a plant that crashed on a full disk comes back
+            pass
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="can't be used"), only_one(tmp_path / "file"):
         raise AssertionError
