@@ -58,6 +58,24 @@ def test_checkpoints_may_lie_elsewhere(tmp_path: Path) -> None:
     assert ask("verify", str(made.places.folder), "--checkpoints", str(marks)).exit_code == 0
 
 
+def test_s12_the_plants_file_says_where_checkpoints_and_key_lie(tmp_path: Path) -> None:
+    """A cut is found by the checkpoints that ``[audit]`` puts elsewhere, without naming them again."""
+    made = written(tmp_path)
+    file = tmp_path / "plant.toml"
+    head = f'format = 1\n[plant]\nid = "p"\ndirectory = "{made.places.folder}"\n'
+    audit = '[audit]\ncheckpoints = "marks"\nkey = "k"\n'
+    file.write_text(
+        head + audit + '[bus.a]\nlink = "sim://c320@1"\n[drive.f]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+    )
+    made.places.checkpoints.rename(tmp_path / "marks")
+    made.places.key.rename(tmp_path / "k")
+    found = ask("verify", str(file))
+    assert (found.exit_code, "no key" in found.output, "record 10" in found.output) == (0, False, True)
+    kept = made.places.current.read_bytes().splitlines(keepends=True)
+    made.places.current.write_bytes(b"".join(kept[:-2]))
+    assert ask("verify", str(file)).exit_code == 1
+
+
 def test_the_only_plant_of_a_user_needs_no_name(tmp_path: Path) -> None:
     made = written(tmp_path)
     plants = tmp_path / "drivebus" / "plants"

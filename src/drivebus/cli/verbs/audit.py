@@ -18,6 +18,7 @@ from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.plant.audit.files import Places
+    from drivebus.plant.model import AuditSetting
 
 EVER_MS = 253_402_300_799_999
 
@@ -68,14 +69,17 @@ def _places(plant: str | None, checkpoints: str | None, key: str | None) -> Plac
     """Of a plant's file, of a state directory, or of the only plant that this user has. Raises ConfigurationError."""
     from drivebus.plant.audit.files import Places
 
-    folder = _folder(plant)
-    places = Places.of(folder, Path(checkpoints) if checkpoints else None, Path(key) if key else None)
+    folder, kept = _kept(plant)
+    places = Places.of(folder, Path(checkpoints) if checkpoints else kept.checkpoints, Path(key) if key else kept.key)
     if not places.folder.is_dir():
         raise ConfigurationError("audit.verb.none", folder=str(folder))
     return places
 
 
-def _folder(plant: str | None) -> Path:
+def _kept(plant: str | None) -> tuple[Path, AuditSetting]:
+    """The state directory, and what the plant's file says of the second file and the key."""
+    from drivebus.plant.model import AuditSetting
+
     if plant is None:
         from drivebus.plant.config.build import state_directory
 
@@ -83,12 +87,13 @@ def _folder(plant: str | None) -> Path:
         found = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
         if len(found) != 1:
             raise ConfigurationError("audit.verb.which", plants=", ".join(one.name for one in found) or "-")
-        return found[0]
+        return found[0], AuditSetting()
     if Path(plant).suffix != ".toml":
-        return Path(plant)
+        return Path(plant), AuditSetting()
     from drivebus.plant.config.load import load
 
-    return load(plant).directory
+    setting = load(plant)
+    return setting.directory, setting.audit
 
 
 @contextmanager
