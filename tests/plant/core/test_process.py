@@ -19,7 +19,7 @@ import pytest
 
 from drivebus.cli.exits import Exit, code_of
 from drivebus.cli.verbs import stop_all
-from drivebus.errors import StopUnconfirmed
+from drivebus.errors import ConfigurationError, StopUnconfirmed
 from drivebus.plant.actor import local
 from drivebus.plant.socket_client import SocketClient
 
@@ -160,6 +160,31 @@ def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
     found = verb("stop-all", "--directory", str(tmp_path))
     assert found.returncode == 1 and "nothing was stopped" in found.stderr
     assert verb("stop-all").returncode == 2
+
+
+@pytest.mark.parametrize(
+    "wrong", ["", '[drive.x]\nmodel = "c999"\n', "[drive.x\n", 'title = "no end\n', "[plant]\n"], ids=range(5)
+)
+def test_a_mistake_in_the_file_keeps_nobody_from_stopping_everything(
+    wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ruling 5: whoever is in the middle of editing it needs the stop as well."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    file = write(tmp_path, wrong)
+    assert stop_all._folder(str(file), None) == tmp_path / "state"
+    file.write_text(f'format = 1\n[plant]\nid = "hall"\n[bus.a]\n{wrong}')
+    assert stop_all._folder(str(file), None) == tmp_path / "drivebus" / "plants" / "hall"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[plant]\nid = 3\n", '[plant]\nid = "No"\n', '[plant]\nid = "a"\ndirectory = 5\n']
+)
+def test_a_file_that_names_no_plant_is_refused_with_its_mistakes(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "plant.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError) as refused:
+        stop_all._folder(str(file), None)
+    assert refused.value.key == "plant_config.refused"
 
 
 @pytest.mark.parametrize(("says", "key"), [(b"", "stop_all.hangs"), (b"heard\n", "stop_all.gone")])

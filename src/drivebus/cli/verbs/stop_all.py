@@ -22,14 +22,14 @@ def _stop_all(plant: str | None, directory: str | None) -> Exit:
 
 
 def _folder(plant: str | None, directory: str | None) -> Path:
-    """The state directory of the plant's file, or as given. Raises ConfigurationError."""
+    """The state directory of the plant's file, mistakes or not, or as given. Raises ConfigurationError."""
     if directory is not None:
         return Path(directory)
     if plant is None:
         raise ConfigurationError("stop_all.which")
-    from drivebus.plant.config.load import load
+    from drivebus.plant.config.whereabouts import state_of
 
-    return load(plant).directory
+    return state_of(plant)
 
 
 async def _asked(folder: Path) -> dict[str, Any]:
