@@ -74,7 +74,8 @@ class Reloading:
             await self._apply(change, new)
         names = told(change)
         later = sorted(AT_START & change.others.keys())
-        self.plant.tell("configuration", None, "plant.reloaded", actor=actor.name, restart=", ".join(later) or "-")
+        key = "plant.reloaded_but" if later else "plant.reloaded"
+        self.plant.tell("configuration", None, key, actor=actor.name, restart=", ".join(later))
         return {"difference": names, "restart": later}
 
     async def _aside(self, work: Callable[[], Any]) -> Any:

@@ -89,15 +89,17 @@ class Stopping:
         return said
 
     async def started_by_us(self, actor: Actor) -> Json:
-        """The service ends: stop what it started, unless the drive's policy is to hold; told within three seconds."""
-        units = [
-            unit for unit in self.plant.units.values()
-            if unit.started and unit.setting.on_service_stop is OnServiceStop.STOP
-        ]  # fmt: skip
+        """The service ends: stop what it started, unless the drive's policy is to hold; told within three seconds. What
+        is held is told too: it turns, and soon nobody watches it."""
+        started = [unit for unit in self.plant.units.values() if unit.started]
+        units = [unit for unit in started if unit.setting.on_service_stop is OnServiceStop.STOP]
         self.plant.stopped(*units)
         stops = {unit: asyncio.create_task(self._one(unit, actor, len(units))) for unit in units}
         if stops:
             await asyncio.wait(stops.values(), timeout=PATIENCE_S)
+        for unit in started:
+            if unit not in stops:
+                self.plant.tell("lease", unit.id, "plant.held", actor=actor.name)
         found = {unit.id: task.result() if task.done() else None for unit, task in stops.items()}
         for task in stops.values():  # the stops themselves have been sent; nobody waits for their end any more
             task.cancel()

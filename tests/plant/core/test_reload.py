@@ -74,7 +74,10 @@ def test_untouched_drives_miss_no_poll(tmp_path: Path) -> None:
             before = polls(kit, "pump-1")
             await asyncio.sleep(10)
             write(file, FAN_1, FAN_3, PUMP)
+            told: list[str] = []
+            kit.service.plant.parts.on_event = lambda event: told.append(event["text"]["en"])
             found = await kit.call("configuration.reload")
+            assert told == ["the plant's file was taken over"]
             assert found["difference"] == {"added": ["fan-3"], "changed": [], "removed": ["fan-2"]}
             await asyncio.sleep(10)
             assert polls(kit, "pump-1") - before == without["pump-1"]

@@ -524,11 +524,13 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
             await ready(kit, "pump-2")
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
             await asyncio.sleep(2)
-            pump = kit.station("pump-1")
+            pump, held = kit.station("pump-1"), []
+            kit.service.plant.parts.on_event = lambda event: held.append((event["drive"], event["text"]["en"]))
             ending = asyncio.create_task(kit.service.stop())
             found = (await start)["outcomes"]
             assert [found[drive].get("code") for drive in GROUP.drives] == [None, "plant.stopping", "plant.stopping"]
             assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
+            assert [drive for drive, text in held if "on_service_stop says hold" in text] == [GROUP.drives[0]]
 
     run(story())
 
