@@ -92,9 +92,9 @@ def parameter_name(group: int, item: int) -> str:
 
 def parse_parameter(notation: str) -> tuple[int, int]:
     """(group, item) of a notation such as ``F1.10`` or ``FC.3``. Raises ValueError for anything else."""
-    head, dot, item = notation.strip().upper().partition(".")
+    head, _, item = notation.strip().upper().partition(".")
     known = len(head) == 2 and head[0] == "F" and head[1] in GROUP_LETTERS
-    if not (known and dot and item.isascii() and item.isdigit() and int(item) <= 0xFF):
+    if not (known and item.isascii() and item.isdigit() and int(item) <= 0xFF):
         raise ValueError(f"{notation!r}: expected a parameter such as F0.1 or FC.12")
     return GROUP_LETTERS.index(head[1]), int(item)
 
