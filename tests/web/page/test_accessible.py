@@ -64,6 +64,33 @@ def test_nothing_is_wider_than_a_phone_of_360_pixels(stage: Stage, visit: Any, l
     assert {way: over for way, over in wide.items() if over > 0} == {}
 
 
+LONG_NAMES = """
+  const parse = JSON.parse;
+  const long = (_, found) => (found?.title?.en
+    ? { ...found, title: { en: `${found.title.en} of the Donaudampfschifffahrtselektrizitätenhauptbetriebswerk`,
+      zh: `${found.title.zh}喷漆车间屋顶层含备用回路与变频旁路切换柜及消防联动部分` } } : found);
+  JSON.parse = (text, ...rest) => parse(text, ...(rest.length ? rest : [long]));
+"""
+"""Whatever the plant's file gives a title has a long one."""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_long_names_widen_no_page_and_leave_the_head_low(visit: Any, language: str) -> None:
+    page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
+    page.add_init_script(LONG_NAMES)
+    page.reload()
+    page.locator(".tile").first.wait_for()
+    high = page.locator(".head").bounding_box()["height"]
+    wide = {}
+    for way in [*WAYS, "history?tags=fan-1.output_frequency"]:
+        page.evaluate("way => { location.hash = '#/' + way; }", way)
+        page.locator(WAYS.get(way, ".trend-readout .swatch")).first.wait_for()
+        wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert {way: over for way, over in wide.items() if over > 0} == {} and high < 100
+    page.set_viewport_size({"width": 950, "height": 1080})
+    assert page.locator(".head").bounding_box()["height"] < 200
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/fleet?group=air", language=language, size=(360, 740))

@@ -52,7 +52,8 @@ export function Tile({ id }) {
   const name = titled(view);
   return html`<article class=${`tile tone-${tone} ${trusted.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
-      <span class="tilehead"><span class="tilename">${name}</span><${Worst} alarms=${view.alarms} /></span>
+      <span class="tilehead"><span class="tilename" title=${name}>${name}</span>
+        <${Worst} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
       <span class="tilehz"><${Value} found=${readingStill(view, "output_frequency")} big brief /></span>
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
