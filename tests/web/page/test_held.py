@@ -53,6 +53,7 @@ def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Sta
         page.mouse.up()
     asked = [way for way in asked if way.startswith("/jog")]  # the page may ask for its values in between
     assert asked[0] == "/jog" and asked[-1] == "/jog/end" and asked.count("/jog") == 1
+    page.locator(".jog .notice strong", has_text=i18n.text("page.jog_ended", "en")).wait_for()
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 

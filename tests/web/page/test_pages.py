@@ -73,6 +73,8 @@ def test_f12_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, vi
     with unplugged(stage, "pumps"):
         expect(card).to_contain_text(word("bus_closed"))
         expect(page.locator(".notice.bad").first).to_contain_text(word("bus_closed_why", link="sim://vc660@1,2?ramp=2"))
+        said = i18n.text("alarms.text.port", "en", about="pumps", reason="")
+        expect(page.locator(".banner.alarm a", has_text=said).first).to_be_visible()
     expect(card).to_contain_text(word("bus_open"))
 
 
@@ -158,6 +160,11 @@ def test_the_trail_tells_who_did_what_with_which_frames(stage: Stage, visit: Any
     expect(entry.locator(".who")).to_have_text("tester")
     entry.locator("summary").click()
     expect(entry.locator("ol code").first).to_have_text(re.compile(r"([0-9A-F]{2} )+.* → ([0-9A-F]{2} ?)+"))
+    row = f"tester {word('did_drive_stop')} Circulation pump {word('outcome_confirmed')}"  # as it stands there
+    page.fill(".filters input[type=search]", row)
+    expect(page.locator(".entry").first.locator(".ended")).to_have_text(word("outcome_confirmed"))
+    page.fill(".filters input[type=search]", row + " indeed")
+    expect(page.locator(".entry")).to_have_count(0)
 
 
 def test_s12_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:

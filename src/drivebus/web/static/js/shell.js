@@ -86,13 +86,14 @@ function Acknowledge({ alarm }) {
     ${t("page.acknowledge")}<//><${ErrorNote} error=${error} />`;
 }
 
+/** Of a drive its name and the alarm's; of a bus or a store the sentence, which names it. */
 function AlarmStrip() {
   const [alarm, ...more] = pressing().filter((one) => one.acknowledged_ms === null);
   if (!alarm || route.value.page === "alarms") return null;
   const view = alarm.drive && drive(alarm.drive).value;
   return html`<div class=${`banner alarm ${alarm.priority}`}><${PriorityMark} priority=${alarm.priority} />
     <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>
-      ${view ? titled(view) : alarm.drive}${view && t("page.colon")}${both(alarm.title)}</a>
+      ${view ? titled(view) + t("page.colon") + both(alarm.title) : both(alarm.text)}</a>
     ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}
     ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</div>`;
 }

@@ -45,7 +45,7 @@ function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
 function Told({ phase, detail }) {
   if (phase === "lost" && detail.unreachable) return html`<${Notice} kind="bad" live>${t("page.jog_lost")}<//>`;
   if (phase === "lost") return html`<${ErrorNote} error=${detail} />`;
-  if (phase === "ended") return html`<${Notice} live>${t("page.jog_ended")} ${both(detail?.text)}<//>`;
+  if (phase === "ended") return html`<${Notice} live title=${t("page.jog_ended")}>${both(detail?.text)}<//>`;
   if (phase === null) return null;
   return html`<${Notice} kind=${phase === "turning" ? "warning" : "info"} live>${t(`page.jog_${phase}`)}<//>`;
 }

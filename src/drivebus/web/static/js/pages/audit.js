@@ -45,8 +45,16 @@ function Trail() {
     <${PagedEnd} list=${list} /></section>`;
 }
 
-const matches = (entry, text) => !text || JSON.stringify(entry).toLowerCase().includes(text)
-  || wordOf(entry).toLowerCase().includes(text);
+/** Whatever the row says in the reader's language, and all that the record holds. */
+const matches = (entry, text) => !text || [
+  [moment(entry.time_ms), whoOf(entry), wordOf(entry), targetOf(entry), endOf(entry) ?? ""].join(" "),
+  JSON.stringify(entry),
+].some((words) => words.toLowerCase().includes(text));
+
+const whoOf = (entry) => entry.who?.name ?? entry.who ?? "";
+
+/** What it was done to, but for whoever did it. */
+const targetOf = (entry) => (entry.target && entry.target !== whoOf(entry) ? driveTitle(entry.target) : "");
 
 /** "drive.run" as a person says it; the operation's own name where the catalogue has none. */
 function wordOf(entry) {
@@ -55,10 +63,8 @@ function wordOf(entry) {
 }
 
 function Entry({ entry }) {
-  const who = entry.who?.name ?? entry.who ?? "";
-  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${who}</span>
-    <span class="what"><strong>${wordOf(entry)}</strong> ${entry.target && entry.target !== who
-      ? driveTitle(entry.target) : ""}</span>
+  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${whoOf(entry)}</span>
+    <span class="what"><strong>${wordOf(entry)}</strong> ${targetOf(entry)}</span>
     <${Ended} entry=${entry} />
     <details class="whole"><summary>${t("plantpage.entry_n", { n: entry.n })}</summary><dl class="facts">
       <dt>${t("plantpage.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
@@ -76,9 +82,14 @@ const WORDS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed"
 const GOOD = new Set(["asked", "confirmed", "acknowledged", "done"]);
 
 /** The word of an outcome; of an error its sentence, where the record has the numbers that it needs. */
-function Ended({ entry: { outcome, params } }) {
-  if (outcome === null || outcome === undefined) return html`<span></span>`;
+function endOf({ outcome, params }) {
+  if (outcome === null || outcome === undefined) return null;
   const told = WORDS.has(outcome) ? t(`plantpage.outcome_${outcome}`) : known(outcome) ? t(outcome, params) : outcome;
-  const word = /\{\w+\}/.test(told) ? t("plantpage.outcome_error", { code: outcome }) : told;
-  return html`<span class=${`ended ${GOOD.has(outcome) ? "" : "bad"}`}>${word}</span>`;
+  return /\{\w+\}/.test(told) ? t("plantpage.outcome_error", { code: outcome }) : told;
+}
+
+function Ended({ entry }) {
+  const word = endOf(entry);
+  if (word === null) return html`<span></span>`;
+  return html`<span class=${`ended ${GOOD.has(entry.outcome) ? "" : "bad"}`}>${word}</span>`;
 }
