@@ -70,7 +70,8 @@ def _sentence(found: Description, language: str) -> str:
     """Its fields in a row, and what is wrong with it."""
     fields = [_field(name, value, language) for name, value in found.fields.items()]
     notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
-    return "; ".join([", ".join(fields), *notes])
+    comma, semicolon = (i18n.text(f"decode.{sign}", language) for sign in ("comma", "semicolon"))
+    return semicolon.join([comma.join(fields), *notes])
 
 
 def _field(name: str, value: Any, language: str) -> str:

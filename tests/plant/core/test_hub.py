@@ -197,6 +197,7 @@ def test_frames_are_decoded_for_whoever_looks() -> None:
             frames = found["topics"]["frames/a"]
             assert {frame["kind"] for frame in frames} <= {"sent", "reply"}
             assert all(frame["text"]["en"] and frame["text"]["zh"] and frame["hex"] for frame in frames)
+            assert ", " in frames[-1]["text"]["en"] and "，" in frames[-1]["text"]["zh"]
             kept = await kit.call("buses.frames", bus="a", station=2, limit=5)
             assert [frame["station"] for frame in kept["frames"]] == [2] * 5
             later = await kit.call("buses.frames", bus="a", after=kept["last"])
