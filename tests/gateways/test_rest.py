@@ -7,11 +7,14 @@ from typing import Any
 
 import pytest
 
-from drivebus.errors import LimitError, OutcomeUnknown, ServiceUnavailable
+from drivebus.errors import DrivebusError, LimitError, OutcomeUnknown, ServiceUnavailable
+from drivebus.gateways.rest.described import ERRORS
 from drivebus.gateways.rest.examples import EXAMPLES
 from drivebus.gateways.rest.table import PREFIX, ROUTES, Route
+from drivebus.plant.access.refusals import AccessError
 from drivebus.plant.access.rights import RIGHTS, Role
 from drivebus.plant.actor import Actor
+from drivebus.plant.failure import _STATUS
 from drivebus.plant.operations import OPERATIONS
 from gateways.apikit import OPERATOR, Plant, app_of, client_of
 
@@ -170,6 +173,16 @@ async def test_an_export_of_many_parts_is_one_file() -> None:
     answer = await ask(plant, "GET", f"{PREFIX}/history/export?tags=a&from_ms=0&to_ms=9")
     assert (answer.text, answer.headers["content-type"]) == ("t;v\n1;2\n", "text/csv; charset=utf-8")
     assert answer.headers["content-disposition"] == 'attachment; filename="a.csv"'
+
+
+def kinds(base: type[DrivebusError]) -> set[type[DrivebusError]]:
+    return {base}.union(*map(kinds, base.__subclasses__()))
+
+
+def test_every_status_that_an_error_may_have_is_described() -> None:
+    import drivebus.web.app  # noqa: F401  the door's own errors are known once it is
+
+    assert {kind.status for kind in kinds(AccessError)} | {status for _, status in _STATUS} == ERRORS.keys()  # type: ignore[attr-defined]
 
 
 async def test_the_description_names_every_route_with_errors_and_who_may() -> None:

@@ -51,6 +51,8 @@ ERRORS = {
     401: "not logged in, or the session is over",
     403: "no right to do this, or a request from a foreign page",
     404: "nothing of that name",
+    405: "not in this way: another method",
+    408: "the body did not come within ten seconds",
     409: "not now: what must come first is said",
     413: "larger than 1 MiB; than 4 KiB where no right is needed",
     415: "not application/json",
