@@ -182,7 +182,7 @@ def kinds(base: type[DrivebusError]) -> set[type[DrivebusError]]:
 def test_every_status_that_an_error_may_have_is_described() -> None:
     import drivebus.web.app  # noqa: F401  the door's own errors are known once it is
 
-    assert {kind.status for kind in kinds(AccessError)} | {status for _, status in _STATUS} == ERRORS.keys()  # type: ignore[attr-defined]
+    assert {kind.status for kind in kinds(AccessError)} | {status for _, status in _STATUS} == ERRORS.keys()
 
 
 async def test_the_description_names_every_route_with_errors_and_who_may() -> None:
