@@ -151,6 +151,18 @@ def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any
     page.locator(".control").wait_for()
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_why_a_value_is_doubtful_or_absent_stands_beside_it(visit: Any, language: str) -> None:
+    """No mouse is needed to ask; a good value says nothing (G17)."""
+    page = visit("#/drive/fan-1", language=language)
+    for signal, reason in (("output_voltage", "profiles.scale_unpublished"), ("output_current", "drives.not_reported")):
+        row = page.locator(".values th", has_text=i18n.text(f"signal.{signal}", language))
+        row.locator(".why", has_text=i18n.text(reason, language)).wait_for()
+    good = page.locator(".values tr", has_text=i18n.text("signal.dc_bus_voltage", language))
+    good.locator(".value.good").wait_for()
+    assert good.locator(".why").count() == 0
+
+
 def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
     """Edit, look at the difference, write to RAM; saving is a step of its own, and taken once."""
     stage.call("drive.waiver", drive="fan-1", reason="watched bench")

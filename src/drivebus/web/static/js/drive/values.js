@@ -11,9 +11,15 @@ const AT_FIRST = 7;
 
 export const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
+/** Why a value is doubtful or absent, for whoever has no mouse to ask; of an old one its word says enough. */
+function Why({ found }) {
+  if (!found?.reason || (found.quality === "bad" && found.age_s !== null)) return null;
+  return html`<small class="why" aria-hidden="true">${t(found.reason)}</small>`;
+}
+
 function Row({ view, name }) {
   const found = reading(view, name);
-  return html`<tr><th scope="row">${signalName(name)}</th><td class="right"><${Value} found=${found} /></td>
+  return html`<tr><th scope="row">${signalName(name)}<${Why} found=${found} /></th><td class="right"><${Value} found=${found} /></td>
     <td class="right soft">${duration(found.age_s)}</td></tr>`;
 }
 
