@@ -25,7 +25,7 @@ def walk(page: Any, way: str) -> None:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_axe_finds_nothing_serious_on_any_page(stage: Stage, visit: Any, theme: str) -> None:
+def test_axe_finds_nothing_on_any_page(stage: Stage, visit: Any, theme: str) -> None:
     """WCAG 2.1 AA as far as a program can tell; a theme changes colours only, so the second asks for contrast alone."""
     peers.need_module("axe_playwright_python", "axe-playwright-python")
     from axe_playwright_python.sync_playwright import Axe
@@ -33,21 +33,22 @@ def test_axe_finds_nothing_serious_on_any_page(stage: Stage, visit: Any, theme: 
     everything = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
     rules = {"runOnly": everything if theme == "light" else ["color-contrast"]}
     stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    trip(stage, "fan-3")
     page = visit("#/fleet", role=None, theme=theme, bypass_csp=True)
     page.locator("input[name=name]").wait_for()
-    found = {"login": _serious(Axe().run(page, options=rules))}
+    found = {"login": _told(Axe().run(page, options=rules))}
     log_in(page, "administrator")
     for way in WAYS:
         walk(page, way)
-        found[way] = _serious(Axe().run(page, options=rules))
+        found[way] = _told(Axe().run(page, options=rules))
     assert {way: wrong for way, wrong in found.items() if wrong} == {}
 
 
-def _serious(results: Any) -> list[str]:
+def _told(results: Any) -> list[str]:
     violations = results.response["violations"]
     return [
         f"{one['id']}: {one['nodes'][0]['html'][:160]} {one['nodes'][0]['any'][:1]}"
-        for one in violations if one["impact"] in ("serious", "critical")
+        for one in violations if one["impact"] != "minor"
     ]  # fmt: skip
 
 

@@ -91,11 +91,12 @@ function AlarmStrip() {
   const [alarm, ...more] = pressing().filter((one) => one.acknowledged_ms === null);
   if (!alarm || route.value.page === "alarms") return null;
   const view = alarm.drive && drive(alarm.drive).value;
-  return html`<div class=${`banner alarm ${alarm.priority}`}><${PriorityMark} priority=${alarm.priority} />
+  return html`<section class=${`banner alarm ${alarm.priority}`} aria-label=${t("page.way_alarms")}>
+    <${PriorityMark} priority=${alarm.priority} />
     <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>
       ${view ? titled(view) + t("page.colon") + both(alarm.title) : both(alarm.text)}</a>
     ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}
-    ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</div>`;
+    ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</section>`;
 }
 
 /** Who took a drive from here; the line is there before its words are, so that they are spoken. */
