@@ -233,6 +233,20 @@ def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expec
         apart.close()
 
 
+@pytest.mark.parametrize("tab", ["users", "tokens"])
+def test_on_a_phone_what_can_be_done_with_a_row_is_in_sight(stage: Stage, visit: Any, tab: str) -> None:
+    page = visit(f"#/settings?tab={tab}", role="administrator", size=(360, 740))
+    if tab == "tokens":
+        page.click(".panel .button.main")
+        page.fill("dialog input >> nth=0", "history")
+        page.click("dialog button[type=submit]")
+    act = page.locator("td.act .button").first
+    act.wait_for()
+    edge = page.locator(".panel .scroll").bounding_box()
+    box = act.bounding_box()
+    assert box["x"] + box["width"] <= edge["x"] + edge["width"] <= 360
+
+
 def test_a_password_is_changed_by_who_knows_it(visit: Any, expect: Any) -> None:
     page = visit("#/settings", role="viewer")
     old, new, again = (page.locator("input[type=password]").nth(n) for n in range(3))

@@ -20,7 +20,7 @@ export function Tokens() {
     [t("plantpage.rights"),
       (token) => token.rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))],
     [t("plantpage.expires"), (token) => moment(token.expires_ms)],
-    [t("plantpage.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`],
+    [t("plantpage.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`, "act"],
   ];
   return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.tokens")}</h2>
       <${Button} kind="main" onClick=${() => setOpen(true)}>${t("plantpage.add_token")}<//></div>

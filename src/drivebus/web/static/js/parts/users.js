@@ -24,7 +24,7 @@ export function Users() {
     [t("plantpage.tokens"), (user) => user.tokens, "right"],
     [t("plantpage.created"), (user) => moment(user.created_ms)],
     [t("plantpage.change"), (user) => html`<${Button} onClick=${() => setOpen(user)}
-      aria-label=${t("plantpage.change_user", { name: user.name })}>${t("plantpage.change")}<//>`],
+      aria-label=${t("plantpage.change_user", { name: user.name })}>${t("plantpage.change")}<//>`, "act"],
   ];
   return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.users")}</h2>
       <${Button} kind="main" onClick=${() => setOpen("new")}>${t("plantpage.add_user")}<//></div>
