@@ -1,4 +1,7 @@
-"""Drives that start together: one after another, not too many at once, followers at their ratio to the leader."""
+"""Drives that start together: one after another, not too many at once, followers at their ratio to the leader.
+
+The leader comes first, and nobody follows a leader that does not go.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,8 @@ import asyncio
 from dataclasses import replace
 from typing import Any
 
-from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, Expired, NotOwner, Superseded
+from drivebus.drives.state import DriveState, OutcomeWord
+from drivebus.errors import DrivebusError, Expired, NotOwner, PlantError, Superseded
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
 from drivebus.plant.commands import Commands
@@ -38,14 +41,16 @@ class Groups:
         commands.follow = self.follow
 
     def handlers(self) -> dict[str, Handler]:
-        return {"group.arm": self.arm, "group.set_frequency": self.set_frequency}
+        return {"group.arm": self.arm}
 
     def motions(self) -> dict[str, Motion]:
-        return {"group.start": self.start}
+        return {"group.start": self.start, "group.set_frequency": self.set_frequency}
 
     def _own(self, id: str, actor: Actor) -> tuple[GroupSetting, list[Unit]]:
+        """Its drives, the leader first."""
         group = self.plant.group(id)
-        return group, [self.commands.own(drive, actor) for drive in group.drives]
+        order = sorted(group.drives, key=lambda drive: drive != group.leader)
+        return group, [self.commands.own(drive, actor) for drive in order]
 
     async def arm(self, params: ask.OfGroup, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""
@@ -55,7 +60,8 @@ class Groups:
         return {"arm": self.plant.arms.arm(f"group:{group.id}", actor, self.plant.now()), "expires_s": ARM_S}
 
     async def start(self, params: ask.GroupStart, actor: Actor, wish: Wish) -> Json:
-        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest.
+        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest, and so
+        does a leader that has not started.
 
         The first drive's start is as old as the wish, each further one's as its turn: the lease shows that the wish
         lives on. Raises Expired (NotReached, where its frequency has left) for the first: then no other is tried.
@@ -72,6 +78,8 @@ class Groups:
         try:
             for unit in units:
                 outcomes[unit.id] = await self._turn(group, units, unit, wish, params, actor)
+                if unit.id == group.leader and not _done(outcomes[unit.id]):
+                    return {"outcomes": outcomes | _left(group, units[1:])}
                 self.progress[group.id] += 1
                 wish = replace(wish, at=self.plant.now())
         finally:
@@ -130,14 +138,28 @@ class Groups:
         fresh = status.at is not None and status.at >= unit.started_at
         return not fresh or status.state in ACCELERATING
 
-    async def set_frequency(self, params: ask.GroupSetFrequency, actor: Actor) -> Json:
-        """The leader's frequency (everybody's where there is no leader), followers at their ratio."""
+    async def set_frequency(self, params: ask.GroupSetFrequency, actor: Actor, wish: Wish) -> Json:
+        """The leader's frequency (everybody's where there is no leader), then the followers' at their ratio."""
         group, units = self._own(params.group, actor)
         for unit in units:
             unit.drive.check_frequency(share_hz(group, unit.id, params.frequency_hz))
-        shares = [(unit, share_hz(group, unit.id, params.frequency_hz)) for unit in units]
-        found = await asyncio.gather(*(self._set(unit, hz, actor) for unit, hz in shares))
-        return {"outcomes": {unit.id: one for unit, one in zip(units, found, strict=True)}}
+        first = units[:1] if group.leader else []
+        outcomes = {
+            unit.id: await self._set(unit, share_hz(group, unit.id, params.frequency_hz), actor) for unit in first
+        }
+        rest = units[len(first) :]
+        if not all(map(_done, outcomes.values())):
+            return {"outcomes": outcomes | _left(group, rest)}
+        found = await asyncio.gather(*(self._share(group, unit, params.frequency_hz, actor, wish) for unit in rest))
+        return {"outcomes": outcomes | {unit.id: one for unit, one in zip(rest, found, strict=True)}}
+
+    async def _share(self, group: GroupSetting, unit: Unit, frequency_hz: float, actor: Actor, wish: Wish) -> Json:
+        """Unless one of them has been stopped while the leader got its frequency."""
+        try:
+            still(self.plant, wish)
+        except Superseded as error:
+            return failure(error)
+        return await self._set(unit, share_hz(group, unit.id, frequency_hz), actor)
 
     async def _set(self, unit: Unit, frequency_hz: float, actor: Actor) -> Json:
         try:
@@ -185,6 +207,15 @@ class Groups:
 def _late(error: DrivebusError) -> bool:
     """Was it not sent because it was too old, be it after its frequency had been?"""
     return isinstance(error, Expired) or isinstance(error.params.get("why"), Expired)
+
+
+def _done(outcome: Json) -> bool:
+    return outcome.get("word") in (OutcomeWord.CONFIRMED, OutcomeWord.ACKNOWLEDGED)
+
+
+def _left(group: GroupSetting, units: list[Unit]) -> Json:
+    """What becomes of the followers of a leader that did not do it."""
+    return {unit.id: failure(PlantError("plant.leader_not_done", drive=unit.id, leader=group.leader)) for unit in units}
 
 
 def share_hz(group: GroupSetting, drive: str, frequency_hz: float) -> float:

@@ -78,6 +78,55 @@ def test_a_drive_whose_ratio_is_not_written_follows_at_one() -> None:
     run(story())
 
 
+BACKWARDS = replace(GROUP, drives=("fan-2", "fan-1"))
+"""The follower is written first."""
+
+
+def test_nobody_starts_behind_a_leader_that_has_not_started() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(BACKWARDS,))) as kit:
+            await asyncio.sleep(2)
+            await kit.waive()
+            kit.station("fan-1").faults.mute = True  # it hears, and nobody knows what it made of it
+            found = (await kit.call("group.start", group="fans", frequency_hz=20.0))["outcomes"]
+            assert found["fan-1"].get("word") is None
+            assert (found["fan-2"]["code"], found["fan-2"]["params"]["leader"]) == ("plant.leader_not_done", "fan-1")
+            assert kit.station("fan-2").motor.starts == 0
+            kit.station("fan-1").faults.mute = False
+
+    run(story())
+
+
+def test_no_follower_gets_the_share_of_a_frequency_that_its_leader_has_not_got() -> None:
+    async def story() -> None:
+        async with plant(setting(groups=(BACKWARDS,))) as kit:
+            await running(kit, ("fan-1", ANN), ("fan-2", ANN))
+            kit.station("fan-1").faults.silent = True
+            found = await kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0)
+            assert found["outcomes"]["fan-2"]["code"] == "plant.leader_not_done"
+            assert targets(kit) == [20.0, 10.0]
+            kit.station("fan-1").faults.silent = False
+
+    run(story())
+
+
+def test_a_follower_stopped_while_its_leader_gets_the_groups_frequency_is_left_alone() -> None:
+    """6.5: its share was wished before its stop."""
+
+    async def story() -> None:
+        async with plant(LED) as kit:
+            await running(kit, ("fan-1", ANN), ("fan-2", ANN))
+            change = asyncio.create_task(kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0))
+            while kit.station("fan-1").motor.target_hz != 30.0:  # noqa: ASYNC110  virtual time
+                await asyncio.sleep(0.001)
+            await kit.call("drive.stop", BOB, drive="fan-2")
+            left = (await change)["outcomes"]
+            assert left["fan-1"]["word"] == "acknowledged"
+            assert left["fan-2"]["code"] == "plant.stopped_meanwhile"
+
+    run(story())
+
+
 def test_a_refused_run_of_a_leader_leaves_its_arm_for_the_next_try() -> None:
     """S16: nothing was started with it."""
 
