@@ -647,3 +647,12 @@ def test_t08_only_a_setpoint_above_the_mains_frequency_deserves_a_second_look() 
 
 def test_a_codec_says_what_it_is() -> None:
     assert (CODEC.family, CODEC.encoding, CODEC.broadcast_address) == ("dzb100", "ascii", 0)
+
+
+def test_each_command_has_the_digit_of_the_manual() -> None:
+    """MM: one moved digit and a stop is a run."""
+    named = ["STOP", "FORWARD", "STOP_2", "REVERSE", "JOG_FORWARD", "JOG_FORWARD_2", "JOG_REVERSE", "JOG_REVERSE_2"]
+    assert {name: int(command) for name, command in Command.__members__.items()} == {
+        **{name: digit for digit, name in enumerate(named)},
+        "RESET": 8,
+    }
