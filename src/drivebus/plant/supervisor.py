@@ -40,10 +40,12 @@ class Supervisor:
             pause_s = min(LAST_S, 2 * pause_s)
 
     async def _once(self) -> int:
-        """Its exit code; 127 where it can't be started. A terminal's Ctrl-C is the plant's, which then ends it."""
+        """Its exit code; 127 where it can't be started. A terminal's Ctrl-C is the plant's, which then ends it. Linux
+        shares the processor by sessions first: in one of its own the web process would be as near as the plant (G06).
+        """
         try:
             self.process = await asyncio.create_subprocess_exec(
-                *self._command, stdin=asyncio.subprocess.DEVNULL, start_new_session=True
+                *self._command, stdin=asyncio.subprocess.DEVNULL, process_group=0
             )
         except OSError as error:
             LOG.error("the web process can't be started: %s", error)

@@ -167,7 +167,8 @@ def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch)
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.3)
         assert child.process is not None
-        assert os.getsid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
+        assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
+        assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares (G06)"
         await child.close()
         assert child.process.returncode is not None
 
