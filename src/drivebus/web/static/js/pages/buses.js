@@ -43,8 +43,8 @@ function BusCard({ id, chosen }) {
 export function Meter({ label, value }) {
   const known = typeof value === "number";
   const full = known && value >= 90;
-  return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} aria-valuemin="0"
-    aria-valuemax="100"
+  return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} title=${label}
+    aria-valuemin="0" aria-valuemax="100"
     aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
       ? `${value.toFixed(0)} %` : t("page.no_value")}>
     <span class="bar"><span style=${{ width: `${Math.min(100, known ? value : 0)}%` }}></span></span>
