@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, contextmanager
@@ -75,15 +77,18 @@ Reloads = list[Callable[[], Any]]
 
 @contextmanager
 def heeding(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[Reloads]:
-    """SIGTERM and Ctrl-C set ``ending``; SIGHUP calls what is put into the list."""
+    """SIGTERM, Ctrl-C and a terminal that is gone set ``ending``; any other SIGHUP calls what is put into the list."""
     reloads: Reloads = []
     tasks: set[asyncio.Task[Any]] = set()
 
     def reload() -> None:
+        if terminal_is_gone():
+            return ending.set()
         for each in reloads:
             task = loop.create_task(each())
             tasks.add(task)
             task.add_done_callback(tasks.discard)
+        return None
 
     for one in ENDINGS:
         loop.add_signal_handler(one, ending.set)
@@ -93,3 +98,12 @@ def heeding(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[
     finally:
         for one in (*ENDINGS, signal.SIGHUP):
             loop.remove_signal_handler(one)
+
+
+def terminal_is_gone() -> bool:
+    """Its window was closed, or its line broke: nobody reads here, and no Ctrl-C can come. A unit has none to lose."""
+    try:
+        os.tcgetpgrp(0)
+    except OSError as error:
+        return error.errno == errno.EIO
+    return False

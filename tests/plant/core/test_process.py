@@ -127,6 +127,26 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
     assert not [name for name in state.iterdir() if name.suffix == ".sock"]
 
 
+def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(tmp_path: Path) -> None:
+    """A closed window left it running, with its port, and nobody to end it."""
+    file, (master, slave) = write(tmp_path), os.openpty()
+    process = subprocess.Popen(
+        ["setsid", "--ctty", *COMMAND, "serve", str(file), "--no-web"],
+        stdin=slave, stdout=slave, stderr=slave, env=os.environ | {"DRIVEBUS_LANG": "en"},
+    )  # fmt: skip
+    try:
+        os.close(slave)
+        said = b""
+        while b"Plant hall runs" not in said:
+            said += os.read(master, 1000)
+        os.close(master)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.wait()
+    assert not [one for one in (tmp_path / "state").iterdir() if one.suffix == ".sock"]
+
+
 def test_a_killed_web_part_leaves_the_plant_going_and_comes_back(tmp_path: Path) -> None:
     """6.6: kill -9 of the web process."""
     file, state = write(tmp_path), tmp_path / "state"
