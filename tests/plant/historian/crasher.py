@@ -18,10 +18,15 @@ from drivebus.reading import Quality
 TAGS = [f"drive-{n}.speed" for n in range(5)]
 
 
+def say(what: dict[str, int]) -> None:
+    """One write: print's second, of the line's end, may be cut off by the kill (PYTHONUNBUFFERED)."""
+    os.write(sys.stdout.fileno(), f"{json.dumps(what)}\n".encode())
+
+
 async def main(folder: str, start_ms: int) -> None:
     writer.UNSEALED, writer.UNSEALED_A_TAG = 300, 0  # Blocks all the time: seals are killed as often as batches.
     async with Historian(HistorySetting(), Path(folder), flush_s=0.01) as historian:
-        print(json.dumps({"ready": os.getpid()}), flush=True)
+        say({"ready": os.getpid()})
         n = 0
         while True:
             samples = [Sample(tag, start_ms + 1000 * n, float(n), Quality.GOOD) for tag in TAGS]
@@ -30,7 +35,7 @@ async def main(folder: str, start_ms: int) -> None:
             n += 1
             if n % 7 == 0:
                 await historian.flush()
-                print(json.dumps({"flushed": n}), flush=True)
+                say({"flushed": n})
             else:
                 await asyncio.sleep(0.0002)
 
@@ -38,6 +43,6 @@ async def main(folder: str, start_ms: int) -> None:
 for line in sys.stdin:
     if child := os.fork():
         os.waitpid(child, 0)
-        print("{}", flush=True)
+        say({})
     else:
         asyncio.run(main(sys.argv[1], int(line)))
