@@ -159,7 +159,7 @@ class Groups:
             still(self.plant, wish)
         except Superseded as error:
             return failure(error)
-        return await self._set(unit, share_hz(group, unit.id, frequency_hz), actor)
+        return await self._followed(group, unit, frequency_hz, actor)
 
     async def _set(self, unit: Unit, frequency_hz: float, actor: Actor) -> Json:
         try:

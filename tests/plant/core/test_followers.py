@@ -127,6 +127,20 @@ def test_a_follower_stopped_while_its_leader_gets_the_groups_frequency_is_left_a
     run(story())
 
 
+def test_a_follower_taken_by_another_while_its_leader_gets_the_groups_frequency_is_left_alone() -> None:
+    async def story() -> None:
+        async with plant(LED) as kit:
+            await running(kit, ("fan-1", ANN), ("fan-2", ANN))
+            change = asyncio.create_task(kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0))
+            while kit.station("fan-1").motor.target_hz != 30.0:  # noqa: ASYNC110  virtual time
+                await asyncio.sleep(0.001)
+            await kit.call("lease.take", remote("eve", Role.ENGINEER), drive="fan-2")
+            assert (await change)["outcomes"]["fan-2"]["code"] == "plant.not_owner"
+            assert targets(kit) == [30.0, 10.0]
+
+    run(story())
+
+
 def test_a_refused_run_of_a_leader_leaves_its_arm_for_the_next_try() -> None:
     """S16: nothing was started with it."""
 
