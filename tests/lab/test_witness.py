@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -132,21 +133,19 @@ def test_i3_a_stop_that_waits_for_others(session: Session, monkeypatch: pytest.M
     assert found(session, "I3")
 
 
-def test_i4_a_value_that_is_called_good_for_ever(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivebus.drives.book.Book.aged", lambda book, now, oldest: book.latest)
-    here = stand(session)
-    here.monitor(1)
-    here.run(5.0)
-    here.station(1).faults.silent = True
-    here.run(120.0)
-    assert found(session, "I4")
-
-
-def test_i4_a_drive_that_is_silent_and_a_reading_that_calls_itself_new(
-    session: Session, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("lie", "told"),
+    [
+        ("drivebus.drives.book.Book.aged", lambda book, now, oldest: book.latest),
+        ("drivebus.reading.Reading.age_s", lambda reading, now: 0.0),
+    ],
+    ids=["good-for-ever", "calls-itself-new"],
+)
+def test_i4_a_silent_drive_whose_values_stay_good(
+    session: Session, monkeypatch: pytest.MonkeyPatch, lie: str, told: Callable[..., object]
 ) -> None:
     """The witness takes nobody's word for an age."""
-    monkeypatch.setattr("drivebus.reading.Reading.age_s", lambda reading, now: 0.0)
+    monkeypatch.setattr(lie, told)
     here = stand(session)
     here.monitor(1)
     here.run(5.0)

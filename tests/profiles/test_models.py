@@ -58,7 +58,7 @@ def test_a_draft_claims_nothing_from_the_manual_of_another_model(model: str) -> 
     assert not profile.preconditions and not profile.faults
     claims = [*profile.signals.values(), *profile.parameters.values()]
     assert {claim.evidence.kind for claim in claims} <= {"sister", "assumed"}
-    assert profile.comm_loss.time_notation is None and profile.comm_loss.action_notation is None
+    assert profile.evidence["comm_loss"].kind in ("sister", "assumed")
     assert any(caveat.id == "draft" for caveat in profile.caveats)
 
 
@@ -70,7 +70,15 @@ def test_the_sisters_differ_in_frequency_step_and_monitor_table() -> None:
     assert {m for m in ("c320", *DRAFTS) if "set_frequency" in profiles.load(m).signals} == {"e300", "e500", "e550"}
     selectors = {model: profiles.load(model).roles.get("monitor_selector") for model in ("c320", *DRAFTS)}
     assert selectors == {"c320": "F6.12", "c300": None, "e300": None, "e500": "F3.08", "e550": None}
-    assert dict(profiles.load("e550").roles) == {"protocol": "F4.00", "comm_loss": "F4.04"}
+    assert dict(profiles.load("e550").roles) == {"protocol": "F4.00"}
+
+
+def test_f18_a_silent_hosts_parameters_are_those_of_each_models_own_manual() -> None:
+    """C320 manual 2.2.4 (3): time and action. Only the E300's publishes the action's values and the time's unit."""
+    known = {model: profiles.load(model).comm_loss for model in MODELS}
+    named = {model: (loss.time_notation, loss.action_notation) for model, loss in known.items() if loss.time_notation}
+    assert named == {"c320": ("F9.4", "F9.3"), "e300": ("F4.4", "F4.3"), "e550": ("F4.04", "F4.03")}
+    assert {model: loss.trips_values for model, loss in known.items() if loss.trips_values} == {"e300": (0, 1)}
 
 
 @pytest.mark.parametrize(
@@ -214,13 +222,6 @@ def test_vc660_f06_04_counts_its_baud_rates_from_300(tmp_path: Path) -> None:
 def test_a_drive_fresh_from_the_box_is_spoken_to_on_its_factory_line(model: str, factory: str) -> None:
     line = profiles.load(model).line
     assert f"{line.baud} {line.format}" == factory
-
-
-def test_only_the_c320s_manual_names_parameters_for_a_silent_host() -> None:
-    """C320 manual 2.2.4 (3): F9.4 is the time, F9.3 what happens then."""
-    known = {model: profiles.load(model).comm_loss for model in MODELS}
-    named = {model: (loss.time_notation, loss.action_notation) for model, loss in known.items() if loss.time_notation}
-    assert named == {"c320": ("F9.4", "F9.3")}
 
 
 @pytest.mark.parametrize(

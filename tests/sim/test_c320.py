@@ -572,6 +572,25 @@ def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
     assert story(told("e550", 4, 4)) == (Response.OK, Response.RESERVED)
 
 
+@pytest.mark.parametrize("model", ["e300", "e550"])
+@pytest.mark.parametrize(("action", "stops"), [(0x00, True), (0x01, True), (0x10, False), (0x11, False)])
+def test_f18_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action: int, stops: bool) -> None:
+    """E300 manual, F4.3: 0 stop, 1 keep state. It stops at its time, and not as a fault."""
+
+    async def told() -> None:
+        async with Desk(f"sim://{model}@1?ramp=1") as desk:
+            desk.station().press_set(0x4_03, action)
+            desk.station().press_set(0x4_04, 50)
+            await desk.ask(control(Operation.RUN_FORWARD_AT, 300))
+            await asyncio.sleep(4.9)
+            assert desk.station().motor.energised
+            await asyncio.sleep(2.0)
+            assert desk.station().motor.energised is not stops
+            assert desk.station().motor.trip is None
+
+    story(told())
+
+
 def test_dc_braking_is_a_state_of_its_own() -> None:
     async def told() -> None:
         async with Desk("sim://c320@1?ramp=1") as desk:

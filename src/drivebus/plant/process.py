@@ -82,17 +82,14 @@ def heeding(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[
     tasks: set[asyncio.Task[Any]] = set()
 
     def reload() -> None:
-        if terminal_is_gone():
-            return ending.set()
         for each in reloads:
             task = loop.create_task(each())
             tasks.add(task)
             task.add_done_callback(tasks.discard)
-        return None
 
     for one in ENDINGS:
         loop.add_signal_handler(one, ending.set)
-    loop.add_signal_handler(signal.SIGHUP, reload)
+    loop.add_signal_handler(signal.SIGHUP, lambda: ending.set() if terminal_is_gone() else reload())
     try:
         yield reloads
     finally:

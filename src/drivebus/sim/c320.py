@@ -18,12 +18,13 @@ from drivebus.protocols.sifang import Reply, Response, State
 from drivebus.sim import c320_spelling
 from drivebus.sim.c320_drive import JOGS, STARTS, C320Drive
 from drivebus.sim.c320_tables import (
-    COMM_LOSS_TIME,
+    F9,
     FREQUENCY_CHANNEL,
     FROM_BUS,
     LAST_MONITOR,
     MONITOR_SELECTOR,
     RESPONSES,
+    CommLoss,
 )
 from drivebus.sim.ear import EarRule
 from drivebus.sim.motor import Motor
@@ -34,10 +35,10 @@ class C320Station(C320Drive):
     """Settings for what the manual leaves open, and for what its sisters do otherwise.
 
     ``monitor_index``: how d.15 is asked for, 0FH or 15H [OPEN]. ``step_hz``: 0.01 on C320 and C300, 0.1 on the E
-    series. ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. ``selector``, ``comm_loss_time``:
-    where a sister keeps what is F6.12 and F9.4 here. ``watchdog``: which frames feed the comm-loss timer, its own or
-    all [OPEN]. ``digits``, ``nibble``: how it spells its replies (``c320_spelling``) [OPEN]. ``class0_fault``: what
-    stands in digits 7-8 of an identity reply in a fault, the fault's code or the information as ever [OPEN].
+    series. ``current_at_1``: d.1 is the current (C300, E300) instead of the voltage. ``selector``, ``comm_loss``:
+    where a sister keeps what is F6.12, F9.3 and F9.4 here. ``watchdog``: which frames feed the comm-loss timer, its
+    own or all [OPEN]. ``digits``, ``nibble``: how it spells its replies (``c320_spelling``) [OPEN]. ``class0_fault``:
+    what stands in digits 7-8 of an identity reply in a fault, the fault's code or the information as ever [OPEN].
     """
 
     family: ClassVar[str] = "c320"
@@ -57,11 +58,11 @@ class C320Station(C320Drive):
         step_hz: float = 0.01,
         current_at_1: bool = False,
         selector: int = MONITOR_SELECTOR,
-        comm_loss_time: int = COMM_LOSS_TIME,
+        comm_loss: CommLoss = F9,
         delay_characters: float = 4.0,
         motor: Motor | None = None,
     ) -> None:
-        super().__init__(address, step_hz, current_at_1, selector, comm_loss_time, motor)
+        super().__init__(address, step_hz, current_at_1, selector, comm_loss, motor)
         self.codecs: tuple[Codec, ...] = (sifang.SifangCodec("ascii"), sifang.SifangCodec("hex"))
         self.monitor_index = monitor_index
         self.watchdog = watchdog

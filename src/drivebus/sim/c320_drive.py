@@ -8,9 +8,6 @@ from __future__ import annotations
 from drivebus.protocols.sifang import Operation, Response, State
 from drivebus.sim.c320_tables import (
     ACCEL_TIME,
-    COMM_LOSS_ACTION,
-    COMM_LOSS_STOP,
-    COMM_LOSS_TRIP,
     COMMAND_CHANNEL,
     DECEL_TIME,
     FAULT_CODES,
@@ -21,6 +18,7 @@ from drivebus.sim.c320_tables import (
     MAXIMUM_HZ,
     SPEED_SEARCH,
     START_MODE,
+    CommLoss,
     cells,
 )
 from drivebus.sim.motor import Motor, Phase, Trip
@@ -52,12 +50,12 @@ class C320Drive(Station):
         step_hz: float,
         current_at_1: bool,
         selector: int,
-        comm_loss_time: int,
+        comm_loss: CommLoss,
         motor: Motor | None,
     ) -> None:
-        super().__init__(address, cells(step_hz, selector, comm_loss_time), motor)
+        super().__init__(address, cells(step_hz, selector, comm_loss), motor)
         self.selector = selector
-        self.comm_loss_time = comm_loss_time
+        self.comm_loss = comm_loss
         self.step_hz = step_hz
         self.current_at_1 = current_at_1
         self.power_up()
@@ -83,7 +81,7 @@ class C320Drive(Station):
 
     def _until_event(self) -> float:
         left = self.dip_left_s if self.dip_left_s > 0.0 else float("inf")
-        limit = self.memory[self.comm_loss_time] / 10.0
+        limit = self.memory[self.comm_loss.time] / 10.0
         if limit and self.silent_s is not None and self.silent_s < limit:
             left = min(left, limit - self.silent_s)
         return left
@@ -94,19 +92,20 @@ class C320Drive(Station):
             if self.dip_left_s <= 1e-9:
                 self._mains_back()
         if self.silent_s is not None:
-            limit = self.memory[self.comm_loss_time] / 10.0
+            limit = self.memory[self.comm_loss.time] / 10.0
             before, self.silent_s = self.silent_s, self.silent_s + seconds
             if limit and before < limit - 1e-9 <= self.silent_s:
                 self.silent_s = max(self.silent_s, limit)
                 self._host_lost()
 
     def _host_lost(self) -> None:
-        """2.2.4 (3): no frame for F9.4: act as F9.3 says."""
+        """2.2.4 (3): no frame for F9.4: act as F9.3 says (E300, E550: F4.4, F4.3)."""
         if self.memory[COMMAND_CHANNEL] != FROM_BUS or not self.running:
             return
-        if self.memory[COMM_LOSS_ACTION] == COMM_LOSS_TRIP:
+        action = self.memory[self.comm_loss.place]
+        if action in self.comm_loss.trips:
             self.motor.trip_now(Trip.COMM_LOSS)
-        elif self.memory[COMM_LOSS_ACTION] == COMM_LOSS_STOP:
+        elif action in self.comm_loss.stops:
             self.motor.stop()
 
     def power_dip(self, seconds: float) -> None:

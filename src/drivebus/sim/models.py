@@ -7,6 +7,7 @@ from typing import Any
 
 from drivebus.errors import ConfigurationError
 from drivebus.sim.c320 import C320Station
+from drivebus.sim.c320_tables import F4
 from drivebus.sim.df800 import DF800Station
 from drivebus.sim.dzb100 import DZB100Station
 from drivebus.sim.motor import Load, Motor
@@ -43,15 +44,15 @@ _FAMILIES: Mapping[type[Station], tuple[range, Mapping[str, tuple[str, ...]]]] =
 MODELS: Mapping[str, tuple[type[Station], Mapping[str, Any]]] = {
     "c320": (C320Station, {}),
     "c300": (C320Station, {"current_at_1": True}),
-    "e300": (C320Station, {"step_hz": 0.1, "current_at_1": True}),
+    "e300": (C320Station, {"step_hz": 0.1, "current_at_1": True, "comm_loss": F4}),
     "e500": (C320Station, {"step_hz": 0.1, "selector": 0x308}),
-    "e550": (C320Station, {"step_hz": 0.1, "comm_loss_time": 0x404}),
+    "e550": (C320Station, {"step_hz": 0.1, "comm_loss": F4}),
     "dzb100": (DZB100Station, {}),
     "vc660": (VC660Station, {}),
     "df800": (DF800Station, {}),
 }
 
-"""E500 selects its monitor with F3.08, E550 keeps its comm-loss time in F4.04 (their own manuals)."""
+"""Their own manuals: E500 selects its monitor with F3.08; E300 and E550 keep F9.3 and F9.4 in F4.3 and F4.4."""
 
 LOADS: Mapping[str, Callable[[], Load]] = {"constant": Load, "fan": Load.fan, "winch": Load.winch}
 

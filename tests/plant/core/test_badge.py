@@ -9,11 +9,15 @@ import pytest
 
 from drivebus.errors import WaiverNeeded
 from drivebus.plant.access.rights import Role
+from drivebus.plant.model import BusSetting, DriveSetting
 from drivebus.plant.units import NOT_READ
+from drivebus.profiles.model import Text
 from drivebus.testing.virtual import run
-from plantkit import Kit, plant, remote
+from plantkit import Kit, plant, remote, setting
 
 ENGINEER = remote("eve", Role.ENGINEER)
+BUS = BusSetting("s", "sim://e300@1?ramp=1")
+SMALL = DriveSetting("small", "s", 1, "e300", Text("Small", "小风机"))
 
 
 async def trips(kit: Kit) -> None:
@@ -74,5 +78,35 @@ def test_what_was_read_before_or_while_something_was_written_is_not_believed(dur
             await change
             unit.found_host_dies(report, kit.service.plant.now(), during_write)
             assert await badge(kit) == ("unknown" if during else "trips")
+
+    run(story())
+
+
+@pytest.mark.parametrize(("action", "time", "kind"), [(0x00, 50, "trips"), (0x10, 50, "runs_on"), (0x00, 0, "runs_on")])
+def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_it_stops_itself(
+    action: int, time: int, kind: str
+) -> None:
+    """The E300's F4.3 and F4.4: no test's own word here. And it does what its badge says."""
+
+    async def story() -> None:
+        async with plant(setting(buses=(BUS,), drives=(SMALL,), groups=())) as kit:
+            station = kit.station("small")
+            station.press_set(0x4_03, action)
+            station.press_set(0x4_04, time)
+            await asyncio.sleep(8)
+            found = (await kit.call("drives.get", drive="small"))["host_dies"]
+            assert (found["kind"], found["after_s"]) == (kind, time / 10)
+            if kind != "trips":
+                with pytest.raises(WaiverNeeded):
+                    await kit.call("drive.run", drive="small", frequency_hz=20.0)
+                return
+            await kit.call("drive.run", drive="small", frequency_hz=20.0)
+            await asyncio.sleep(4)
+            assert station.motor.energised
+            bench = kit.service.plant.units["small"].bus.port.bench
+            await kit.service.plant.lines["s"].bus.close()
+            await asyncio.sleep(15)
+            bench.advance()
+            assert not station.motor.energised
 
     run(story())
