@@ -21,6 +21,14 @@ def commit() -> str:
     return report.commit(ROOT, "src", "benchmarks") or "unknown"
 
 
+def tell(figures: Figures, report: str, write: bool) -> None:
+    """Print them, and with ``--write`` keep them in docs/reports/."""
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if write:
+        (ROOT / "docs" / "reports" / report).write_text(text + "\n")
+
+
 def measure(seconds: float, rounds: int) -> Figures:
     """Everything, one after another, because the machine must be quiet; each part is shown when it is done."""
     parts: dict[str, Callable[[], Figures]] = {
@@ -48,12 +56,9 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
     chosen = options.parse_args()
     figures = measure(chosen.seconds, chosen.rounds)
-    print(json.dumps(figures, indent=1))
+    tell(figures, "benchmarks.json", chosen.write)
     if chosen.write:
-        reports = ROOT / "docs" / "reports"
-        reports.mkdir(parents=True, exist_ok=True)
-        (reports / "benchmarks.json").write_text(json.dumps(figures, indent=1) + "\n")
-        (reports / "benchmarks.md").write_text(markdown(figures))
+        (ROOT / "docs" / "reports" / "benchmarks.md").write_text(markdown(figures))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import math
 import os
 import subprocess
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import web
-from benchmarks.__main__ import ROOT, commit
+from benchmarks.__main__ import commit, tell
 
 Json = dict[str, Any]
 
@@ -158,10 +157,7 @@ def main() -> None:
     if chosen.plant:
         asyncio.run(plant(Path(chosen.plant), chosen.drives))
         return
-    figures = json.dumps(measure(chosen.drives, chosen.seconds), indent=1)
-    print(figures)
-    if chosen.write:
-        (ROOT / "docs" / "reports" / "page.json").write_text(figures + "\n")
+    tell(measure(chosen.drives, chosen.seconds), "page.json", chosen.write)
 
 
 if __name__ == "__main__":

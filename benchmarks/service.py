@@ -23,7 +23,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from benchmarks.__main__ import ROOT, commit
+from benchmarks.__main__ import ROOT, commit, tell
 from benchmarks.hall import Hall, cpu_s, memory_mb, serving
 from benchmarks.harness import Figures, Stations
 from benchmarks.latency import GOALS, read_frames
@@ -189,10 +189,7 @@ def main() -> None:
     options.add_argument("--settle", type=float, default=60.0, help="seconds after which memory is looked at; 0: skip")
     options.add_argument("--write", action="store_true", help="write docs/reports/service.json")
     chosen = options.parse_args()
-    figures = json.dumps(measure(chosen), indent=1)
-    print(figures)
-    if chosen.write:
-        (ROOT / "docs" / "reports" / "service.json").write_text(figures + "\n")
+    tell(measure(chosen), "service.json", chosen.write)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from benchmarks.__main__ import ROOT, commit
+from benchmarks.__main__ import commit, tell
 from benchmarks.harness import HERE, Figures, Stations
 from benchmarks.latency import figures_of, read_calls, read_frames
 from benchmarks.terminate import terminations
@@ -111,10 +111,7 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/real-stop.json too")
     chosen = options.parse_args()
     figures = measure(chosen.seconds, chosen.lines, chosen.baud, chosen.seed, chosen.burners, chosen.runs)
-    text = json.dumps(figures, indent=1)
-    print(text)
-    if chosen.write:
-        (ROOT / "docs" / "reports" / "real-stop.json").write_text(text + "\n")
+    tell(figures, "real-stop.json", chosen.write)
 
 
 if __name__ == "__main__":

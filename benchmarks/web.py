@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.__main__ import ROOT, commit
+from benchmarks.__main__ import commit, tell
 
 Json = dict[str, Any]
 
@@ -224,10 +224,7 @@ def main() -> None:
     elif chosen.pages:
         print(json.dumps(asyncio.run(pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.asking))))
     else:
-        figures = json.dumps(measure(chosen.drives, chosen.clients, chosen.seconds), indent=1)
-        print(figures)
-        if chosen.write:
-            (ROOT / "docs" / "reports" / "web.json").write_text(figures + "\n")
+        tell(measure(chosen.drives, chosen.clients, chosen.seconds), "web.json", chosen.write)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import time
 from collections import Counter
 from cProfile import Profile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.__main__ import ROOT, commit
+from benchmarks.__main__ import commit, tell
 from benchmarks.clients.links import link
 from benchmarks.harness import Figures, Stations
 from benchmarks.master import UNPACED_BAUD, UNPACED_PERIOD_S
@@ -98,10 +97,7 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/profile.json")
     chosen = options.parse_args()
     figures = {"commit": commit(), **run(chosen.seconds)}
-    text = json.dumps(figures, indent=1)
-    print(text)
-    if chosen.write:
-        (ROOT / "docs" / "reports" / "profile.json").write_text(text + "\n")
+    tell(figures, "profile.json", chosen.write)
 
 
 if __name__ == "__main__":
