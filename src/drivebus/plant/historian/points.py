@@ -11,7 +11,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
-from operator import mul, ne
+from operator import mul, ne, truediv
 
 from drivebus.reading import Quality
 
@@ -114,7 +114,9 @@ def roll(points: Points, width_ms: int) -> Points:
         return Points(starts, count, low, mean, high, quality)
     rolled = _roll_whole if 0 not in count else _roll_with_gaps
     counts, lows, means, highs = rolled(runs, count, low, mean, high)
-    return Points(starts, counts, lows, means, highs, bytes([_quality(quality[a:b]) for a, b in runs]))
+    all_good = quality.count(GOOD) == len(quality)
+    qualities = bytes(len(runs)) if all_good else bytes([_quality(quality[a:b]) for a, b in runs])
+    return Points(starts, counts, lows, means, highs, qualities)
 
 
 Runs = list[tuple[int, int]]
@@ -127,12 +129,9 @@ def _roll_whole(runs: Runs, count: Sequence[int], low: Column, mean: Column, hig
     lows, highs = [min(low[a:b]) for a, b in runs], [max(high[a:b]) for a, b in runs]
     counts = [sum(count[a:b]) for a, b in runs]
     weighed = mean if count.count(1) == len(count) else list(map(mul, mean, count))
+    means = map(truediv, [sum(weighed[a:b]) for a, b in runs], counts)
     # Rounding may not push a mean out of what it is the mean of.
-    means = [
-        min(max(sum(weighed[a:b]) / n, least), most)
-        for (a, b), n, least, most in zip(runs, counts, lows, highs, strict=True)
-    ]
-    return counts, lows, means, highs
+    return counts, lows, list(map(min, map(max, means, lows), highs)), highs
 
 
 def _roll_with_gaps(runs: Runs, count: Sequence[int], low: Column, mean: Column, high: Column) -> Rolled:

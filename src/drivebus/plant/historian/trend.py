@@ -74,17 +74,18 @@ def with_gaps(points: Points, width_ms: int) -> Points:
     usual = max(width_ms, median(steps))
     if max(steps) <= SILENT * usual:
         return points
-    found: list[list[Any]] = [[], [], [], [], [], []]
     nan = float("nan")
-    for at, row in enumerate(zip(*points.columns(), strict=True)):
-        rows = [row]
-        beside = steps[max(0, at - 1) : at] + steps[at + 1 : at + 2]
-        if at < len(steps) and steps[at] > SILENT * max(usual, min(beside)):
-            rows.append((row[0] + int(usual), 0, nan, nan, nan, BAD))
-        for one in rows:
-            for column, cell in zip(found, one, strict=True):
-                column.append(cell)
-    return Points(found[0], found[1], found[2], found[3], found[4], bytes(found[5]))
+    columns: list[list[Any]] = [list(column) for column in points.columns()]
+    long = [at for at, step in enumerate(steps) if step > SILENT * usual and step > SILENT * _beside(steps, at)]
+    for at in reversed(long):
+        for column, cell in zip(columns, (time[at] + int(usual), 0, nan, nan, nan, BAD), strict=True):
+            column.insert(at + 1, cell)
+    return Points(columns[0], columns[1], columns[2], columns[3], columns[4], bytes(columns[5]))
+
+
+def _beside(steps: list[int], at: int) -> int:
+    """The smaller of the steps before and after."""
+    return min(steps[max(0, at - 1) : at] + steps[at + 1 : at + 2])
 
 
 def series(points: Points) -> Json:
