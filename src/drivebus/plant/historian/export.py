@@ -68,7 +68,7 @@ def _samples(reader: Reader, tags: Mapping[str, Tag], first: int, last: int) -> 
 
 
 def _points(reader: Reader, level: Level, tags: Mapping[str, Tag], first: int, last: int) -> list[Row]:
-    found = reader.rolled(level, [tag.id for tag in tags.values()], first, last)
+    found = dict(reader.rolled(level, [tag.id for tag in tags.values()], first, last))
     rows = [
         (time, name, *((low, mean, high) if n else (None, None, None)), tag.unit, str(QUALITIES[code]), n)
         for name, tag in tags.items()

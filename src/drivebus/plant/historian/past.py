@@ -63,13 +63,13 @@ class Past:
 
     def _trend(self, asked: Trend, ids: Mapping[str, int]) -> Json:
         span = asked.from_ms, asked.to_ms
+        names = {tag: name for name, tag in ids.items()}
 
         def read(level: Level) -> dict[str, Points]:
-            found = self._reader.rolled(level, list(ids.values()), *span)
-            return {name: found[tag] for name, tag in ids.items()}
+            found = self._reader.rolled(level, list(names), *span)
+            return {names[tag]: trend.thinned(points, level, *span, asked.points) for tag, points in found}
 
-        level, found = trend.reaching(trend.level(*span, asked.points), *span, read)
-        shown = {name: trend.thinned(points, level, *span, asked.points) for name, points in found.items()}
+        level, shown = trend.reaching(trend.level(*span, asked.points), *span, read)
         return {"resolution": GRAINS[level].name, "series": {name: trend.series(one) for name, one in shown.items()}}
 
     async def markers(self, asked: Span) -> Json:

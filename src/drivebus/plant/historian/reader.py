@@ -6,7 +6,7 @@ number of that look tells which of the copies became blocks in between, so that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from drivebus.plant.historian import blocks
@@ -45,18 +45,21 @@ class Reader:
         self._is_open = False
         self._store.close()
 
-    def rolled(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, Points]:
-        """Every point of each tag that begins within, or (rollups) that ``from_ms`` lies in; in order."""
+    def rolled(self, level: Level, tags: Sequence[int], from_ms: int, to_ms: int) -> Iterator[tuple[int, Points]]:
+        """Tag after tag, every point that begins within, or (rollups) that ``from_ms`` lies in; in order.
+
+        Only one tag's points are in memory at a time: with ten, getting that memory took as long as the work.
+        """
         width = GRAINS[level].width_ms
-        pieces: dict[int, list[Points]] = {tag: [] for tag in tags}
+        first = from_ms if level is Level.RAW else from_ms // width * width
         fresh, rows = self._look(level, tags, from_ms, to_ms)
+        stored: dict[int, list[Block]] = {tag: [] for tag in tags}
         for row in rows:
-            pieces[row.tag].append(_points(row))
+            stored[row.tag].append(row)
         for tag, (_, samples) in fresh.items():
             points = of_samples(*samples)
-            pieces[tag].append(points if level is Level.RAW else roll(points, width))
-        first = from_ms if level is Level.RAW else from_ms // width * width
-        return {tag: between(together(found), first, to_ms) for tag, found in pieces.items()}
+            pieces = [*map(_points, stored[tag]), points if level is Level.RAW else roll(points, width)]
+            yield tag, between(together(pieces), first, to_ms)
 
     def samples(self, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, Numbered]:
         """Samples with their numbers, in the order of their coming."""

@@ -29,6 +29,7 @@ def level(from_ms: int, to_ms: int, points: int) -> Level:
 
 
 Read = Callable[[Level], dict[str, Points]]
+"""What a level has of each signal, thinned or not."""
 
 
 def reaching(first: Level, from_ms: int, to_ms: int, read: Read) -> tuple[Level, dict[str, Points]]:
