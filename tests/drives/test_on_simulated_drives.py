@@ -537,6 +537,64 @@ def test_a_monitor_follows_the_drive(model: str) -> None:
     story(tale())
 
 
+@pytest.mark.parametrize("model", TELLING)
+def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
+    """The polls come every minute: outcome and state beside it are one all the same."""
+
+    async def tale() -> None:
+        async with Bench(model) as bench:
+            drive, seen = bench.drive(), list[str]()
+            with drive.monitor(on_change=lambda status: seen.append(str(status.state)), period_s=60.0) as monitor:
+                await asyncio.sleep(125)
+                assert monitor.status().state is DriveState.STOPPED
+                await drive.run(SAFE_HZ[model])
+                await asyncio.sleep(0)
+                assert monitor.status().state.turning and seen[-1] == monitor.status().state
+                assert (await drive.stop()).word == "confirmed"
+                await asyncio.sleep(0)
+                assert monitor.status().state is DriveState.STOPPED and seen[-1] == "stopped"
+                told = len(seen)
+            await drive.run(SAFE_HZ[model])
+            await asyncio.sleep(0)
+            assert len(seen) == told, "a closed monitor hears nothing"
+            assert not drive._readers, "and nobody holds it (I12)"
+
+    story(tale())
+
+
+def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
+    async def tale() -> None:
+        async with Bench("c320") as bench:
+            drive, complaints = bench.drive(), list[object]()
+            asyncio.get_running_loop().set_exception_handler(lambda _loop, context: complaints.append(context))
+            with drive.monitor(on_change=lambda _status: 1 / 0, period_s=60.0):
+                await asyncio.sleep(125)
+                polls = len(complaints)
+                await drive.run(20.0)
+                assert (await drive.stop()).word == "confirmed"
+            assert len(complaints) > polls
+
+    story(tale())
+
+
+def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
+    """Else a value read once would stand there for ever, as old; and what was read before a poll is not the newest."""
+
+    async def tale() -> None:
+        async with Bench("c320") as bench:
+            drive = bench.drive()
+            with drive.monitor(["output_frequency"], period_s=60.0) as monitor:
+                await asyncio.sleep(65)
+                await drive.read(("dc_bus_voltage", "output_frequency"))
+                await asyncio.sleep(0)
+                readings = monitor.status().readings
+                assert {name for name, one in readings.items() if one.value is not None} == {"output_frequency"}
+                age_s = readings["output_frequency"].age_s(drive.bus.now())
+                assert age_s is not None and age_s < 1.0
+
+    story(tale())
+
+
 # --- proofs -------------------------------------------------------------------------------------------------------
 
 

@@ -82,7 +82,8 @@ class Drive:
         self._given = dict(settings or {})
         self.dialect: Dialect = make_dialect(loaded, address, encoding=encoding, settings=self._given, timing=timing)
         given_limits = limits or DriveLimits()
-        self._memory = Memory(self.dialect, self._wear(given_limits), given_limits)
+        self._memory = Memory(self.dialect, self._wear(given_limits), given_limits, on_read=self._read)
+        self._readers: list[Callable[[Answer], None]] = []
         self._recalled = False
         self._lock = asyncio.Lock()
         self._insisting: asyncio.Task[None] | None = None
@@ -207,7 +208,12 @@ class Drive:
         readings are then good for three of these periods.
         """
         self._recall()
-        return Monitor(self.bus, self.dialect, signals, on_change, period_s)
+        return Monitor(self.bus, self.dialect, signals, on_change, period_s, self._readers)
+
+    def _read(self, answer: Answer) -> None:
+        """Monitors hear of it a turn later: whoever watches them must not hold up or break a command."""
+        for hear in self._readers:
+            asyncio.get_running_loop().call_soon(hear, answer)
 
     async def identify(self) -> Identity:
         """What the drive says of itself (C320 class 0); for the others only that it answers."""

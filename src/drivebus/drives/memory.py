@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivebus.drives.dialect import Dialect
@@ -10,6 +11,7 @@ from drivebus.drives.state import Direction
 from drivebus.drives.talk import Surroundings
 from drivebus.drives.wear import DAILY_BUDGET, Wear
 from drivebus.errors import CapabilityError, ConfigurationError, LimitError
+from drivebus.message import Answer
 from drivebus.profiles.model import Text
 
 
@@ -69,6 +71,8 @@ class Memory:
     acceleration_s: float | None = None
     deceleration_s: float | None = None
     commands: int = 0
+    on_read: Callable[[Answer], None] = lambda _answer: None
+    """Told of every read that a conversation took into its book."""
 
     def command(self, kind: Kind, around: Surroundings) -> Command:
         """A new wish, made now."""

@@ -7,11 +7,12 @@ from types import TracebackType
 from typing import Any
 
 from drivebus.bus import Bus, Poll, Watch
-from drivebus.drives.book import Book
+from drivebus.drives.book import Book, Facts
 from drivebus.drives.dialect import Dialect, fault_of
 from drivebus.drives.state import UNKNOWN, DriveState, DriveStatus, Verdict
 from drivebus.drives.statusread import complete
 from drivebus.message import Answer
+from drivebus.reading import Reading
 
 FAULT_PERIOD_S = 1.0
 LEAST_FRESH_S = 1.0
@@ -37,7 +38,9 @@ class Monitor:
         signals: Iterable[str] | None = None,
         on_change: Callable[[DriveStatus], None] | None = None,
         period_s: float = 0.0,
+        readers: list[Callable[[Answer], None]] | None = None,
     ) -> None:
+        """``readers``: whom the drive tells of every read of its commands; this one is among them until closed."""
         self._bus, self._dialect = bus, dialect
         self._names = tuple(dialect.profile.signals if signals is None else signals)
         self._book = Book()
@@ -50,6 +53,8 @@ class Monitor:
         self._limits: dict[Any, float] = {poll.request: self._limit(poll) for poll in polls}
         self._state_fresh_s = min(self._limits.values(), default=LEAST_FRESH_S)
         self._watch: Watch | None = bus.watch(dialect.address, polls, self._heard)
+        self._readers = [] if readers is None else readers
+        self._readers.append(self._hear)
 
     def _limit(self, poll: Poll) -> float:
         timing, codec = self._dialect.link.timing, self._dialect.codec
@@ -63,12 +68,29 @@ class Monitor:
         if self._on_change is not None:
             self._on_change(self.status())
 
+    def _hear(self, answer: Answer) -> None:
+        """A command's own read: of what the polls bring, it is as good as theirs, and newer. So the outcome of a stop
+        and the state that is shown beside it are one.
+        """
+        if self._watch is not None:
+            facts = self._dialect.facts(answer.ask.request, answer.reply, answer.received_at)
+            self._note({name: reading for name, reading in facts.items() if self._is_news(name, reading)})
+            if self._on_change is not None:
+                self._on_change(self.status())
+
+    def _is_news(self, name: str, reading: Reading) -> bool:
+        known = self._book.latest.get(name)
+        return known is not None and known.source_time is not None and (reading.source_time or 0.0) > known.source_time
+
     def _take(self, answer: Answer) -> None:
         request = answer.ask.request
         facts = self._dialect.facts(request, answer.reply, answer.received_at)
-        self._book.note(facts)
         limit = self._limits.get(request, LEAST_FRESH_S)
         self._fresh_s |= {name: limit for name in facts if name in self._names or name not in self._fresh_s}
+        self._note(facts)
+
+    def _note(self, facts: Facts) -> None:
+        self._book.note(facts)
         verdict = self._dialect.judge(self._book)
         if verdict is not None:
             self._verdict = verdict
@@ -99,6 +121,7 @@ class Monitor:
         if self._watch is not None:
             self._watch.cancel()
             self._watch = None
+            self._readers.remove(self._hear)
 
     def __enter__(self) -> Monitor:
         return self

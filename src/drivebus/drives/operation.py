@@ -137,6 +137,7 @@ class Talk:
             facts = self.dialect.facts(request, answer.reply, answer.received_at)
             self.book.note(facts)
             self._watch_for_slowing(facts)
+            self.memory.on_read(answer)
         return answer
 
     def _watch_for_slowing(self, facts: Facts) -> None:

@@ -56,6 +56,23 @@ def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
     run(story())
 
 
+def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None:
+    """Polled every 20 s: the tile beside "confirmed" said for so long that it runs."""
+
+    async def story() -> None:
+        slow = tuple(replace(one, fastest_s=20.0) for one in DRIVES)
+        async with plant(setting(drives=slow)) as kit:
+            await asyncio.sleep(45)
+            await ready(kit, "fan-1", "pump-1")
+            for drive in ("fan-1", "pump-1"):
+                assert state(kit, drive).turning
+                found = await kit.call("drive.stop", drive=drive)
+                assert found["outcome"]["word"] == "confirmed"
+                assert state(kit, drive) is DriveState.STOPPED
+
+    run(story())
+
+
 async def blocked(kit: Kit, drive: str) -> list[dict[str, object]]:
     found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["blocked"]
     return found
