@@ -5,6 +5,7 @@ Every check has its sentence. The bus re-checks station, effect, expiry and gene
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drivebus.drives.state import DriveState, Named, Verdict
@@ -74,9 +75,9 @@ def grant(
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
     if effect is Effect.MOTION and command.kind not in (Kind.START, Kind.JOG, Kind.SETPOINT):
         raise NotPermitted("drives.frame_would_move", kind=command.kind)
-    _station_is_ours(station, around)
+    _raise_first(against_anything(station, around))
     if command.kind in (Kind.START, Kind.JOG) or effect is Effect.MOTION:
-        _link_is_good(around, family)
+        _raise_first(against_motion(around, family))
         _drive_is_ready(command, around, evidence)
     if command.kind in (Kind.START, Kind.JOG, Kind.SETPOINT) and not evidence.within_limits:
         raise GateError("drives.limits_unchecked")
@@ -92,20 +93,27 @@ def _alive(command: Command, effect: Effect, around: Surroundings) -> None:
         raise Expired("drives.expired", age_s=round(age, 2), limit_s=round(limit, 2))
 
 
-def _station_is_ours(station: int, around: Surroundings) -> None:
+def _raise_first(errors: Iterator[GateError]) -> None:
+    for error in errors:
+        raise error
+
+
+def against_anything(station: int, around: Surroundings) -> Iterator[GateError]:
+    """What the bus has against every frame that acts on this station."""
     if around.latched:
-        raise GateError("drives.latched", station=station)
+        yield GateError("drives.latched", station=station)
     if around.foreign_master:
-        raise GateError("drives.foreign_master", station=station)
+        yield GateError("drives.foreign_master", station=station)
     if around.duplicate:
-        raise GateError("drives.duplicate", station=station)
+        yield GateError("drives.duplicate", station=station)
 
 
-def _link_is_good(around: Surroundings, family: str) -> None:
+def against_motion(around: Surroundings, family: str) -> Iterator[GateError]:
+    """What it has, besides, against a start."""
     limit = ERROR_RATE_LIMIT.get(family, ERROR_RATE_DEFAULT)
     if around.error_rate > limit and around.failures >= FAILURES:
         percent = round(around.error_rate * 100, 2)
-        raise GateError("drives.bad_link", error_percent=percent, limit_percent=limit * 100)
+        yield GateError("drives.bad_link", error_percent=percent, limit_percent=limit * 100)
 
 
 def _drive_is_ready(command: Command, around: Surroundings, evidence: Evidence) -> None:

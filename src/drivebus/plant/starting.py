@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from drivebus.errors import AuditUnavailable, DrivebusError, GateError, Interlocked, ServiceUnavailable, WaiverNeeded
+from drivebus.drives import gate
+from drivebus.drives.shell import surroundings
+from drivebus.errors import AuditUnavailable, DrivebusError, Interlocked, ServiceUnavailable, WaiverNeeded
 from drivebus.plant.failure import both, plain
 from drivebus.plant.state import Plant
 from drivebus.plant.units import Unit
@@ -19,13 +21,9 @@ def reasons(plant: Plant, unit: Unit) -> Iterator[DrivebusError]:
         yield ServiceUnavailable("plant.stopping")
         return
     address = unit.setting.address
-    if unit.bus.latched(address):
-        yield GateError("drives.latched", station=address)
-    health = unit.bus.health(address)
-    if health.foreign_master:
-        yield GateError("drives.foreign_master", station=address)
-    if health.duplicate:
-        yield GateError("drives.duplicate", station=address)
+    around = surroundings(unit.bus, address)
+    yield from gate.against_anything(address, around)
+    yield from gate.against_motion(around, unit.profile.family)
     for violation in plant.parts.interlocks.violations(unit.id):
         yield Interlocked("interlocks.violated", **violation.params)
     if unit.badge.kind != "trips" and unit.waiver is None:

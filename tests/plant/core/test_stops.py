@@ -73,6 +73,25 @@ def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None
     run(story())
 
 
+def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> None:
+    """The gate's own reasons, all of them: three spoilt replies of 5 minutes, above 1 % (RELIABILITY 4)."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            assert not await blocked(kit, "fan-1")
+            bench = kit.service.plant.units["fan-1"].bus.port.bench
+            for weather in ("flip=0.02", "clean"):
+                bench.weather = weather
+                await asyncio.sleep(20)
+            assert [one["key"] for one in await blocked(kit, "fan-1")] == ["drives.bad_link"]
+            with pytest.raises(GateError):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
 async def blocked(kit: Kit, drive: str) -> list[dict[str, object]]:
     found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["blocked"]
     return found
