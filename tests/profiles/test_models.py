@@ -43,6 +43,14 @@ def test_every_sentence_of_a_profile_is_there_in_chinese(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_every_kind_of_wire_address_has_its_word(model: str) -> None:
+    """``drivebus read`` says it in the reader's language."""
+    profile = profiles.load(model)
+    spaces = {one.locator[0] for one in (*profile.signals.values(), *profile.parameters.values())}
+    assert spaces and all(i18n.known(f"read.space_{space}") for space in spaces)
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_every_claim_has_its_evidence_and_says_where_it_stands(model: str) -> None:
     profile = profiles.load(model)
     claims = [*profile.signals.values(), *profile.parameters.values(), *profile.caveats]

@@ -63,7 +63,7 @@ def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
 
     meaning = f" = {one['meaning']}" if one["meaning"] else ""
     reason = voice.say("status.because", why=one["reason"]) if one.get("reason") else ""
-    wire = f"{one['wire']['space']} {one['wire']['hex']}"
+    wire = f"{voice.say('read.space_' + one['wire']['space'])} {one['wire']['hex']}"
     value = figure(one["value"], one["unit"], entry)
     return [one["notation"], wire, one["raw_hex"] or "–", value, one["text"] + meaning + reason]
 
