@@ -213,7 +213,7 @@ PLANTS: list[tuple[str, str, Plant]] = [
     ("late_other_item/vc660", "no doubt", put(Station, "doubt", nothing)),
     ("other_address/c320-hex", "no foreign master", put(Listener, "foreign_master", says_no)),
     ("truncated/df800-rtu", "no deadline", put(Transaction, "_settle", impatient)),
-    ("trailing/c320-ascii", "a bad link may start", put(gate, "_link_is_good", nothing)),
+    ("trailing/c320-ascii", "a bad link may start", put(gate, "against_motion", lambda *_: ())),
     ("garbage/vc660", "hunting", put(Transaction, "_glitch", hunts)),
     ("bit_flip/dzb100", "parity is ignored", put(Transaction, "received", deaf_to_marks(Transaction.received))),
     ("bit_flip/dzb100", "one read decides", put(Book, "raw_pair", newest_alone)),
