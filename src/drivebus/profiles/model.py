@@ -294,7 +294,7 @@ class DriveProfile:
     """Parameters that the manual names and whose address is unknown until the user supplies something: why."""
     roles: Mapping[str, str] = field(default_factory=dict)
     """Parameters with a part in the protocol, by part: monitor_selector (what a class-4 reply carries), protocol,
-    comm_loss, address, baud, format, reply_delay. Absent where unknown."""
+    address, baud, format, reply_delay. Absent where unknown."""
     fault_label: str = ""
     """Label of a code that ``faults`` does not list, e.g. ``Fu.{code}``."""
     fault_text: Text | None = None

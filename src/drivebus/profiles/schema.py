@@ -25,8 +25,7 @@ StatusName = Literal[
     "ready", "fault", "under_voltage", "running", "emergency_stopping", "paused", "speed_search", "dc_braking",
     "jogging", "set_reverse", "output_reverse",
 ]  # fmt: skip
-Section = Literal["line", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus"]
-Role = Literal["monitor_selector", "protocol", "comm_loss", "address", "baud", "format", "reply_delay"]
+Role = Literal["monitor_selector", "protocol", "address", "baud", "format", "reply_delay"]
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
 Choice = str | int | float | bool
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
