@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
+from drivebus.protocols import dzb
 
 
 def label(name: str, language: str) -> str:
     """A field's name for people, or a coding's (``frequency_hz_by_coding``); else the name that JSON gives it."""
-    return _known(f"decode.field.{name}", language) or _known(_coding(name), language) or name
+    return _known(f"decode.field.{name}", language) or _known(dzb.coding_key(name), language) or name
 
 
 def word(name: str, value: Any, language: str) -> str | None:
@@ -21,10 +22,6 @@ def word(name: str, value: Any, language: str) -> str | None:
     if name.endswith("_name") or name == "commands":
         return _known(f"decode.word.{value}", language)
     return _known(f"signal.{value}", language) if name == "name" else None
-
-
-def _coding(name: str) -> str:
-    return "protocols.dzb.coding." + name.replace("-", "_").replace(".", "_")
 
 
 def _known(key: str, language: str) -> str | None:

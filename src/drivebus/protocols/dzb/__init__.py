@@ -7,7 +7,7 @@ explain    what a frame says, for people
 """
 
 from drivebus.protocols.dzb.codec import DzbCodec, effect
-from drivebus.protocols.dzb.explain import Meaning, describe
+from drivebus.protocols.dzb.explain import Meaning, coding_key, describe
 from drivebus.protocols.dzb.messages import (
     BROADCAST,
     LAST_PARAMETER,
@@ -44,6 +44,7 @@ __all__ = [
     "Request",
     "StateWord",
     "WriteParameter",
+    "coding_key",
     "decode_frequency",
     "describe",
     "effect",

@@ -12,7 +12,6 @@ from drivebus.protocols.describe import (
     Description,
     Direction,
     Note,
-    Words,
     check_whole,
     note,
     problem,
@@ -195,10 +194,10 @@ def _control_hazards(request: Control, meaning: Meaning) -> tuple[Note, ...]:
     if meaning.setpoint_settled or hz <= MAINS_HZ:
         return ()
     others = (f"{value:g} ({coding})" for coding in FREQUENCY_CODINGS for value in _hz(request.data, coding).values())
-    coding = _coding_words(meaning.setpoint_coding)
+    coding = words(coding_key(meaning.setpoint_coding))
     return (note("protocols.dzb.hazard.tenfold", frequency_hz=hz, coding=coding, readings=", ".join(others)),)
 
 
-def _coding_words(coding: FrequencyCoding) -> Words:
-    """What a coding is called, its name of the settings beside it."""
-    return words("protocols.dzb.coding." + coding.replace("-", "_").replace(".", "_"))
+def coding_key(coding: str) -> str:
+    """The i18n key of what a coding is called, its name of the settings beside it."""
+    return "protocols.dzb.coding." + coding.replace("-", "_").replace(".", "_")
