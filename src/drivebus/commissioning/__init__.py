@@ -1,1 +1,1 @@
-"""Bench work on drives and frames: ``explain`` a frame, ``scan`` a line. Reads and shows; moves nothing."""
+"""Bench work on drives and frames: ``explain`` a frame, ``scan`` a line, a capture for Wireshark. Moves nothing."""

@@ -12,13 +12,10 @@ from dataclasses import replace
 from typing import Any, Final
 
 from drivebus.commissioning import registers
-from drivebus.commissioning.quantity import Fields, entries, entry_at, quantity
+from drivebus.commissioning.quantity import Added, Fields, entries, entry_at, quantity
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import dzb, sifang
-from drivebus.protocols.describe import Description, Note
-
-Found = tuple[Fields, tuple[Note, ...], tuple[Note, ...]]
-"""Fields, errata and hazards to add."""
+from drivebus.protocols.describe import Description
 
 
 def add(profile: DriveProfile, found: Description, asked: Mapping[str, Any] | None) -> Description:
@@ -58,7 +55,7 @@ def _coding(profile: DriveProfile, setting: str) -> dzb.FrequencyCoding | None:
     return next((coding for coding in dzb.FREQUENCY_CODINGS if coding == chosen), None)
 
 
-def _sifang(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Found:
+def _sifang(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Added:
     """The protocol's reader has named parameter, monitor and frequency; other quantities and faults are added."""
     fields, added = found.fields, Fields()
     notation = fields.get("parameter") or fields.get("monitor")
@@ -68,7 +65,7 @@ def _sifang(profile: DriveProfile, found: Description, asked: Mapping[str, Any])
     return added | _fault(profile, fields), (), ()
 
 
-def _dzb(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Found:
+def _dzb(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Added:
     """The protocol's reader has judged setpoints and queried frequencies; parameters get their value with its unit."""
     fields, added = found.fields, _fault(profile, found.fields)
     word, head = fields.get("data"), fields.get("head")
@@ -109,7 +106,7 @@ def _fault(profile: DriveProfile, fields: Mapping[str, Any]) -> Fields:
     return Fields(fault=profile.fault(code).label) if code else Fields()
 
 
-_ADDERS: Final[Mapping[str, Callable[[DriveProfile, Description, Mapping[str, Any]], Found]]] = {
+_ADDERS: Final[Mapping[str, Callable[[DriveProfile, Description, Mapping[str, Any]], Added]]] = {
     "sifang": _sifang,
     "dzb": _dzb,
     "modbus": registers.meaning,

@@ -6,8 +6,11 @@ from typing import Any
 
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import Locator, Parameter, Signal
+from drivebus.protocols.describe import Note
 
 Fields = dict[str, Any]
+Added = tuple[Fields, tuple[Note, ...], tuple[Note, ...]]
+"""Fields, errata and hazards that a profile adds to a described frame."""
 Entry = Signal | Parameter
 
 

@@ -9,17 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from drivebus.commissioning.quantity import Fields, entry_at, quantity, scaled
+from drivebus.commissioning.quantity import Added, Fields, entry_at, quantity, scaled
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.notation import show
 from drivebus.protocols.describe import Description, Note, note
 
-Found = tuple[Fields, tuple[Note, ...], tuple[Note, ...]]
 DIRECTION_FIELD: Final = 0x000C
 """DF800 2000H, bits 2 and 3: 11 toggles, whichever way round the field is (T16)."""
 
 
-def meaning(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Found:
+def meaning(profile: DriveProfile, found: Description, asked: Mapping[str, Any]) -> Added:
     """Fields, errata and hazards that the profile adds to a frame."""
     fields = found.fields
     hazards: list[Note] = []
