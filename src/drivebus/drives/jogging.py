@@ -44,12 +44,10 @@ def send_jog(talk: Talk, frames: tuple[Frame, ...]) -> Conversation[Outcome]:
     around = yield from look()
     command = talk.command(Kind.JOG, around)
     answer = yield from send(talk, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
+    refused = talk.refused(answer)
     if refused is not None:
         talk.may_turn = False
-        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code)
+        return refused
     if answer.error is None:
         return talk.outcome(OutcomeWord.ACKNOWLEDGED, "drives.jog_begun")
     yield from end(talk)

@@ -245,10 +245,10 @@ class Talk:
         """The time, unless a newer stop took this command away. Raises Superseded."""
         around = yield from look()
         if around.generation != command.generation:
-            raise self.superseded(around.now)
+            raise self.superseded()
         return around.now
 
-    def superseded(self, now: float) -> Superseded:
+    def superseded(self) -> Superseded:
         """A stop came: whatever was sent, the stop is what counts, and nothing is resent (6.5)."""
         error = Superseded("drives.superseded")
         error.outcome = self.outcome(OutcomeWord.UNKNOWN, "drives.superseded")
@@ -268,6 +268,19 @@ class Talk:
     def outcome(self, word: OutcomeWord, key: str, /, **params: Any) -> Outcome:
         """How it ended, with the frames so far and the status behind it."""
         return Outcome(word, key, params, self.evidence(), self.status())
+
+    def refused(self, answer: Answer, **params: Any) -> Outcome | None:
+        """The drive's own no as an outcome, None where it gave none. Raises the error of a frame that never left."""
+        if not answer.sent and answer.error is not None:
+            raise answer.error
+        no = None if answer.reply is None else self.dialect.refusal(answer.reply)
+        return None if no is None else self.outcome(OutcomeWord.REFUSED, no.key, code=no.code, **params)
+
+    def unseen(self, answered: bool, acknowledged: str, unknown: str, **params: Any) -> Outcome:
+        """Nothing that can be read shows the effect (ruling 1): there is the drive's yes, or not even that."""
+        if answered:
+            return self.outcome(OutcomeWord.ACKNOWLEDGED, acknowledged, **params)
+        return self.outcome(OutcomeWord.UNKNOWN, unknown, **params)
 
     def evidence(self) -> tuple[Exchange, ...]:
         """Frames in the order in which they left."""

@@ -147,31 +147,23 @@ def _write_one(talk: Talk, wanted: _Wanted, save: bool) -> Conversation[Outcome]
     around = yield from talk.in_time()
     command = talk.memory.command(Kind.WRITE, around)
     answer = yield from talk.act(command, talk.dialect.write_parameter(wanted.parameter, wanted.raw, save))
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
+    refused = talk.refused(answer, **said)
     if refused is not None:
-        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code, **said)
+        return refused
     outcome = yield from _read_back(talk, wanted, answer.error is None, said)
     if held == wanted.raw and outcome.word is OutcomeWord.CONFIRMED:
-        outcome = _shown_before(talk, answer.error is None, said)
+        # RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)
+        outcome = talk.unseen(answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **said)
     if save and outcome.done:
         with suppress(ConfigurationError):  # not noted, the next save of this value is not skipped: safe
             yield from wear.saved(notation)
     return outcome
 
 
-def _shown_before(talk: Talk, answered: bool, said: dict[str, object]) -> Outcome:
-    """RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)."""
-    word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
-    return talk.outcome(word, "drives.save_acknowledged" if answered else "drives.save_unknown", **said)
-
-
 def _read_back(talk: Talk, wanted: _Wanted, answered: bool, said: dict[str, object]) -> Conversation[Outcome]:
     """Through a different request, behind a fence (RELIABILITY 4: removes echo forgery)."""
     if not wanted.parameter.readable:
-        word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
-        return talk.outcome(word, "drives.write_acknowledged" if answered else "drives.write_unknown", **said)
+        return talk.unseen(answered, "drives.write_acknowledged", "drives.write_unknown", **said)
     raw: int | None = None
     error: DrivebusError | None = None
     for attempt in range(BACK_TRIES):

@@ -44,7 +44,7 @@ def reach(talk: Talk, frequency_hz: float, outcome: Outcome, timeout_s: float | 
         error = yield from talk.judged()
         around = yield from look()
         if around.generation != generation:
-            raise talk.superseded(around.now)
+            raise talk.superseded()
         state, output = talk.verdict.state, _output_hz(talk)
         if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
             key = "drives.running_at"

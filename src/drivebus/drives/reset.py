@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from drivebus.drives.gate import EXPIRY_S, Kind
+from drivebus.drives.dialect import Frame
+from drivebus.drives.gate import EXPIRY_S, Command, Kind
 from drivebus.drives.operation import Talk
 from drivebus.drives.start import RESENDS, SETTLE_S, send, send_again
 from drivebus.drives.state import DriveState, Outcome, OutcomeWord
@@ -18,31 +19,35 @@ def reset_fault(talk: Talk) -> Conversation[Outcome]:
     """Reset a fault, where there is one. Raises CapabilityError, GateError, Expired or the bus's error."""
     talk.memory.need("reset_fault")
     yield from talk.begin()
-    if talk.dialect.can_tell:
-        error = yield from talk.judged()
-        if error is not None:
-            raise error
-        if talk.verdict.state.turning:
-            raise GateError("drives.reset_while_turning", state=talk.verdict.state)
-        if talk.verdict.state not in FAULTY and talk.verdict.fault_code is None:
-            return talk.outcome(OutcomeWord.CONFIRMED, "drives.no_fault", state=talk.verdict.state)
-    else:  # it must answer at all; and a first reply that equals its request would not be believed (F03)
-        error = yield from talk.fence()
-        if error is not None:
-            raise error
+    if not (yield from _has_fault(talk)):
+        return talk.outcome(OutcomeWord.CONFIRMED, "drives.no_fault", state=talk.verdict.state)
     around = yield from talk.in_time()
     command = talk.command(Kind.RESET, around)
     frames = talk.dialect.reset()
     answer = yield from send(talk, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    refused = None if answer.reply is None else talk.dialect.refusal(answer.reply)
-    if refused is not None:
-        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code)
     answered = answer.error is None
+    refused = talk.refused(answer)
+    if refused is not None:
+        return refused
     if not talk.dialect.can_tell:
-        word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
-        return talk.outcome(word, "drives.reset_acknowledged" if answered else "drives.reset_unknown")
+        return talk.unseen(answered, "drives.reset_acknowledged", "drives.reset_unknown")
+    return (yield from _until_cleared(talk, command, frames, answered))
+
+
+def _has_fault(talk: Talk) -> Conversation[bool]:
+    """Two fenced reads show a fault; a drive that reports no state may have one. Raises GateError, the bus's error."""
+    can_tell = talk.dialect.can_tell
+    # where it can't tell, it must answer at all; and a first reply that equals its request is not believed (F03)
+    error = (yield from talk.judged()) if can_tell else (yield from talk.fence())
+    if error is not None:
+        raise error
+    if talk.verdict.state.turning:
+        raise GateError("drives.reset_while_turning", state=talk.verdict.state)
+    return not can_tell or talk.verdict.state in FAULTY or talk.verdict.fault_code is not None
+
+
+def _until_cleared(talk: Talk, command: Command, frames: tuple[Frame, ...], answered: bool) -> Conversation[Outcome]:
+    """Look until the fault is gone, or has stayed too long; an unanswered reset is sent again while it still stands."""
     sent_again = 0
     while True:
         yield from wait(SETTLE_S)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivebus.drives.dialect import Frame, Refusal
+from drivebus.drives.dialect import Frame
 from drivebus.drives.gate import EXPIRY_S, Command, Kind
 from drivebus.drives.operation import Talk, noted
 from drivebus.drives.preflight import ensure
 from drivebus.drives.setpoint import set_frequency, shown, write_setpoint
+from drivebus.drives.settle import settled
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeWord
 from drivebus.drives.talk import Conversation, wait
-from drivebus.errors import CapabilityError, Expired, GateError, NotReached, Superseded
+from drivebus.errors import CapabilityError, Expired, GateError, Superseded
 from drivebus.message import Answer
 
 SETTLE_S = 0.15
@@ -103,11 +104,9 @@ def _started(talk: Talk, frequency_hz: float, direction: Direction | None, word:
     command = talk.command(Kind.START, around)
     frames = talk.dialect.start(direction, word)
     answer = yield from send(talk, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    refused = _refusal(talk, answer)
+    refused = talk.refused(answer)
     if refused is not None:
-        return talk.outcome(OutcomeWord.REFUSED, refused.key, code=refused.code)
+        return refused
     outcome = yield from confirm(talk, command, frames, direction, answer.error is None)
     if outcome.word is OutcomeWord.CONFIRMED and talk.dialect.carries_frequency:
         return (yield from _with_setpoint(talk, outcome, word, frequency_hz))
@@ -143,17 +142,12 @@ def send_again(talk: Talk, command: Command, frames: tuple[Frame, ...]) -> Conve
     return answer.error is None
 
 
-def _refusal(talk: Talk, answer: Answer) -> Refusal | None:
-    return None if answer.reply is None else talk.dialect.refusal(answer.reply)
-
-
 def confirm(
     talk: Talk, command: Command, frames: tuple[Frame, ...], direction: Direction | None, answered: bool
 ) -> Conversation[Outcome]:
     """Was it executed? An unanswered start is sent again only after two fenced reads show standstill (ruling 6)."""
     if not talk.dialect.can_tell:
-        word = OutcomeWord.ACKNOWLEDGED if answered else OutcomeWord.UNKNOWN
-        return talk.outcome(word, "drives.start_acknowledged" if answered else "drives.start_unknown")
+        return talk.unseen(answered, "drives.start_acknowledged", "drives.start_unknown")
     sent_again = 0
     deadline = (yield from talk.still_wanted(command)) + CONFIRM_S
     talk.seen_turning = False
@@ -197,18 +191,11 @@ def _with_setpoint(talk: Talk, outcome: Outcome, word: int, frequency_hz: float)
         return noted(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
     found = yield from shown(talk, word, frequency_hz, answered=True)
     if found.word is OutcomeWord.FAILED:
-        raise _differs(found)
+        return settled(found)  # raises: it runs, but not at what was asked for (a wrong scale or a wrong drive)
     merged = replace(outcome, evidence=found.evidence)
     if found.word is OutcomeWord.CONFIRMED:
         return merged
     return noted(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
-
-
-def _differs(found: Outcome) -> NotReached:
-    """It runs, but not at what was asked for: a wrong scale or a wrong drive."""
-    error = NotReached(found.key, **dict(found.params))
-    error.outcome = found
-    return error
 
 
 def _with_unread(talk: Talk, outcome: Outcome) -> Outcome:
