@@ -50,8 +50,6 @@ def if_host_dies(talk: Talk) -> Conversation[CommLossReport]:
 
 
 def _shown(reading: Reading | None) -> str:
-    return "?" if reading is None else f"{reading.value:g} {reading.unit}".strip() if _number(reading) else "?"
-
-
-def _number(reading: Reading) -> bool:
-    return isinstance(reading.value, int | float)
+    if reading is None or not isinstance(reading.value, int | float):
+        return "?"
+    return f"{reading.value:g} {reading.unit}".strip()

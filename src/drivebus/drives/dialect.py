@@ -34,7 +34,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The drive's own no: an i18n key, its code, and whether the same may work later (T: 2/3 "locked" no retry)."""
+    """The drive's own no: an i18n key, and its code where it gives one."""
 
     key: str
     code: int | None

@@ -115,7 +115,7 @@ class DzbDialect:
     def _state_facts(self, data: int, at: float | None) -> Facts:
         try:
             word = StateWord.parse(data, self.settings.get("fault_coding", "decimal"))
-        except (ProtocolError, ValueError):
+        except ProtocolError:
             return {"fault": Reading(None, "", Quality.BAD, at, "drives.not_documented", data)}
         return {
             "state": Reading(data, "", Quality.UNCERTAIN, at, "drives.bits_not_published", data),
@@ -130,7 +130,7 @@ class DzbDialect:
             return reading_of(signal, data, at)
         try:
             value = decode_frequency(data, coding if settled else DEFAULT_CODING)
-        except (ValueError, ProtocolError):
+        except ValueError:
             return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", data)
         reading = plausible(signal, Reading(value, signal.unit, Quality.GOOD, at, None, data))
         return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
@@ -182,7 +182,7 @@ class DzbDialect:
         codings, coding = candidates(self.settings), self._setpoint_coding()
         try:
             word = encode_frequency(frequency_hz, coding)
-        except (ValueError, ProtocolError) as error:
+        except ValueError as error:
             raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=coding) from error
         if len(codings) > 1 and not within_cap(word, codings):
             cap = cap_word(codings)

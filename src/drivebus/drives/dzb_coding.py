@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivebus.errors import ProtocolError
 from drivebus.protocols.dzb import FREQUENCY_CODINGS, FrequencyCoding, decode_frequency
 
 CODINGS = FREQUENCY_CODINGS
@@ -25,7 +24,7 @@ def within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
     """Every coding reads this word as at most 5 Hz, and as a number at all."""
     try:
         return all(decode_frequency(word, coding) <= CAP_HZ for coding in codings)
-    except (ValueError, ProtocolError):
+    except ValueError:
         return False
 
 
@@ -34,7 +33,7 @@ def decoded(word: int, coding: str) -> float | None:
     known = next((c for c in CODINGS if c == coding), None)
     try:
         return None if known is None else decode_frequency(word, known)
-    except (ValueError, ProtocolError):
+    except ValueError:
         return None
 
 

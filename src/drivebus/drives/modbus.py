@@ -11,6 +11,7 @@ from typing import Any
 from drivebus.drives.book import Book, Facts
 from drivebus.drives.command_word import CommandWord
 from drivebus.drives.dialect import (
+    UNNAMED,
     Frame,
     Refusal,
     Stop,
@@ -76,9 +77,7 @@ class ModbusDialect:
 
     @property
     def _map(self) -> CommandMap:
-        if self.word is None:
-            raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
-        return self.word.map
+        return self._command().map
 
     def effect(self, frame: bytes) -> Effect:
         """What these bytes do; bytes that are no request, and registers that no table has, may move (T12)."""
@@ -222,13 +221,13 @@ class ModbusDialect:
         return Verdict(newer, direction_of(self.status, pair[1]) if newer.turning else None, fault)
 
     def _fault(self, book: Book) -> int:
-        """The lowest bit that is set in the fault words; -1 where the drive names none (yet)."""
+        """The lowest bit that is set in the fault words; ``UNNAMED`` where the drive names none (yet)."""
         assert self.status is not None
         for place, _ in enumerate(self.status.fault_registers):
             word = book.agreed(f"fault_{place}")
             if word:
                 return 16 * place + (word & -word).bit_length() - 1
-        return -1
+        return UNNAMED
 
     def stop_seen(self, book: Book) -> bool:
         return True

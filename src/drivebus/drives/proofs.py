@@ -13,7 +13,7 @@ from drivebus.drives.dzb_coding import CAP_HZ, CODINGS, candidates, cap_word, de
 from drivebus.drives.gate import Kind
 from drivebus.drives.jogging import send_jog
 from drivebus.drives.modbus import ModbusDialect
-from drivebus.drives.operation import ROUNDS, Talk
+from drivebus.drives.operation import EXTRA_ROUNDS, ROUNDS, Talk
 from drivebus.drives.preflight import ensure
 from drivebus.drives.setpoint import write_setpoint
 from drivebus.drives.start import confirm, send
@@ -122,7 +122,7 @@ def _agreed_word(talk: Talk, dialect: DzbDialect, item: int) -> Conversation[int
     requests = (dialect.query(item),)
     name = ("set_frequency", "output_frequency")[item]
     talk.book.forget(name)
-    for _ in range(ROUNDS + 3):
+    for _ in range(ROUNDS + EXTRA_ROUNDS):
         error = yield from talk.fenced_reads(requests)
         if error is not None:
             raise error
