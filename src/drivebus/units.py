@@ -1,4 +1,4 @@
-"""Raw words and quantities: the only place that scales one into the other, and that knows Hz from rpm."""
+"""Raw words and quantities: the only place that scales one into the other."""
 
 from __future__ import annotations
 
@@ -41,8 +41,3 @@ class Scale:
                 raise ValueError(f"word {raw:04X}H is no decimal number")
             return int(digits)
         return raw
-
-
-def rpm(frequency_hz: float, pole_pairs: int) -> float:
-    """Synchronous speed."""
-    return frequency_hz * 60.0 / pole_pairs
