@@ -46,11 +46,6 @@ class Violation:
         names = Text(title.en or id, title.zh or id)
         return {"interlock": id, "require": self.setting.require, "title": names, "why": why}
 
-    @property
-    def text(self) -> Text:
-        """Why, in one sentence."""
-        return both("interlocks.violated", **self.params)
-
 
 @dataclass(slots=True)
 class _Watched:
@@ -113,10 +108,6 @@ class Interlocks:
         mine = [one for one in self._all.values() if drive in one.setting.drives]
         new = [Violation(one.setting, 0.0, False, (both("interlocks.not_looked"),)) for one in mine if not one.looked]
         return new + [one.violation for one in mine if one.looked and one.violation is not None]
-
-    def violated(self, drive: str) -> list[InterlockSetting]:
-        """The settings of these: they forbid this drive's start."""
-        return [one.setting for one in self.violations(drive)]
 
     def stopping(self, drive: str) -> list[InterlockSetting]:
         """Those that tripped and stop: this drive must not run, now and as long as they do not hold."""
