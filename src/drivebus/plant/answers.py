@@ -6,10 +6,9 @@ from typing import Any
 
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
-from drivebus.plant.failure import outcome_json
 from drivebus.plant.frames import frame_json
 from drivebus.plant.groups import Groups
-from drivebus.plant.parameters import address_hex, reading_json
+from drivebus.plant.parameters import readings_json
 from drivebus.plant.parts import Handler
 from drivebus.plant.profile_view import profile_json
 from drivebus.plant.state import Plant
@@ -30,7 +29,7 @@ class Answers:
             "plant.get": self.whole, "plant.statistics": self.statistics, "drives.list": self.drives,
             "drives.get": self.drive, "drives.profile": self.profile, "groups.list": self.all_groups,
             "buses.list": self.buses, "buses.get": self.bus, "buses.frames": self.frames,
-            "parameters.read": self.read, "parameters.write": self.write,
+            "parameters.read": self.read,
         }  # fmt: skip
 
     async def whole(self, params: ask.Nothing, actor: Actor) -> Json:
@@ -82,22 +81,4 @@ class Answers:
 
     async def read(self, params: ask.ReadParameters, actor: Actor) -> Json:
         unit = self.plant.unit(params.drive)
-        found = await unit.drive.read(params.names)
-        return {
-            "parameters": {
-                name: reading_json(reading) | {"address_hex": address_hex(unit.profile, name)}
-                for name, reading in found.items()
-            }
-        }
-
-    async def write(self, params: ask.WriteParameters, actor: Actor) -> Json:
-        """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
-        unit = self.plant.unit(params.drive)
-        self.plant.leases.need(unit.id, actor, self.plant.now())
-        unit.doubt_badge()
-        try:
-            outcome = await unit.drive.write(params.values, params.save)
-        finally:
-            unit.doubt_badge()  # what was read meanwhile may have been the old value
-        self.plant.tell("configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word))
-        return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
+        return {"parameters": readings_json(unit.profile, await unit.drive.read(params.names))}

@@ -33,7 +33,7 @@ async def _nobody(leader: Unit, frequency_hz: float, actor: Actor) -> Json:
 
 
 class Commands:
-    """Leases, arms, motion, waivers and limits of single drives."""
+    """Leases, arms, motion, parameters, waivers and limits of single drives."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -45,6 +45,7 @@ class Commands:
             "lease.take": self.take, "lease.renew": self.renew, "lease.release": self.give_up, "drive.arm": self.arm,
             "drive.stop": self.stop, "drive.reset": self.reset, "drive.release": self.release,
             "drive.waiver": self.waive, "drive.unwaive": self.unwaive, "drive.limits": self.limit,
+            "parameters.write": self.write,
         }  # fmt: skip
 
     def motions(self) -> dict[str, Motion]:
@@ -172,6 +173,17 @@ class Commands:
             outcome=str(outcome.word), **params, how=outcome,
         )  # fmt: skip
         return {"outcome": said}
+
+    async def write(self, params: ask.WriteParameters, actor: Actor) -> Json:
+        """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
+        unit = self.own(params.drive, actor)
+        unit.doubt_badge()
+        try:
+            outcome = await unit.drive.write(params.values, params.save)
+        finally:
+            unit.doubt_badge()  # what was read meanwhile may have been the old value
+        self.plant.tell("configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word))
+        return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
 
     # --- what an engineer allows ------------------------------------------------------------------------------------
 

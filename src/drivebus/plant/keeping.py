@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 
 from drivebus.plant import operations as ask
 from drivebus.plant.actor import Actor
@@ -17,7 +16,7 @@ from drivebus.plant.cases.parameters import that_matter
 from drivebus.plant.cases.recorder import FRAMES, TRIPS, LineSeen
 from drivebus.plant.failure import why
 from drivebus.plant.frames import frame_json
-from drivebus.plant.parameters import address_hex, reading_json
+from drivebus.plant.parameters import readings_json
 from drivebus.plant.parts import Handler
 from drivebus.plant.state import Plant
 from drivebus.plant.turns import by_and_by
@@ -120,11 +119,7 @@ class Keeping:
     async def _parameters(self, drive: str) -> Mapping[str, Json]:
         """Reads; they wait behind every command."""
         unit = self.plant.unit(drive)
-        found = await unit.drive.read(that_matter(unit.profile))
-        return {
-            name: reading_json(reading) | {"address_hex": address_hex(unit.profile, name)}
-            for name, reading in found.items()
-        }
+        return readings_json(unit.profile, await unit.drive.read(that_matter(unit.profile)))
 
     async def close(self) -> None:
         """Keep what is being kept."""
@@ -166,11 +161,7 @@ class Keeping:
 
     async def _cases(self, params: ask.Span, actor: Actor) -> Json:
         span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
-        return await self._aside(partial(self._store.list, *span))
+        return await asyncio.to_thread(self._store.list, *span)
 
     async def _case(self, params: ask.OfCase, actor: Actor) -> Json:
-        return await self._aside(partial(self._store.get, params.case))
-
-    @staticmethod
-    async def _aside(function: Callable[[], Json]) -> Json:
-        return await asyncio.get_running_loop().run_in_executor(None, function)
+        return await asyncio.to_thread(self._store.get, params.case)

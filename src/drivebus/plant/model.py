@@ -198,8 +198,4 @@ class PlantSetting:
 
     def drive(self, id: str) -> DriveSetting:
         """Raises KeyError."""
-        return next((drive for drive in self.drives if drive.id == id), None) or _nobody(id)
-
-
-def _nobody(id: str) -> DriveSetting:
-    raise KeyError(id)
+        return {drive.id: drive for drive in self.drives}[id]

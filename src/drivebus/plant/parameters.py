@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from drivebus.errors import ProfileError
@@ -17,6 +18,11 @@ def reading_json(reading: Reading) -> Json:
         "raw": reading.raw, "value": reading.value, "unit": reading.unit, "quality": str(reading.quality),
         "reason": reading.reason,
     }  # fmt: skip
+
+
+def readings_json(profile: DriveProfile, found: Mapping[str, Reading]) -> Json:
+    """Readings by any of their names, each with its wire address."""
+    return {name: reading_json(one) | {"address_hex": address_hex(profile, name)} for name, one in found.items()}
 
 
 def address_hex(profile: DriveProfile, name: str) -> str | None:

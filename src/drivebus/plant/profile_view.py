@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus.plant.parameters import hex_of
-from drivebus.plant.view import text_json
-from drivebus.profiles.model import Caveat, DriveProfile, Evidence, FaultEntry, OpenQuestion, Parameter, Signal
+from drivebus.plant.view import fault_json, text_json
+from drivebus.profiles.model import Caveat, DriveProfile, Evidence, OpenQuestion, Parameter, Signal
 
 Json = dict[str, Any]
 
@@ -24,7 +24,7 @@ def profile_json(profile: DriveProfile) -> Json:
         "capabilities": sorted(profile.capabilities), "jog_frequency": profile.jog_frequency,
         "signals": [_signal(one) for one in profile.signals.values()],
         "parameters": [_parameter(one) for one in profile.parameters.values()],
-        "faults": [_fault(one) for one in profile.faults.values()],
+        "faults": [fault_json(one) for one in profile.faults.values()],
         "caveats": [_caveat(one) for one in profile.caveats],
         "keypad": [text_json(one) for one in profile.keypad], "wiring": text_json(profile.wiring),
         "open_questions": [_question(one) for one in profile.open_questions],
@@ -50,13 +50,6 @@ def _parameter(parameter: Parameter) -> Json:
         "choices": {str(raw): text_json(text) for raw, text in parameter.choices.items()},
         "help": text_json(parameter.help), "caveat": parameter.caveat, "writable": parameter.writable,
         "readable": parameter.readable, "factory": parameter.factory, "evidence": _evidence(parameter.evidence),
-    }  # fmt: skip
-
-
-def _fault(fault: FaultEntry) -> Json:
-    return {
-        "code": fault.code, "label": fault.label, "text": text_json(fault.text), "cause": text_json(fault.cause),
-        "remedy": text_json(fault.remedy),
     }  # fmt: skip
 
 

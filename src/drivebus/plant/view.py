@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivebus.profiles.model import Text
+from drivebus.drives.state import Fault
+from drivebus.profiles.model import FaultEntry, Text
 from drivebus.reading import Quality, Reading
 
 Json = dict[str, Any]
@@ -17,6 +18,14 @@ Json = dict[str, Any]
 
 def text_json(text: Text | None) -> Json | None:
     return None if text is None else {"en": text.en, "zh": text.zh}
+
+
+def fault_json(fault: Fault | FaultEntry | None) -> Json | None:
+    """The fault that a drive has, or one that its model may have."""
+    return None if fault is None else {
+        "code": fault.code, "label": fault.label, "text": text_json(fault.text), "cause": text_json(fault.cause),
+        "remedy": text_json(fault.remedy),
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
-from drivebus.drives.state import DriveStatus, Fault
+from drivebus.drives.state import DriveStatus
 from drivebus.plant.failure import both
 from drivebus.plant.lines import Line
 from drivebus.plant.starting import hindrances
 from drivebus.plant.state import Plant
 from drivebus.plant.topics import Counting
 from drivebus.plant.units import Unit
-from drivebus.plant.view import DriveView, SignalView, text_json
+from drivebus.plant.view import DriveView, SignalView, fault_json, text_json
 
 Json = dict[str, Any]
 
@@ -57,15 +57,6 @@ def drive_topic(plant: Plant, view: DriveView, status: DriveStatus) -> Json:
 
 def _without(fields: Json, name: str) -> Json:
     return {key: value for key, value in fields.items() if key != name}
-
-
-def fault_json(fault: Fault | None) -> Json | None:
-    if fault is None:
-        return None
-    return {
-        "code": fault.code, "label": fault.label, "text": text_json(fault.text), "cause": text_json(fault.cause),
-        "remedy": text_json(fault.remedy),
-    }  # fmt: skip
 
 
 def bus_view(plant: Plant, line: Line) -> Json:

@@ -167,7 +167,7 @@ class Watching:
             plant.calm(Own.PORT, about=bus)
         elif was_open or line.problem is not None:
             self._open[bus] = False
-            reason = line.problem or Text(**both("plant.bus_reopened", {}))
+            reason = line.problem or Text(**both("plant.bus_reopened"))
             plant.alarm(Own.PORT, about=bus, reason=reason)
         if was_open is not self._open.get(bus) and was_open is not None:
             plant.tell("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
