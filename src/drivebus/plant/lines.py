@@ -43,7 +43,6 @@ class Line:
         self,
         setting: BusSetting,
         profile: DriveProfile | None,
-        now: Callable[[], float],
         told: Callable[[str, dict[str, Any]], None],
         on_frame: Callable[[Line, Seen], None],
     ) -> None:
@@ -57,10 +56,7 @@ class Line:
         self._bound: tuple[Any, float | None] = ((), None)
         """For which polls, and the bound: computed anew only when they change."""
         self.count = 0
-        self.progress_at: float | None = None
-        """When the loop of this bus last did something: what the watchdog is fed by."""
         self.wall_ms: Callable[[], int] = lambda: 0
-        self._now = now
         self._opening: asyncio.Task[None] | None = None
         self._untrace = self.bus.trace(self._traced)
 
@@ -118,7 +114,6 @@ class Line:
         await self.bus.close()
 
     def _traced(self, event: TraceEvent) -> None:
-        self.progress_at = self._now()
         self.count += 1
         seen = Seen(self.count, self.wall_ms(), event)
         self.frames.append(seen)

@@ -87,7 +87,7 @@ class Service:
     def add_bus(self, setting: BusSetting, drives: Sequence[DriveSetting]) -> Line:
         """A bus of the plant, not opened yet; ``drives``: of the whole plant."""
         first = next((profile_of(drive) for drive in drives if drive.bus == setting.id), None)
-        line = Line(setting, first, self.plant.now, self._line_told, self._frame)
+        line = Line(setting, first, self._line_told, self._frame)
         line.wall_ms = self.plant.wall_ms
         self.plant.lines[setting.id] = line
         return line
