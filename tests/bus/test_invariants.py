@@ -36,9 +36,7 @@ GAP = 3.5 * C
 class Watchful(Playbook):
     """Asserts the invariants at every frame."""
 
-    permits: dict[bytes, float] = {}
     quiet_since = 0.0
-    held_back = 0
 
     def _send(self, frame: bytes) -> None:
         flight = self.core.flight

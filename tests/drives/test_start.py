@@ -24,7 +24,7 @@ from drivebus.message import Effect
 from drivebus.protocols import modbus, sifang
 from drivekit import PaperC320, PaperModbus, World, dialect_of, memory_of, talk_of
 
-ON_320, REVERSE_320 = sifang.Operation.RUN_FORWARD_AT, sifang.Operation.RUN_REVERSE_AT
+ON_320 = sifang.Operation.RUN_FORWARD_AT
 
 
 def c320(paper: PaperC320, **limits: Any) -> tuple[World, Talk]:

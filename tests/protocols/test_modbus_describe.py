@@ -10,7 +10,6 @@ from drivebus.protocols.modbus.rtu import with_check
 from vectorfile import Vector, load
 
 VECTORS = (*load("vc660"), *load("df800"))
-FORM = {"vc660": "exception", "df800": "short"}
 
 
 def described(vector: Vector, request: bytes | None = None) -> Description:

@@ -15,8 +15,6 @@ from drivebus.cli.progress import Bar
 from drivebus.lab import report
 from drivebus.lab.campaign import NAMES, Campaign, Session, find, perform
 
-FOLDER = Path("docs/reports")
-
 
 def _options() -> list[click.Parameter]:
     return [

@@ -25,10 +25,8 @@ DECIMAL = _alphabet((_DIGITS[:10], _DIGITS[:10]))
 """0-9."""
 STRICT = _alphabet((_DIGITS, _DIGITS))
 """0-9 and A-F (41H-46H)."""
-EITHER_CASE = _alphabet((_DIGITS, _DIGITS), (b"abcdef", b"ABCDEF"))
-"""0-9, A-F and a-f."""
 TOLERANT = _alphabet((_DIGITS, _DIGITS), (b"abcdef", b"ABCDEF"), (b"\x3a\x3b\x3c\x3d\x3e\x3f", b"ABCDEF"))
-"""Also 3AH-3FH, the C320 manual's other spelling of A-F (T02)."""
+"""Also a-f, and 3AH-3FH, the C320 manual's other spelling of A-F (T02)."""
 
 
 def _crc_entry(byte: int) -> int:

@@ -17,8 +17,6 @@ from drivebus.plant.operations import OPERATIONS
 from pagehands import expecting, trip
 from pagekit import Stage
 
-Depth = tuple[str, Callable[[Any], None]]
-
 
 def open_history(page: Any) -> None:
     page.locator(".trend-plot canvas").wait_for()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -106,9 +105,6 @@ def _tolerant(at: Case) -> None:
         line.trick(1, behind(junk), 1)
         answer = line.read(1)
         line.expect(answer.error is None and answer.attempts == attempts, f"{size} bytes of junk: {answer}")
-
-
-Spoil = Callable[[bytearray], None]
 
 
 def spoilt(at: Case, marked: bool, where: range | None = None) -> Any:
