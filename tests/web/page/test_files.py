@@ -40,6 +40,34 @@ def test_every_import_is_relative_and_exists() -> None:
             assert (script.parent / found).resolve().is_file(), (script.name, found)
 
 
+EXPORT = re.compile(r"^export (?:async )?(?:const|let|class|function\*?) (\w+)", re.MULTILINE)
+TOGETHER = re.compile(r"^(export|import) \{([^}]*)\}", re.MULTILINE)
+
+
+def names(listed: str) -> list[str]:
+    return re.findall(r"(\w+)\s*(?:,|$)", listed)
+
+
+def test_what_a_script_exports_is_asked_for_by_another_or_by_a_test() -> None:
+    code = {path: stripped(path.read_text("utf-8")) for path in SCRIPTS}
+    tests = "".join(path.read_text("utf-8") for path in Path(__file__).parent.glob("*.py"))
+    unused = set()
+    for path, text in code.items():
+        together = [name for kind, listed in TOGETHER.findall(text) if kind == "export" for name in names(listed)]
+        for name in [*EXPORT.findall(text), *together]:
+            word = re.compile(rf"\b{name}\b")
+            if not any(word.search(other) for file, other in code.items() if file != path) and f"m.{name}" not in tests:
+                unused.add((path.name, name))
+    assert not unused
+
+
+def test_what_a_script_imports_is_used() -> None:
+    for path in SCRIPTS:
+        text = stripped(path.read_text("utf-8"))
+        imported = [name for kind, listed in TOGETHER.findall(text) if kind == "import" for name in names(listed)]
+        assert not {name for name in imported if len(re.findall(rf"\b{name}\b", text)) < 2}, path.name
+
+
 def test_the_whole_page_is_small_over_the_wire() -> None:
     """Everything that it can ever load, in the larger language, packed as the server packs it; measured 2026-11."""
     files = [path for path in [*HERE.glob("static/**/*"), *VENDOR.glob("*.*")] if path.is_file()]
@@ -52,8 +80,8 @@ def _packed(content: bytes) -> bytes:
 
 
 def stripped(text: str) -> str:
-    """Without comments."""
-    return re.sub(r"/\*.*?\*/|(?<![:\"'`])//[^\n]*", "", text, flags=re.DOTALL)
+    """Without comments; ``<//>`` is the end of a part, not the beginning of one."""
+    return re.sub(r"/\*.*?\*/|(?<![:\"'`<])//[^\n]*", "", text, flags=re.DOTALL)
 
 
 KEYS = re.compile(r"""["'`]((?:page|plantpage)\.[a-z0-9_]+)["'`]""")
@@ -69,9 +97,15 @@ def test_every_sentence_that_a_script_names_is_in_the_catalogue() -> None:
 
 def test_every_sentence_of_the_page_is_used() -> None:
     text = "\n".join(stripped(path.read_text("utf-8")) for path in SCRIPTS)
-    starts = {"page.sort_", "page.by_", "page.size_"}  # chosen by a name given to a part
+    starts = {
+        "page.sort_",
+        "page.by_",
+        "page.size_",
+        "plantpage.counter_",
+        "plantpage.error_",
+    }  # chosen by a name given to a part
     used, beginnings = set(KEYS.findall(text)), tuple(starts | set(BEGINNINGS.findall(text)) - {"page.", "plantpage."})
-    mine = {key for key in i18n.catalogue("en") if key.startswith("page.")}
+    mine = {key for key in i18n.catalogue("en") if key.startswith(("page.", "plantpage."))}
     fields = {f"page.{name}" for name in ("minimum_hz", "maximum_hz")}
     assert not {key for key in mine - used - fields if not key.startswith(beginnings)}
 

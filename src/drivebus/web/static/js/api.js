@@ -9,7 +9,7 @@ const PATIENCE_MS = 15_000;
 export const session = signal(null);
 
 /** Why a request came to nothing: the server's one error shape, or that it could not be reached. */
-export class ApiError extends Error {
+class ApiError extends Error {
   constructor(error, status) {
     super(error.code);
     this.code = error.code;

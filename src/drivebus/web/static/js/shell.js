@@ -16,7 +16,7 @@ import { StopBar } from "./stopbar.js";
 import { read, takeovers } from "./takeovers.js";
 
 /** Page → the right that it needs. */
-export const WAYS = [
+const WAYS = [
   ["fleet", "view"], ["buses", "view"], ["alarms", "view"], ["history", "view"], ["audit", "audit"],
   ["settings", "view"],
 ];
@@ -24,7 +24,7 @@ const menu = signal(false);
 const RANK = { urgent: 0, high: 1, low: 2 };
 
 /** Active alarms that nobody shelved, the most urgent and newest first. */
-export function pressing() {
+function pressing() {
   const active = topic("alarms").value?.active ?? [];
   const open = active.filter((alarm) => !alarm.shelved_until_ms);
   return open.sort((a, b) => RANK[a.priority] - RANK[b.priority] || b.raised_ms - a.raised_ms);

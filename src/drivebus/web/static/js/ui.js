@@ -1,7 +1,7 @@
 // Parts that every page is made of. They hold no sentence of their own: texts come in as children or through t().
 import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./lib.js";
 import { both, t } from "./i18n.js";
-import { NOTHING, clock, duration, number } from "./format.js";
+import { NOTHING, duration, number } from "./format.js";
 import { Icon } from "./icons.js";
 
 /** Enter held down presses a button again and again: once is what was meant. */
@@ -175,4 +175,3 @@ export function useLoaded(load, what) {
 }
 
 export const Loading = () => html`<p class="loading" role="status">${t("page.loading")}</p>`;
-export const Time = ({ ms }) => html`<time dateTime=${ms ? new Date(ms).toISOString() : undefined}>${clock(ms)}</time>`;

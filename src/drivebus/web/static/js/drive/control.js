@@ -37,7 +37,7 @@ function TakeOver({ view, onClose }) {
 }
 
 /** Who commands the drive, and how to change that. */
-export function LeaseLine({ view }) {
+function LeaseLine({ view }) {
   const [run, busy, error] = useAsk();
   const [asking, setAsking] = useState(false);
   const mine = isMine(view.lease);

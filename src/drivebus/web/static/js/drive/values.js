@@ -9,7 +9,7 @@ const BIG = ["output_frequency", "output_current"];
 /** The rest opens by a press: some models tell twenty. */
 const AT_FIRST = 7;
 
-export const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
+const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
 /** Why a value is doubtful or absent, for whoever has no mouse to ask; of an old one its word says enough. */
 function Why({ found }) {

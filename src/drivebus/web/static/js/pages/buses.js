@@ -40,7 +40,7 @@ function BusCard({ id, chosen }) {
 }
 
 /** A share of 100 as a bar with its number. */
-export function Meter({ label, value }) {
+function Meter({ label, value }) {
   const known = typeof value === "number";
   const full = known && value >= 90;
   return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} title=${label}

@@ -1,6 +1,6 @@
 // One drive: what it does now, control of it, and everything that is known about it.
 import { html } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { t, titled } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
 import { href, replaceQuery } from "../router.js";

@@ -33,7 +33,7 @@ function useFrames(bus) {
 }
 
 /** Does a frame pass the filter? Text is sought in the bytes, with or without blanks, and in what they say. */
-export function passes(frame, { kind, station, sought }) {
+function passes(frame, { kind, station, sought }) {
   if (!KINDS[kind](frame) || (station !== null && frame.station !== station)) return false;
   const text = sought.trim().toLowerCase();
   if (!text) return true;

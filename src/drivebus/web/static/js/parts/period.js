@@ -37,7 +37,7 @@ export function Period({ value, onChange, withDrive = true, children }) {
 }
 
 /** A date and time of this browser's zone, as UTC milliseconds. */
-export function Moment({ label, value, onChange }) {
+function Moment({ label, value, onChange }) {
   const told = (event) => {
     const at = new Date(event.target.value).getTime();
     if (Number.isFinite(at)) onChange(at);
@@ -46,7 +46,7 @@ export function Moment({ label, value, onChange }) {
     onChange=${told} /><//>`;
 }
 
-export function DriveChoice({ value, onChange }) {
+function DriveChoice({ value, onChange }) {
   return html`<${Field} label=${t("plantpage.drive")}><select value=${value}
     onChange=${(event) => onChange(event.target.value)}>
     <option value="">${t("plantpage.every_drive")}</option>

@@ -7,7 +7,7 @@ import { moment } from "../format.js";
 import { session } from "../session.js";
 import { Button, Dialog, ErrorNote, Field, Loading, Table, useAsk, useLoaded } from "../ui.js";
 
-export const ROLES = ["viewer", "operator", "engineer", "administrator"];
+const ROLES = ["viewer", "operator", "engineer", "administrator"];
 const pathOf = (user) => `/users/${encodeURIComponent(user.name)}`;
 
 export function Users() {

@@ -19,7 +19,7 @@ export function paint(plot, { markers, strips }, colours) {
 }
 
 /** Markers nearer to each other than a finger is wide are one, with their number. */
-export function clustered(plot, markers, width) {
+function clustered(plot, markers, width) {
   const groups = [];
   for (const marker of markers) {
     const x = plot.valToPos(marker.t, "x", true);

@@ -2,8 +2,8 @@
 
 /** The spans that a button offers, in seconds: a minute to a year. */
 export const SPANS_S = [60, 600, 3600, 28_800, 86_400, 604_800, 2_592_000, 31_536_000];
-export const SMALLEST_MS = 5_000;
-export const LARGEST_MS = 4_000 * 86_400_000;
+const SMALLEST_MS = 5_000;
+const LARGEST_MS = 4_000 * 86_400_000;
 
 /** A share of the window that is fetched beyond either edge, so that a small pan shows no empty border. */
 const MARGIN = 0.25;
