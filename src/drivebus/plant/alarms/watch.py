@@ -1,4 +1,4 @@
-"""Is it beyond, and for how long? One setting watching one drive; pure, time is an argument."""
+"""Is it beyond, and for how long? One setting watching one drive. Pure: time is an argument."""
 
 from __future__ import annotations
 
