@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from drivebus import profiles
+from drivebus.drives import make_dialect
 from drivebus.drives.command_word import MOVING, CommandWord
 from drivebus.drives.dialect import Stop
 from drivebus.drives.modbus import ModbusDialect
@@ -40,16 +42,23 @@ def vectors(model: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (VECTORS / f"{model}.jsonl").read_text().splitlines() if line.strip()]
 
 
-@pytest.mark.parametrize("entry", [v for v in vectors("c320") if v["direction"] == "request"], ids=lambda v: v["id"])
-def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
-    data = bytes.fromhex(entry["hex"])
-    from drivebus import profiles
-    from drivebus.drives import make_dialect
+PRINTED = [v for v in vectors("c320") if v["direction"] == "request"]
+STARTS = [v for v in PRINTED if v["fields"]["operation"] in (1, 2, 4, 5, 0x11, 0x12, 0x14, 0x15)]
 
+
+@pytest.mark.parametrize("entry", PRINTED, ids=lambda v: v["id"])
+def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
+    """Only a control frame (class 4) that starts may be sent at all."""
+    data, moves = bytes.fromhex(entry["hex"]), entry in STARTS
     dialect = make_dialect(profiles.load("c320"), 1, encoding=entry["encoding"])
-    if entry["fields"].get("operation") in (1, 2, 4, 5, 0x11, 0x12, 0x14, 0x15, "01", "02"):
-        assert dialect.link.effect(data) is Effect.MOTION
-        assert entry["fields"].get("class") == 4 or not dialect.lawful(data)
+    assert (dialect.link.effect(data) is Effect.MOTION) is moves
+    if moves and entry["fields"]["class"] != 4:
+        assert not dialect.lawful(data)
+
+
+def test_t01_the_manual_starts_the_motor_in_every_example_of_its_chapter_4() -> None:
+    assert {v["id"] for v in PRINTED if v["source"].startswith("manual §4")} <= {v["id"] for v in STARTS}
+    assert len(STARTS) == 13
 
 
 @pytest.mark.parametrize("group", range(16))

@@ -78,6 +78,7 @@ def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None
 
 def test_one_lost_frame_is_no_error_rate() -> None:
     ask(around=replace(AROUND, error_rate=0.5, failures=2))
+    refused(GateError, "drives.bad_link", around=replace(AROUND, error_rate=0.5, failures=3))
 
 
 def test_ruling_4_a_start_needs_a_fresh_status() -> None:

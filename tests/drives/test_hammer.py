@@ -42,6 +42,8 @@ class Hammer:
         self.model, self.hz = model, SAFE_HZ[model]
         self.bench = Bench(model, query=f"weather={weather}&seed={seed}&ramp=2")
         self.rng = random.Random(seed)
+        self.done = 0
+        """So often a start or stop was told to be done."""
 
     async def __call__(self) -> None:
         async with self.bench as bench:
@@ -64,6 +66,7 @@ class Hammer:
         finally:
             if stood:
                 assert len(starts) <= 1
+        self.done += outcome.done
         if outcome.word == "confirmed":
             assert self.running
 
@@ -73,6 +76,7 @@ class Hammer:
         except DrivebusError as error:
             assert error.outcome.word == "unknown"
         else:
+            self.done += 1
             assert outcome.word != "confirmed" or not self.running
 
     async def setpoint(self, drive: Drive) -> None:
@@ -119,5 +123,7 @@ class Hammer:
 @pytest.mark.parametrize("weather", WEATHERS)
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_that_is_said_of_a_drive_is_wrong(model: str, weather: str) -> None:
-    for seed in range(8):
-        story(Hammer(model, weather, seed)())
+    hammers = [Hammer(model, weather, seed) for seed in range(8)]
+    for hammer in hammers:
+        story(hammer())
+    assert any(hammer.done for hammer in hammers) or weather == "loss=0.3", "else nothing could be wrong"

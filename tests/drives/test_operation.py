@@ -15,7 +15,7 @@ from drivebus.drives.start import run
 from drivebus.drives.state import DriveState
 from drivebus.drives.talk import Keep, Wait, play
 from drivebus.drives.wear import Wear
-from drivebus.errors import DrivebusError, NoReply, NotPermitted
+from drivebus.errors import NoReply, NotPermitted
 from drivebus.message import Answer, Ask, Lane, WriteClass
 from drivebus.plant.failure import frame_json
 from drivebus.protocols import modbus, sifang
@@ -47,7 +47,7 @@ def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
     error = world.play(talk.judged())
     assert isinstance(error, NotPermitted) and error.key == "drives.fence_refused"
     assert talk.verdict.state is DriveState.UNKNOWN
-    with pytest.raises(DrivebusError):
+    with pytest.raises(NotPermitted):
         world.play(run(talk_of(world.dialect), 10.0, None))
     assert not world.effects()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 
@@ -18,8 +19,10 @@ from drivebus.drives.state import Outcome, OutcomeWord
 from drivebus.errors import (
     DrivebusError,
     GateError,
+    NoReply,
     NotReached,
     OutcomeUnknown,
+    PortUnavailable,
     Refused,
     StopUnconfirmed,
 )
@@ -83,7 +86,7 @@ def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() ->
             bench.station().faults.silent = True
             with pytest.raises(StopUnconfirmed):
                 await drive.stop()
-            with pytest.raises(DrivebusError):
+            with pytest.raises(NoReply):
                 await drive.run(20.0)
             assert drive.stop_pending
             bench.station().faults.silent = False
@@ -176,24 +179,26 @@ def test_the_synchronous_twin_runs_reads_writes_and_stops() -> None:
             lease.renew()
         assert not lease.lost
         assert blocking.bus_stop(bus, [drive]).confirmed
-        with pytest.raises(DrivebusError):
+        with pytest.raises(GateError) as caught:
             drive.run(5.0)
+        assert caught.value.key == "drives.latched"
         assert bus.statistics().transactions > 10
 
 
 def test_a_bus_that_can_not_be_opened_leaves_no_thread() -> None:
-    import threading
-
     before = threading.active_count()
-    with pytest.raises(DrivebusError):
+    with pytest.raises(PortUnavailable):
         blocking.open_bus("/dev/there-is-no-such-port")
     assert threading.active_count() == before
 
 
 def test_closing_twice_is_harmless() -> None:
+    before = threading.active_count()
     bus = blocking.open_bus("sim://vc660@1")
+    assert threading.active_count() > before
     bus.close()
     bus.close()
+    assert threading.active_count() == before
 
 
 # --- the public names ---------------------------------------------------------------------------------------------
