@@ -49,7 +49,8 @@ def test_s13_a_name_that_would_write_more_than_a_name_is_refused(name: str) -> N
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
 def test_a_name_in_any_script_is_taken(name: str) -> None:
-    assert Register().added(User(name, Role.VIEWER, None, 1)).find(name) is not None
+    user = User(name, Role.VIEWER, None, 1)
+    assert Register().added(user).find(name) == user
 
 
 def test_a_token_can_not_do_more_than_its_user() -> None:

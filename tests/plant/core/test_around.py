@@ -9,6 +9,8 @@ import itertools
 import json
 import logging
 import os
+import re
+import signal
 import socket
 import subprocess
 import sys
@@ -155,9 +157,15 @@ def test_a_web_part_that_ends_is_started_again_with_growing_pauses(monkeypatch: 
     run(story())
 
 
+def ignores(pid: int, number: signal.Signals) -> bool:
+    """Has it begun to ignore the signal? (proc_pid_status(5))"""
+    found = re.search(r"SigIgn:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    return found is not None and bool(int(found[1], 16) >> number - 1 & 1)
+
+
 def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervisor, "PATIENCE_S", 0.1)
-    stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)"
+    stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
@@ -165,12 +173,13 @@ def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch)
         child.start()
         while child.starts == 0:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
-        await asyncio.sleep(0.3)
         assert child.process is not None
+        while not ignores(child.process.pid, signal.SIGTERM):  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
         assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
         assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares (G06)"
         await child.close()
-        assert child.process.returncode is not None
+        assert child.process.returncode == -signal.SIGKILL
 
     asyncio.run(story())
 

@@ -143,8 +143,9 @@ def test_a_latch_outlives_another_bus(tmp_path: Path) -> None:
             write(file, FAN_1, PUMP, head=HEAD.replace("ramp=2&name=a", "ramp=3&name=other"))
             await kit.call("configuration.reload")
             await asyncio.sleep(5)
-            with pytest.raises(GateError):
+            with pytest.raises(GateError) as refused:
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert refused.value.key == "drives.latched"
 
     run(story())
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import profiles
 from drivebus.drives.state import DriveState
 from drivebus.errors import ArmNeeded, Forbidden, NotFound, NotOwner, ParamsError, WaiverNeeded
 from drivebus.plant.access.rights import Right, Role
@@ -57,6 +58,9 @@ def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0)
             arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
             await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            with pytest.raises(ArmNeeded) as served:
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=25.0, arm=arm)
+            assert served.value.key == "plant.arm_void", "before any stop has voided it"
             await kit.call("lease.renew", ann, drive="fan-1")
             await kit.call("drive.stop", ann, drive="fan-1")
             await kit.call("lease.take", ann, drive="fan-1")
@@ -171,6 +175,14 @@ def test_a_profile_is_told_whole() -> None:
         async with plant() as kit:
             found = await kit.call("drives.profile", drive="fan-1")
             assert found["model"] == "c320" and found["can_write_ram"] and found["can_save"]
+            profile = profiles.load("c320")
+            assert [one["name"] for one in found["signals"]] == [*profile.signals]
+            assert [one["notation"] for one in found["parameters"]] == [*profile.parameters]
+            assert [one["code"] for one in found["faults"]] == [*profile.faults]
+            assert [one["id"] for one in found["caveats"]] == [one.id for one in profile.caveats]
+            assert [one["setting"] for one in found["open_questions"]] == [
+                one.setting for one in profile.open_questions
+            ]
             assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
             assert all(text["en"] and text["zh"] for text in found["keypad"])
 
