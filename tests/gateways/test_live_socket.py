@@ -87,8 +87,11 @@ async def test_s04_a_foreign_page_can_not_listen(plant: Served, origin: str | No
         answer = await browser.post(f"{PREFIX}/login", json={"name": "viewer", "password": PASSWORD})
     headers = {"Cookie": f"drivebus_session={answer.cookies['drivebus_session']}"}
     headers |= {"Origin": origin} if origin is not None else {}
-    with pytest.raises(InvalidStatus):
+    with pytest.raises(InvalidStatus) as refused:
         await live(plant, **headers)
+    assert refused.value.response.status_code == 403, "let in with the right origin, it would be heard"
+    async with live(plant, **headers | {"Origin": plant.url}) as socket:
+        assert (await heard(socket))["type"] == "snapshot"
 
 
 @pytest.mark.parametrize("text", ["{}", '{"run": ["fan-1"]}', b"\x00"])

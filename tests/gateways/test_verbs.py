@@ -153,6 +153,11 @@ def test_who_owns_the_drive_is_not_disturbed(plant: Served, service: str, monkey
     if service == plant.url:
         verb(service, "set-frequency", *FAN, "10")
         assert rest(plant, "/drives/fan-1")["lease"]["owner"] == "operator/test"
+        engineer = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
+        httpx.post(f"{plant.url}{PREFIX}/drives/fan-1/lease", headers=engineer).raise_for_status()
+        refused = verb(service, "set-frequency", *FAN, "10", code=Exit.REFUSED)
+        assert refused["error"]["key"] == "plant.not_owner"
+        assert rest(plant, "/drives/fan-1")["lease"]["owner"] == "engineer/test"
     else:
         monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.ENGINEER))
     stopped = verb(service, "stop", *FAN)
