@@ -90,7 +90,7 @@ def failed(core: BusCore, flight: Transaction, error: Exception, now: float) -> 
         station.doubt(now)
         core.scheduler.doubts(station)
     if job.fence:
-        _unfenced(core, flight, error, now)
+        _unfenced(core, flight, now)
         return
     if not station.seen and isinstance(error, NoReply):
         station.give_up(now)
@@ -109,7 +109,7 @@ def _owed(flight: Transaction, now: float) -> None:
     station.unanswered = [*waiting, (now + LONGEST_LATENESS_S, flight.job)]
 
 
-def _unfenced(core: BusCore, flight: Transaction, error: Exception, now: float) -> None:
+def _unfenced(core: BusCore, flight: Transaction, now: float) -> None:
     """A fence failed: the station is silent, and what waited for the fence is told so."""
     station = flight.job.station
     station.doubt(now)

@@ -68,9 +68,7 @@ class Line:
             self._bound = polled, max((drive.stop_bound_s for drive in drives.values()), default=None)
         return self._bound[1]
 
-    def add(
-        self, setting: DriveSetting, samples: Callable[[Unit, list[Sample]], None], store: Store | None = None
-    ) -> Unit:
+    def add(self, setting: DriveSetting, samples: Callable[[list[Sample]], None], store: Store | None = None) -> Unit:
         """Put a drive on the line. Raises ConfigurationError, ProfileError."""
         unit = Unit(setting, self.bus, samples, store)
         unit.wall_ms = self.wall_ms

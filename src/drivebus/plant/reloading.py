@@ -96,7 +96,7 @@ class Reloading:
         latched = {id for id, unit in plant.units.items() if unit.bus.latched(unit.setting.address)}
         closing = self._take_off(change)
         plant.setting = replace(new, **{name: getattr(plant.setting, name) for name in AT_START})
-        self._put_on(change, new)
+        self._put_on(new)
         for id in latched & set(_leaving(change)) & plant.units.keys():
             unit = plant.units[id]
             unit.bus.latch([unit.setting.address])
@@ -119,7 +119,7 @@ class Reloading:
             plant_line.remove(id)
         return [self.plant.lines.pop(id) for id in (*change.buses.removed, *change.reopened)]
 
-    def _put_on(self, change: Difference, new: PlantSetting) -> None:
+    def _put_on(self, new: PlantSetting) -> None:
         for bus in new.buses:
             if bus.id not in self.plant.lines:
                 self.service.add_bus(bus, new.drives)

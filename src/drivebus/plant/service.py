@@ -107,7 +107,7 @@ class Service:
         if self.plant.hub.watched(topic):
             self.plant.hub.append(topic, Framed(line, seen))
 
-    def _sampled(self, unit: Unit, samples: list[Sample]) -> None:
+    def _sampled(self, samples: list[Sample]) -> None:
         self.plant.parts.history.append(samples)
 
     async def stop(self) -> Json:

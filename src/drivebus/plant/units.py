@@ -28,7 +28,7 @@ class Unit:
     """A drive of the plant. ``samples`` is called with every new reading and once with each gap."""
 
     def __init__(
-        self, setting: DriveSetting, bus: Bus, samples: Callable[[Unit, list[Sample]], None], store: Store | None = None
+        self, setting: DriveSetting, bus: Bus, samples: Callable[[list[Sample]], None], store: Store | None = None
     ) -> None:
         self.setting, self.bus = setting, bus
         self.id = setting.id
@@ -133,7 +133,7 @@ class Unit:
         time_ms = self.wall_ms()
         found = [sample for name in readings if (sample := self._sample(name, readings[name], time_ms)) is not None]
         if found:
-            self._samples(self, found)
+            self._samples(found)
 
     def _sample(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
         if name not in self.signals or isinstance(reading.value, str):

@@ -63,7 +63,7 @@ def bus_view(plant: Plant, line: Line) -> Json:
     """One bus now. A bus counts the failures of its stations as its own too."""
     bus, setting = line.bus, line.setting
     found = bus.statistics()
-    own = [_station(line, unit, found.stations[unit.setting.address]) for unit in line.units.values()]
+    own = [_station(unit, found.stations[unit.setting.address]) for unit in line.units.values()]
     return {
         "id": setting.id, "title": text_json(setting.title), "link": setting.link, "line": str(bus.line),
         "is_open": bus.is_open and not bus.is_closed,
@@ -78,7 +78,7 @@ def bus_view(plant: Plant, line: Line) -> Json:
     }  # fmt: skip
 
 
-def _station(line: Line, unit: Unit, found: Any) -> Json:
+def _station(unit: Unit, found: Any) -> Json:
     return {
         "address": unit.setting.address, "drive": unit.id, "presence": str(unit.bus.presence(unit.setting.address)),
         "refresh_s": max((poll.period_s for poll in unit.polls), default=None),

@@ -100,9 +100,9 @@ class Trail:
         if report.covered >= _last(self.files):
             self.session.violation("S12 a checkpoint that is gone still vouches for its record")
         if report.ok and report.covered < _last(self.files):
-            self._tail(files, report.covered)
+            self._tail(files)
 
-    def _tail(self, files: Files, covered: int) -> None:
+    def _tail(self, files: Files) -> None:
         """Records behind the last checkpoint, cut off at a line's end."""
         name = tampering.trail(files)[-1]
         found = tampering.lines(files[name])

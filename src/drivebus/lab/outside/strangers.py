@@ -74,7 +74,7 @@ class Stranger:
 def made(rng: Random, credentials: Credentials) -> Stranger:
     """The next one."""
     method, path = _target(rng)
-    kind, more = _credential(rng, credentials, method)
+    kind, more = _credential(rng, credentials)
     headers = {"host": "127.0.0.1:8080", **more, **_disguise(rng)}
     body = _body(rng)
     if method != WEBSOCKET:
@@ -100,7 +100,7 @@ def _bent(rng: Random, path: str) -> str:
     return rng.choice((path[:at] + rng.choice(bends) + path[at:], path.upper(), path + "/", "/api/v1" + path))
 
 
-def _credential(rng: Random, credentials: Credentials, method: str) -> tuple[str, dict[str, str]]:
+def _credential(rng: Random, credentials: Credentials) -> tuple[str, dict[str, str]]:
     """A cookie that is good comes with nothing that another page could know, or from an origin that is another's."""
     forged = rng.randbytes(32).hex()
     csrf = {"x-drivebus-csrf": rng.randbytes(24).hex()}

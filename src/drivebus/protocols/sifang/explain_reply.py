@@ -54,7 +54,7 @@ def describe_reply(data: bytes, codec: SifangCodec, form: Form, request: bytes |
     readings = other_reading(raw)
     if asked is None and layout is not SHORT:
         readings += _readings(raw.values, layout, data, form, meaning)
-    emitted = _answered(data, form, layout, raw) if not problems else None
+    emitted = _answered(form, layout, raw) if not problems else None
     return Description(
         "c320", codec.encoding, "response", not problems, fields, problems, errata, (), emitted, readings
     )
@@ -139,7 +139,7 @@ def _identity_fields(values: tuple[int, ...]) -> dict[str, Any]:
     return fields
 
 
-def _answered(data: bytes, form: Form, layout: Layout, raw: Fields) -> bytes:
+def _answered(form: Form, layout: Layout, raw: Fields) -> bytes:
     """What a correct station sends for this reply."""
     plain: Form = AsciiForm(STRICT) if isinstance(form, AsciiForm) else PackedForm()
     values = raw.values if raw.other_data is None else (*raw.values[:-1], raw.other_data)
