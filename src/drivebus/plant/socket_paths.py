@@ -14,6 +14,8 @@ LONGEST = 100
 LONGEST_LINE = 4 * 1024 * 1024
 """Bytes of one message."""
 PLANT, STOP = "plant.sock", "stop.sock"
+STOP_WORD, HEARD = b"stop all\n", b"heard\n"
+"""All that ``stop.sock`` takes, and what it says at once: whoever asked knows by it that the plant does not hang."""
 
 
 @contextlib.contextmanager

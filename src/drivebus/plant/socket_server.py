@@ -20,7 +20,7 @@ from drivebus.plant.actor import Actor, local
 from drivebus.plant.client import PlantClient
 from drivebus.plant.failure import failure
 from drivebus.plant.operations import OPERATIONS
-from drivebus.plant.socket_paths import LONGEST_LINE, reachable
+from drivebus.plant.socket_paths import HEARD, LONGEST_LINE, STOP_WORD, reachable
 from drivebus.plant.turns import encoded, turn
 
 Json = dict[str, Any]
@@ -28,9 +28,6 @@ MOST_REQUESTS = 1000
 """So many may be under way on one connection; a stop always comes in (I12, S14)."""
 MOST_UNSENT = 16 * 1024 * 1024
 """A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
-STOP_WORD = b"stop all\n"
-HEARD = b"heard\n"
-"""Whoever asked for a stop of all knows by it that the plant does not hang."""
 LOG = logging.getLogger("drivebus.plant")
 
 

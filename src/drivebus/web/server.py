@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import signal
 import socket
 import ssl
@@ -15,6 +14,7 @@ from fastapi import FastAPI
 
 from drivebus.errors import ConfigurationError
 from drivebus.plant.access.access import Access
+from drivebus.plant.loopback import is_loopback
 from drivebus.plant.model import WebSetting
 from drivebus.web.patience import Patience, PatientSocket
 
@@ -32,13 +32,6 @@ def host_for(web: WebSetting, access: Access) -> str:
     if is_loopback(web.host) or (web.certificate is not None and not access.needs_setup):
         return web.host
     return LOOPBACK
-
-
-def is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 class Server(uvicorn.Server):

@@ -16,7 +16,8 @@ from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import Actor
 from drivebus.plant.failure import failure, raised
 from drivebus.plant.socket_client import WAITING, SocketClient
-from drivebus.plant.socket_server import HEARD, MOST_REQUESTS, SocketServer, StopServer
+from drivebus.plant.socket_paths import HEARD
+from drivebus.plant.socket_server import MOST_REQUESTS, SocketServer, StopServer
 from plantkit import LOCAL, plant, remote
 
 Json = dict[str, Any]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import http.client
-import ipaddress
 import json
 import re
 import ssl
@@ -17,6 +16,7 @@ from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.service.doubt import doubtful
 from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.plant.loopback import is_loopback
 
 Json = dict[str, Any]
 
@@ -44,7 +44,7 @@ class HttpClient:
             raise ConfigurationError("service.no_token", address=address)
         if not re.fullmatch(r"[!-~]{1,500}", token):
             raise ConfigurationError("service.token")
-        if parts.scheme == "http" and not _stays_here(host):
+        if parts.scheme == "http" and not is_loopback(host):
             raise ConfigurationError("service.not_secret", address=address)
         self._address, self._token, self._base = address, token, parts.path.rstrip("/")
         self._scheme, self._host, self._port = parts.scheme, host, port
@@ -83,13 +83,6 @@ class HttpClient:
             raise ServiceUnavailable("service.not_there", address=self._address, reason=str(error)) from error
         connection.sock.settimeout(ANSWER_S)
         return connection
-
-
-def _stays_here(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def _request(operation: str, params: Json) -> tuple[str, str, bytes | None]:

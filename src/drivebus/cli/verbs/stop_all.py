@@ -34,13 +34,13 @@ def _folder(plant: str | None, directory: str | None) -> Path:
 
 async def _asked(folder: Path) -> dict[str, Any]:
     """Raises ServiceUnavailable: nobody is there; StopUnconfirmed: the plant hangs, or ended before it had told."""
-    from drivebus.plant.socket_paths import LONGEST_LINE, STOP, reachable
+    from drivebus.plant.socket_paths import LONGEST_LINE, STOP, STOP_WORD, reachable
 
     where = str(folder / STOP)
     try:
         with reachable(folder / STOP) as path:
             reader, writer = await asyncio.open_unix_connection(path, limit=LONGEST_LINE)
-        writer.write(b"stop all\n")
+        writer.write(STOP_WORD)
     except OSError as error:
         raise ServiceUnavailable("stop_all.nobody", socket=where) from error
     try:

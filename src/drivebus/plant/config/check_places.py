@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -10,6 +9,7 @@ from urllib.parse import urlsplit
 
 from drivebus.plant.config.build import state_directory
 from drivebus.plant.config.draft import Draft
+from drivebus.plant.loopback import is_loopback
 from drivebus.profiles.complaint import Problem, problem
 
 _ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
@@ -61,14 +61,6 @@ def _web(draft: Draft) -> Iterator[Problem]:
     for origin in web.origins:
         if not _ORIGIN.fullmatch(origin):
             yield problem("origin", ("web", "origins"), origin)
-
-
-def is_loopback(host: str) -> bool:
-    """Reached from this machine only."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host.lower() == "localhost"
 
 
 def _history(draft: Draft) -> Iterator[Problem]:
