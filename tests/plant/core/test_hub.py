@@ -78,6 +78,46 @@ def test_what_is_gone_is_told() -> None:
     run(story())
 
 
+def test_what_comes_while_one_listens_is_told_whole_with_its_signals() -> None:
+    async def story() -> None:
+        one = hub()
+        live = one.live(["drives/*"])
+        assert (await anext(live))["topics"] == {}
+        one.publish("drives/a", {"state": "stopped", "signals": {"x": 1, "y": 2}})
+        assert (await anext(live))["topics"] == {"drives/a": {"state": "stopped", "signals": {"x": 1, "y": 2}}}
+
+    run(story())
+
+
+def test_what_went_and_came_back_is_told_whole_and_not_as_gone() -> None:
+    async def story() -> None:
+        one = hub()
+        one.publish("drives/a", {"state": "running", "signals": {"x": 1, "y": 2}})
+        live = one.live(["drives/*"])
+        await anext(live)
+        one.remove("drives/a")
+        one.publish("drives/a", {"state": "running", "signals": {"x": 1, "y": 3}})
+        found = await anext(live)
+        assert "gone" not in found
+        assert found["topics"] == {"drives/a": {"state": "running", "signals": {"x": 1, "y": 3}}}
+
+    run(story())
+
+
+def test_of_a_list_only_what_is_above_a_number_is_given() -> None:
+    async def story() -> None:
+        one = hub()
+        assert [one.append("events", name) for name in "abc"] == [1, 2, 3]
+        assert one.items("events", 1) == [(2, "b"), (3, "c")] and one.items("events", one.last("events")) == []
+        live = one.live(["events"])
+        assert (await anext(live))["topics"] == {"events": ["a", "b", "c"]}
+        one.append("events", "d")
+        found = await anext(live)
+        assert found["topics"] == {"events": ["d"]} and "dropped" not in found
+
+    run(story())
+
+
 def test_lists_append_are_bounded_and_say_what_was_dropped() -> None:
     async def story() -> None:
         one = hub()
