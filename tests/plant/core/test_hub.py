@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from drivebus.plant.hub import Hub
+from drivebus.plant.leases import TTL_S
 from drivebus.plant.subscription import BURST, QUEUE
 from drivebus.plant.topics import Counting
 from drivebus.plant.turns import turn
 from drivebus.sim.plate import Trip
 from drivebus.testing.virtual import run
-from plantkit import LOCAL, Kit, plant
+from plantkit import LOCAL, Kit, plant, remote
 
 Json = dict[str, Any]
 
@@ -156,6 +157,25 @@ def test_a_listener_that_goes_away_is_forgotten() -> None:
         assert one.listeners == 1
         await live.aclose()  # type: ignore[attr-defined]
         assert one.listeners == 0
+
+    run(story())
+
+
+def test_a_lease_runs_out_on_the_hub_without_being_told_again() -> None:
+    """What is left of it is that of the message, down to nothing."""
+
+    async def story() -> None:
+        ann = remote("ann")
+        async with plant() as kit:
+            await asyncio.sleep(1)
+            now = kit.service.plant.now
+            await kit.call("lease.take", ann, drive="fan-1")
+            until = now() + TTL_S
+            await asyncio.sleep(2)
+            told = kit.service.plant.hub.topic("drives/fan-1")["lease"]
+            left = pytest.approx(until - now(), abs=0.01)
+            assert told == {"owner": "ann", "session": ann.session, "expires_in_s": left}
+        assert Counting({}, "expires_in_s", 10.0, left=True).json(10.5) == {"expires_in_s": 0.0}
 
     run(story())
 
