@@ -68,6 +68,24 @@ def test_g17_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
     run(story())
 
 
+def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
+    async def story() -> None:
+        async with plant(setting(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            for drive in ("fan-1", "pump-1"):
+                kit.station(drive).faults.silent = True
+            await asyncio.sleep(20)
+            assert kit.service.plant.units["pump-1"].drive.stop_pending
+            events = [event for _, event in kit.service.plant.hub.items("events") if event["kind"] == "stop"]
+            assert [event["drive"] for event in events] == ["pump-1"]
+            kit.station("pump-1").faults.silent = False
+            await asyncio.sleep(5)
+            assert kit.station("pump-1").motor.phase is Phase.OFF
+
+    run(story())
+
+
 def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
     """Drive, interlock, and whether it is still raised."""
     active = kit.service.plant.parts.alarms.active()

@@ -9,6 +9,17 @@ from drivebus.testing.virtual import run
 from plantkit import plant, setting
 
 
+def test_a_bus_that_opens_with_its_plant_is_no_news() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await asyncio.sleep(10)
+            assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
+            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert not [text for text in told if text.startswith("bus ")]
+
+    run(story())
+
+
 def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
     async def story() -> None:
         buses = (BusSetting("a", "sim://c320@1"), BusSetting("b", "sim://vc660@1,2"))
@@ -18,5 +29,6 @@ def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
             silent = next(station for station in bus["stations"] if station["address"] == 2)
             assert silent["errors"]["NoReply"] > 1
             assert bus["errors"] == silent["errors"]
+            assert [station["error_rate"] for station in bus["stations"]] == [0.0, 1.0] and 0 < bus["error_rate"] < 1
 
     run(story())

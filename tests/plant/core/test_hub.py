@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from drivebus.plant.leases import TTL_S
 from drivebus.plant.subscription import BURST, QUEUE
 from drivebus.plant.topics import Counting
 from drivebus.plant.turns import turn
+from drivebus.reading import Quality
 from drivebus.sim.plate import Trip
 from drivebus.testing.virtual import run
 from plantkit import LOCAL, Kit, plant, remote
@@ -209,6 +211,23 @@ def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
             await asyncio.sleep(20)
             gaps = [s for s in kit.history.samples[fed:] if s.tag == "fan-1.output_frequency" and s.value is None]
             assert len(gaps) == 1
+
+    run(story())
+
+
+def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
+    """What was never read has no gap: nothing went."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            kit.station("fan-2").faults.silent = True
+            await asyncio.sleep(5)
+            readings = kit.service.plant.units["fan-1"].status().readings
+            good = {"output_frequency": readings["output_frequency"]}
+            bad = {"output_frequency": replace(good["output_frequency"], quality=Quality.BAD)}
+            for heard in (bad, good, good, bad, bad):
+                kit.service.plant.units["fan-2"].feed(heard)
+            assert [one.value for one in kit.history.samples if one.tag == "fan-2.output_frequency"] == [0.0, None]
 
     run(story())
 

@@ -21,6 +21,7 @@ from drivebus.errors import (
 )
 from drivebus.plant.access.rights import Role
 from drivebus.plant.model import BusSetting, GroupSetting, OnClientLost, OnServiceStop
+from drivebus.plant.policies import SEEN_S
 from drivebus.ports import open_port
 from drivebus.sim.motor import Phase
 from drivebus.testing.virtual import run
@@ -37,6 +38,10 @@ async def ready(kit: Kit, *drives: str) -> None:
 
 def state(kit: Kit, drive: str) -> DriveState:
     return kit.service.plant.units[drive].status().state
+
+
+async def commanded_hz(kit: Kit, *drives: str) -> list[float | None]:
+    return [(await kit.call("drives.get", drive=drive))["commanded_hz"] for drive in drives]
 
 
 def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
@@ -214,7 +219,9 @@ def test_the_whole_plant_is_stopped_and_stays_latched_until_it_is_released() -> 
     async def story() -> None:
         async with plant() as kit:
             await ready(kit, "fan-1", "pump-1")
+            assert await commanded_hz(kit, "fan-1", "pump-1") == [20.0, 20.0]
             found = await kit.call("plant.stop", remote(role=Role.OPERATOR))
+            assert await commanded_hz(kit, "fan-1", "pump-1") == [None, None]
             assert {bus: one["confirmed"] for bus, one in found["buses"].items()} == {"a": True, "b": True}
             assert found["outcomes"]["pump-1"]["word"] == "confirmed"
             with pytest.raises(GateError):
@@ -377,10 +384,11 @@ def test_a_group_is_stopped_together() -> None:
     run(story())
 
 
-def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed() -> None:
+@pytest.mark.parametrize("stagger_s", [0.0, 1.0])
+def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(stagger_s: float) -> None:
     async def story() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
-        group = GroupSetting("fans", ("fan-1", "fan-2", "pump-1"), at_once=1)
+        group = GroupSetting("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=stagger_s, at_once=1)
         async with plant(setting(buses=buses, groups=(group,))) as kit:
             await ready(kit)
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
@@ -460,6 +468,22 @@ def test_a_jog_is_ended_by_letting_go() -> None:
     run(story())
 
 
+def test_a_jog_is_held_and_ended_under_its_own_drive_only() -> None:
+    """Who may do what is asked of the drive that is named."""
+
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
+            for operation in ("drive.jog_renew", "drive.jog_end"):
+                with pytest.raises(NotFound):
+                    await kit.call(operation, drive="fan-2", jog=jog)
+            assert kit.station("fan-1").running
+            await kit.call("drive.jog_renew", drive="fan-1", jog=jog)
+
+    run(story())
+
+
 def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
     """Started there again, it is not stopped when the service ends (6.6: what *we* started)."""
 
@@ -473,6 +497,19 @@ def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
             await asyncio.sleep(3)
             assert state(kit, "fan-1").turning
             assert await kit.service.stop() == {}
+
+    run(story())
+
+
+def test_a_drive_that_has_not_begun_yet_is_ours_for_as_long_as_it_may_take() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            await ready(kit, "fan-1")
+            unit = kit.service.plant.units["fan-1"]
+            for after_s, ours in ((SEEN_S, True), (SEEN_S + 0.1, False)):
+                seen = replace(unit.status(), state=DriveState.STOPPED, at=unit.moved_at + after_s)
+                kit.service.policies.found(unit, seen)
+                assert unit.started is ours
 
     run(story())
 
