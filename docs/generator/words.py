@@ -122,7 +122,7 @@ GRADES = {
 CAPABILITIES = {
     "reverse": Text("reverse", "反转"),
     "coast": Text("coast", "自由停车"),
-    "quick_stop": Text("quick stop", "紧急停车"),
+    "quick_stop": Text("quick stop", "快速停机"),
     "jog": Text("jog", "点动"),
     "write_ram": Text("write without EEPROM", "不写 EEPROM 的写入"),
     "identify": Text("identify", "读机型"),
