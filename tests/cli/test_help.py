@@ -150,3 +150,16 @@ def test_completion_knows_the_verbs() -> None:
     env = {"_DRIVEBUS_COMPLETE": "bash_complete", "COMP_WORDS": "drivebus set", "COMP_CWORD": "1"}
     result = CliRunner().invoke(cli, [], prog_name="drivebus", env=env)
     assert "set-frequency" in result.output
+
+
+def test_no_option_leaves_its_complaint_to_click_which_speaks_english_only() -> None:
+    """Whatever can be refused is refused by a type of ours; plain text, flags and any path never are."""
+    types = {param.name: param.type for _, command in TREE for param in command.params}
+    harmless = (click.types.StringParamType, click.types.BoolParamType)
+    left = {name: one for name, one in types.items() if type(one).__module__.startswith("click.")}
+    refusing = {name for name, one in left.items() if not isinstance(one, harmless) and not _takes_any(one)}
+    assert refusing == set()
+
+
+def _takes_any(one: object) -> bool:
+    return isinstance(one, click.Path) and one.file_okay and one.dir_okay and not one.exists

@@ -27,6 +27,7 @@ from drivebus.cli.live.screen import Screen
 from drivebus.cli.live.tables import Table, drive_columns, line_cells, line_columns
 from drivebus.cli.live.thread import Threaded
 from drivebus.cli.root import cli
+from drivebus.commissioning import scan
 from drivebus.drives import Drive
 from drivebus.errors import PortLost
 from drivebus.line import LineSettings
@@ -351,6 +352,28 @@ def test_a_capture_is_told_as_it_was_late_and_broken_replies_too() -> None:
     assert row.cell("output_frequency") == "50.00"
     assert row.at == pytest.approx(0.03)
     assert dict(player.line.errors) == {"NoReply": 1, "ChecksumError": 1}
+
+
+def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A C320 does; `drivebus monitor LINK` alone ended with "address 1 is taken". Whoever else answers is named."""
+    line = LineSettings.parse(9600, "8E1")
+
+    async def silence(*_: object) -> scan.Overheard:
+        return scan.Overheard(0, 0, b"", 2.0)
+
+    async def found(passes: object, open_port: object, progress: scan.Progress, *_: object) -> None:
+        there = [("sifang", "ascii", 1), ("sifang", "ascii", 2), ("sifang", "hex", 1), ("modbus", "rtu", 9)]
+        models = {"sifang": ("c320",), "modbus": ("vc660",)}
+        progress.found += [scan.Found(models[who], who, how, at, line, (b"", b"")) for who, how, at in there]
+
+    monkeypatch.setattr(scan, "listen", silence)
+    monkeypatch.setattr(scan, "scan", found)
+    words = ["monitor", "sim://c320@1-2", "--duration", "1.5", "--period", "0.5", "--json"]
+    result = CliRunner().invoke(cli, [*words, "--lang", "en"])
+    assert result.exit_code == 0, result.output
+    rows = [json.loads(text) for text in result.stdout.splitlines() if '"drives"' in text][-1]["drives"]
+    assert [row["state"] for row in rows] == ["stopped", "stopped"]
+    assert "Address 9 (vc660) speaks another protocol" in result.stderr
 
 
 def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:

@@ -40,7 +40,8 @@ class OneOf(click.Choice[str]):
         try:
             return super().convert(value, param, ctx)
         except click.BadParameter:
-            self.fail(voice.say("cli.found_expected", found=value, expected=", ".join(self.choices)), param, ctx)
+            expected = voice.say("cli.expect.one_of", choices=", ".join(self.choices))
+            self.fail(voice.say("cli.found_expected", found=value, expected=expected), param, ctx)
 
 
 class Argument(click.Argument):
@@ -169,6 +170,8 @@ class LazyGroup(_Spoken, click.Group):
             return exits.Exit.INTERRUPTED
         except DrivebusError as error:
             return exits.report(error)
+        except OSError as error:
+            return exits.report(exits.of_the_system(error))
 
 
 def common_options() -> list[click.Parameter]:

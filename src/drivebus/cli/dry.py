@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -114,7 +115,8 @@ def show(planned: Sequence[Planned], line: LineSettings, notes: Sequence[str] = 
 
 
 def _page(planned: Sequence[Planned], line: LineSettings, total: float) -> str:
-    lines = [voice.say("dry.title", line=line, count=len(planned), bus_ms=f"{total * 1000:.1f}")]
+    title = voice.say("dry.title", line=line, count=len(planned), bus_ms=f"{total * 1000:.1f}")
+    lines = [voice.wrapped(title, sys.stdout)]
     for one in planned:
         answer = voice.say("dry.reply", count=one.reply_bytes) if one.reply_bytes else voice.say("dry.no_reply")
         lines.append(f"  {voice.plain(one.data)}")

@@ -52,6 +52,11 @@ def report(error: DrivebusError) -> Exit:
     return code
 
 
+def of_the_system(error: OSError) -> ConfigurationError:
+    """A file or folder that a verb was given and the operating system refuses."""
+    return ConfigurationError("cli.system", file=error.filename or "-", reason=error.strerror or str(error))
+
+
 def complain(error: DrivebusError) -> None:
     """What went wrong and what to do about it, on standard error."""
     _complain(sentence(error))
@@ -121,7 +126,8 @@ def usage_sentence(error: click.ClickException) -> str:
 
 def _with_guess(key: str, name: str, possibilities: list[str] | None) -> str:
     sentence = voice.say(key, name=name)
-    return f"{sentence} {voice.say('cli.did_you_mean', names=', '.join(possibilities))}" if possibilities else sentence
+    guess = [voice.say("cli.did_you_mean", names=", ".join(possibilities))] if possibilities else []
+    return voice.sentences([sentence, *guess])
 
 
 def _name_of(error: click.BadParameter) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -101,6 +102,30 @@ class Checked(_Type):
             self.fail(voice.say("cli.found_expected", found=value, expected=voice.say(self.key)), param, ctx)
 
 
+class Number(_Type):
+    """A number from ``low`` to ``high``, a whole one where these are; the complaint is in the user's language."""
+
+    name = "number"
+
+    def __init__(self, low: float, high: float) -> None:
+        self.low, self.high = low, high
+        self.kind = int if isinstance(low, int) else float
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            found = self.kind(value)
+        except (ValueError, OverflowError):
+            found = None
+        if found is None or not self.low <= found <= self.high:
+            self.fail(voice.say("cli.found_expected", found=value, expected=self._expected()), param, ctx)
+        return found
+
+    def _expected(self) -> str:
+        if self.kind is int:
+            return voice.say("cli.expect.whole", low=self.low, high=self.high)
+        return voice.say("cli.expect.number", low=f"{self.low:g}", high=f"{self.high:g}")
+
+
 class Parsed(_Type):
     """A value read by one function that raises ValueError; ``key`` says what was expected."""
 
@@ -163,6 +188,10 @@ def _capture(text: str) -> str:
     return text
 
 
+FILE = Checked(click.Path(dir_okay=False, path_type=Path), "cli.expect.file")
+FOLDER = Checked(click.Path(file_okay=False, path_type=Path), "cli.expect.folder")
+SEED = Number(0, 2**32 - 1)
+PERIOD_S = Number(0.1, 86_400.0)
 CAPTURE = Parsed("capture", _capture, "cli.expect.capture")
 FORMAT = Parsed("format", _format, "cli.expect.format")
 ADDRESSES = Parsed("addresses", addresses, "cli.expect.addresses")

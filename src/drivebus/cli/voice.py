@@ -75,6 +75,11 @@ def show(text: str) -> None:
         click.echo(text)
 
 
+def sentences(said: Sequence[str]) -> str:
+    """One after the other: Chinese puts no blank between them."""
+    return ("" if language() == "zh" else " ").join(said)
+
+
 def wrapped(text: str, stream: Any, indent: int = 0) -> str:
     """Broken at words where ``stream`` is a terminal, on as many cells as it has; else left whole."""
     if not (hasattr(stream, "isatty") and stream.isatty()):

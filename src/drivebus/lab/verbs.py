@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from drivebus.cli import voice
+from drivebus.cli import options, voice
 from drivebus.cli.command import LazyGroup, Option, Verb
 from drivebus.cli.exits import Exit
 from drivebus.cli.progress import Bar
@@ -18,11 +18,17 @@ from drivebus.lab.campaign import NAMES, Campaign, Session, find, perform
 
 def _options() -> list[click.Parameter]:
     return [
-        Option(["--seed"], type=int, default=1, show_default=True, example="--seed 7", key="lab_verb.option.seed"),
-        Option(["--budget"], type=click.IntRange(min=1), example="--budget 10000", key="lab_verb.option.budget"),
+        Option(["--seed"], type=options.SEED, default=1, metavar="N", example="--seed 7", key="lab_verb.option.seed"),
+        Option(
+            ["--budget"],
+            type=options.Number(1, 10**12),
+            metavar="N",
+            example="--budget 10000",
+            key="lab_verb.option.budget",
+        ),
         Option(["--slice"], is_flag=True, key="lab_verb.option.slice"),
-        Option(["--trace"], type=click.Path(dir_okay=False, path_type=Path), key="lab_verb.option.trace"),
-        Option(["--report"], type=click.Path(file_okay=False, path_type=Path), key="lab_verb.option.report"),
+        Option(["--trace"], type=options.FILE, metavar="FILE", key="lab_verb.option.trace"),
+        Option(["--report"], type=options.FOLDER, metavar="FOLDER", key="lab_verb.option.report"),
     ]
 
 

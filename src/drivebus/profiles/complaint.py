@@ -41,14 +41,17 @@ class Complaint:
         return plain(
             "profiles.complaint",
             language,
-            file=self.file,
-            line="?" if self.line is None else self.line,
-            key=self.key or "-",
+            where=self._where(language),
             what=i18n.text(_key(self.room, "kind", self.kind), language),
             found=self.found,
             expected=self.expected,
             remedy=self.remedy,
         )
+
+    def _where(self, language: str) -> str:
+        """File, line and key, as far as it has them."""
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return i18n.text("profiles.where", language, place=place, key=self.key) if self.key else place
 
 
 def plain(key: str, language: str, /, **params: Any) -> str:

@@ -43,7 +43,7 @@ def check(*words: Any) -> Result:
 def test_a_good_plant_is_answered_with_its_arithmetic(plant: Path) -> None:
     result = check(plant)
     assert result.exit_code == 0
-    assert "2 buses, 2 drives" in result.output
+    assert "Buses: 2, drives: 2" in result.output
     assert "500 ms (≤ 643 ms): output_frequency · 2 s (≤ 2.14 s): output_voltage" in result.output
     assert "conveyor is asked nothing more often than every 750 ms" in result.output
 

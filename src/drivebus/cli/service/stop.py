@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from drivebus.cli import voice
@@ -26,13 +27,13 @@ def stop_everything(service: str) -> Exit:
             "confirmed": words["confirmed"],
             "acknowledged": words["acknowledged"],
             "unconfirmed": words["unknown"],
-            "text": " ".join(said),
+            "text": voice.sentences(said),
             "seconds": max(took_s, default=None),
             "buses": found["buses"],
             "drives": found["outcomes"],
         }
     )
-    voice.show(" ".join(said))
+    voice.show(voice.wrapped(voice.sentences(said), sys.stdout))
     return Exit.UNKNOWN if words["unknown"] or not found["outcomes"] else Exit.DONE
 
 

@@ -9,9 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from drivebus.cli import voice
+from drivebus.cli import options, voice
 from drivebus.cli.command import Argument, LazyGroup, Option, Verb
 from drivebus.cli.exits import Exit
 from drivebus.errors import ConfigurationError
@@ -134,9 +132,9 @@ list_ = Verb(
         Option(["--drive"], metavar="ID", key="help.option.audit_drive", example="--drive fan-1"),
         Option(
             ["--limit"],
-            type=click.IntRange(1, 100_000),
+            type=options.Number(1, 100_000),
             default=50,
-            show_default=True,
+            metavar="N",
             key="help.option.audit_limit",
             example="--limit 500",
         ),

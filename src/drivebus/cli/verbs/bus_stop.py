@@ -5,6 +5,7 @@ reports stopped.
 from __future__ import annotations
 
 import asyncio
+import sys
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, voice
@@ -99,7 +100,7 @@ def _tell(report: StopReport, absent: tuple[int, ...], now: float) -> Exit:
             "drives": {str(address): outcome_document(one, now) for address, one in report.outcomes},
         }
     )
-    voice.show(report_text(report, absent))
+    voice.show(voice.wrapped(report_text(report, absent), sys.stdout))
     nobody = not report.outcomes
     return Exit.UNKNOWN if unconfirmed or nobody else Exit.DONE
 
@@ -120,7 +121,7 @@ def report_text(report: StopReport, absent: tuple[int, ...] = ()) -> str:
         said += [voice.say(f"bus_stop.{word}", addresses=", ".join(shown))] if shown else []
     if absent:
         said.append(voice.say("bus_stop.absent", count=len(absent)))
-    return " ".join(said)
+    return voice.sentences(said)
 
 
 def _dry(target: Target, addresses: tuple[int, ...]) -> Exit:

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import click
 
-from drivebus.cli import voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.exits import Exit
-from drivebus.cli.options import Checked
+from drivebus.cli.options import PERIOD_S, Checked
+from drivebus.cli.server import need_server
 
 
 def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> Exit:
     if terminal or plain or memory:
         return _in_terminal(plain, memory, period)
-    try:
-        from drivebus.cli.demo.dashboard import show
-    except ModuleNotFoundError as error:
-        if error.name and error.name.startswith("drivebus"):
-            raise
-        voice.note("demo.no_server")
-        return Exit.USAGE
+    need_server()
+    from drivebus.cli.demo.dashboard import show
+
     return show(port)
 
 
@@ -47,7 +43,7 @@ command = Verb(
         ),
         Option(["--plain"], is_flag=True),
         Option(["--memory"], is_flag=True),
-        Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
+        Option(["--period"], type=PERIOD_S, default=5.0, metavar="S", example="--period 2"),
     ],
     examples=(
         "drivebus demo",

@@ -16,6 +16,7 @@ from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.cli.live.feed import Feed
+    from drivebus.commissioning.scan import Found
     from drivebus.commissioning.scan_plan import Pass
     from drivebus.line import LineSettings
     from drivebus.profiles import DriveProfile
@@ -159,10 +160,21 @@ async def _scanned(asked: Asked) -> tuple[Known, int | None, str | None]:
     with Meter() as meter:
         await scan.scan(passes, open_port, progress, meter.tell)
     found = [one for one in progress.found if not one.doubtful]
-    known: Known = [(profiles.load(asked.model or one.models[0]), one.encoding, one.address) for one in found]
     if not found:
         return [], None, None
+    # A C320 answers in two encodings: the first that it was found with counts.
+    alike = {one.address: one for one in found if _kind(one) == _kind(found[0])}
+    for one in found:
+        if one.address not in alike:
+            voice.note("monitor.left_out", address=one.address, models="/".join(one.models))
+    known: Known = [
+        (profiles.load(asked.model or one.models[0]), one.encoding, address) for address, one in sorted(alike.items())
+    ]
     return known, found[0].settings.baud, found[0].settings.format
+
+
+def _kind(one: Found) -> tuple[object, ...]:
+    return (one.settings, one.family, one.encoding)
 
 
 command = ServedVerb(
@@ -181,12 +193,19 @@ command = ServedVerb(
         *options.line(),
         options.encoding(),
         Option(["--plain"], is_flag=True),
-        Option(["--period"], type=float, default=5.0, metavar="S", example="--period 2"),
-        Option(["--duration"], type=float, metavar="S", example="--duration 60"),
+        Option(["--period"], type=options.PERIOD_S, default=5.0, metavar="S", example="--period 2"),
+        Option(["--duration"], type=options.Number(0.01, 604_800.0), metavar="S", example="--duration 60"),
         options.record(),
         *option.service(),
         options.dry_run(),
-        Option(["--speed"], type=float, default=1.0, metavar="X", key="help.option.fast", example="--speed 10"),
+        Option(
+            ["--speed"],
+            type=options.Number(0.01, 1000.0),
+            default=1.0,
+            metavar="X",
+            key="help.option.fast",
+            example="--speed 10",
+        ),
     ],
     examples=(
         "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3",

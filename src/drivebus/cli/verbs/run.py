@@ -178,7 +178,7 @@ async def _say_comm_loss(drive: Drive) -> None:
     report = await drive.if_host_dies()
     text = report.text(voice.language())
     voice.document({"event": "comm_loss", "trips": report.trips, "text": text}, stream=True)
-    voice.show(text)
+    voice.show(voice.wrapped(text, sys.stdout))
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> Exit:

@@ -147,7 +147,8 @@ def searched() -> list[click.Parameter]:
 def listen_first() -> click.Option:
     """--listen: so long a scan only listens."""
     key = "help.option.listen_first"
-    return Option(["--listen"], type=float, default=2.0, metavar="S", key=key, example="--listen 5")
+    seconds = options.Number(0.0, 86_400.0)
+    return Option(["--listen"], type=seconds, default=2.0, metavar="S", key=key, example="--listen 5")
 
 
 command = Verb(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from drivebus.cli import voice
 from drivebus.cli.command import Argument, OneOf, Option, Verb
 from drivebus.cli.exits import Exit
+from drivebus.cli.server import need_server
 
 if TYPE_CHECKING:
     from drivebus.plant.model import PlantSetting
@@ -18,6 +19,8 @@ def _serve(plant: str, web: bool, log: str) -> Exit:
     from drivebus.plant.logs import begin
 
     setting = load(plant)
+    if web and setting.web.enabled:
+        need_server()
     begin(log)
     return asyncio.run(_run(setting, web))
 

@@ -123,10 +123,10 @@ command = Verb(
         Option(["--link"], metavar="PATH", key="help.option.link_path", example="--link /tmp/drives"),
         *options.line(),
         options.encoding(),
-        Option(["--seed"], type=int, default=1, metavar="N", example="--seed 7"),
+        Option(["--seed"], type=options.SEED, default=1, metavar="N", example="--seed 7"),
         Option(["--weather"], default="clean", metavar="SPEC", example="--weather loss=0.05,late=0.1:0.4"),
         Option(["--load"], default="constant", type=OneOf(["constant", "fan", "winch"]), example="--load fan"),
-        Option(["--ramp"], default=10.0, type=float, metavar="S", example="--ramp 4"),
+        Option(["--ramp"], default=10.0, type=options.Number(0.1, 3600.0), metavar="S", example="--ramp 4"),
         options.setting(),
     ],
     examples=(

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from drivebus.cli import voice
+from drivebus.cli import options, voice
 from drivebus.cli.command import Argument, LazyGroup, OneOf, Option, Verb
+from drivebus.cli.server import need_server
 
 if TYPE_CHECKING:
     from drivebus.plant.access.register import Register, User
@@ -27,7 +28,8 @@ def _add(plant: str, name: str, role: str) -> None:
     from drivebus.plant.access.rights import Role
     from drivebus.seams import wall_ms
 
-    user = User(plain(name), Role(role), _hash(name), wall_ms())
+    known = plain(name)
+    user = User(known, Role(role), _hash(known), wall_ms())
     _change(plant, "user.add", name, {"role": role}, lambda register: register.added(user))
     _said("user_verb.added", name=user.name, role=role)
 
@@ -45,6 +47,10 @@ def _list(plant: str) -> None:
 
 
 def _passwd(plant: str, name: str) -> None:
+    from drivebus.plant.access.offline import file_of
+    from drivebus.plant.config import load
+
+    file_of(load(plant)).read().user(name)  # before anybody types a password for nothing
     hashed = _hash(name)
     _change_user(plant, "password", name, {}, lambda user: replace(user, password=hashed))
     _said("user_verb.password_changed", name=name)
@@ -93,15 +99,22 @@ def _change_user(plant: str, what: str, name: str, params: dict[str, Any], chang
 
 def _hash(name: str) -> str:
     """Asked for twice where there is a keyboard, else the first line of standard input."""
+    need_server()
     from drivebus.plant.access.passwords import Passwords, check_new
 
-    if sys.stdin.isatty():
-        said: str = click.prompt(
-            voice.say("user_verb.password"), hide_input=True, confirmation_prompt=voice.say("user_verb.again")
-        )
-    else:
-        said = sys.stdin.readline().rstrip("\r\n")
+    said = _typed() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
     return asyncio.run(Passwords().hash(check_new(said, name)))
+
+
+def _typed() -> str:
+    """The same twice."""
+    while True:
+        said, again = (
+            click.prompt(voice.say(f"user_verb.{key}"), hide_input=True, err=True) for key in ("password", "again")
+        )
+        if said == again:
+            return str(said)
+        voice.note("user_verb.differ")
 
 
 def _said(key: str, **params: str) -> None:
@@ -143,7 +156,14 @@ token = _verb(
         key="help.option.right",
         example="--right view",
     ),
-    Option(["--days"], type=click.IntRange(1, 366), default=90, key="help.option.days", example="--days 30"),
+    Option(
+        ["--days"],
+        type=options.Number(1, 366),
+        default=90,
+        metavar="N",
+        key="help.option.days",
+        example="--days 30",
+    ),
     Option(["--label"], default="command line", key="help.option.label", example="--label scada"),
     example="token plant.toml ann --right view --right stop --days 30",
 )

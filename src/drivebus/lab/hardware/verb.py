@@ -9,8 +9,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import click
-
 from drivebus.cli import options, voice
 from drivebus.cli.command import Option, Verb
 from drivebus.cli.connect import Target
@@ -99,11 +97,11 @@ command = Verb(
         *options.drive(),
         Option(["--motor"], is_flag=True, key="hardware.option_motor"),
         Option(
-            ["--frequency"], type=click.FloatRange(0.5, 10.0), default=GENTLE_HZ, show_default=True, metavar="HZ",
+            ["--frequency"], type=options.Number(0.5, 10.0), default=GENTLE_HZ, metavar="HZ",
             key="hardware.option_frequency", example="--frequency 5",
         ),
         Option(
-            ["--folder"], type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="FOLDER",
+            ["--folder"], type=options.FOLDER, default=Path(), metavar="FOLDER",
             key="hardware.option_folder", example="--folder reports",
         ),
     ],

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from drivebus.errors import ConfigurationError
-from drivebus.plant.config.load import ROOM, refusal
+from drivebus.plant.config.load import ROOM, no_toml, refusal, unread
 from drivebus.plant.config.schema import Strict, Words
 from drivebus.profiles import locate, shape
 from drivebus.profiles.complaint import complain, problem
@@ -68,12 +68,11 @@ def read(path: str) -> Answers:
         text = Path(path).read_text(encoding="utf-8")
         found = _AnswersIn.model_validate(tomllib.loads(text))
     except OSError as error:
-        unreadable = problem("unreadable", (), error.strerror or str(error))
-        raise refusal([complain(unreadable, path, None, ROOM)]) from None
+        raise refusal([unread(path, error)]) from None
     except UnicodeDecodeError as error:
         raise refusal([complain(problem("encoding", (), f"{error.object[error.start]:02X}H"), path, 1, ROOM)]) from None
     except tomllib.TOMLDecodeError as error:
-        raise refusal([complain(problem("toml", (), str(error)), path, None, ROOM)]) from None
+        raise refusal([no_toml(path, error, text)]) from None
     except ValidationError as error:
         faults = shape.from_pydantic(error, _AnswersIn)
         raise refusal([complain(one, path, locate.line_of(text, one.path), ROOM) for one in faults]) from None

@@ -36,14 +36,20 @@ def load(path: str | Path) -> PlantSetting:
         with where.open("rb") as file:
             raw = file.read(MOST_BYTES + 1)
     except OSError as error:
-        kind = "no_file" if isinstance(error, FileNotFoundError) else "unreadable"
-        raise refusal([complain(problem(kind, (), error.strerror or str(error)), str(path), None, ROOM)]) from None
+        raise refusal([unread(str(path), error)]) from None
     return _parsed(_text(raw, str(path)), str(path), where.resolve().parent)
 
 
 def loads(text: str, source: str = "plant.toml", base: Path | None = None) -> PlantSetting:
     """The plant of a text; relative paths count from ``base`` (else from here). Raises as ``load`` does."""
     return _parsed(_text(text.encode(), source), source, (base or Path()).resolve())
+
+
+def unread(path: str, error: OSError) -> Complaint:
+    """Of a file that the system does not give."""
+    missing = isinstance(error, FileNotFoundError)
+    found = problem("no_file", (), path) if missing else problem("unreadable", (), error.strerror or str(error))
+    return complain(found, path, None, ROOM)
 
 
 def refusal(complaints: Sequence[Complaint]) -> ConfigurationError:
@@ -71,7 +77,7 @@ def _parsed(text: str, source: str, base: Path) -> PlantSetting:
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise _lone(source, problem("toml", (), str(error).split(" (at ")[0]), _toml_line(error, text)) from None
+        raise refusal([no_toml(source, error, text)]) from None
     except RecursionError:
         raise _lone(source, problem("toml", (), "[[[["), 1) from None
     found: list[Problem | Complaint] = list(_version(raw))
@@ -88,9 +94,11 @@ def _parsed(text: str, source: str, base: Path) -> PlantSetting:
     return build.plant(draft, source)
 
 
-def _toml_line(error: tomllib.TOMLDecodeError, text: str) -> int:
+def no_toml(source: str, error: tomllib.TOMLDecodeError, text: str) -> Complaint:
+    """With the line that the reader stumbled over; the last one where it does not tell."""
     at = re.search(r"line (\d+)", str(error))
-    return int(at[1]) if at else text.rstrip("\n").count("\n") + 1
+    line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
+    return complain(problem("toml", (), str(error).split(" (at ")[0]), source, line, ROOM)
 
 
 def _version(raw: Mapping[str, Any]) -> list[Problem]:
