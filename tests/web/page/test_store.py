@@ -71,6 +71,14 @@ def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
     assert {text: ask(page, "parts/frequency", call.format(text)) for text in texts} == texts
 
 
+@pytest.mark.parametrize("state", ["running", "stopped", "unknown", "fault"])
+def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown(page: Any, state: str) -> None:
+    """A DF800 never reports one: it was in no filter but "all"."""
+    view = f"{{presence: 'online', state: '{state}', fault: null, alarms: {{}}}}"
+    found = set(ask(page, "parts/fleetorder", f"[...m.kindsOf({view})]")) - {"abnormal"}
+    assert found == {"all", state}
+
+
 def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) -> None:
     """G17: the socket stays open and says nothing, as behind a frozen proxy; twice the heartbeat, and all is stale."""
     script = """

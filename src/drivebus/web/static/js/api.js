@@ -32,7 +32,10 @@ class ApiError extends Error {
   }
 }
 
-const noAnswer = () => new ApiError({ code: "page.unreachable", kind: "Unreachable" }, 0);
+/** A question that got no answer did nothing; what became of anything else is not known. */
+const noAnswer = (method) => new ApiError({
+  code: method === "GET" ? "page.no_answer" : "page.unreachable", kind: "Unreachable",
+}, 0);
 
 async function failure(answer) {
   const found = await answer.json().catch(() => ({}));
@@ -59,7 +62,7 @@ async function ask(method, path, { body, query, patience_ms = PATIENCE_MS, signa
     method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
     body: body === undefined ? undefined : JSON.stringify(body),
   };
-  const answer = await fetch(addressOf(path, query), how).catch(() => { throw noAnswer(); });
+  const answer = await fetch(addressOf(path, query), how).catch(() => { throw noAnswer(method); });
   if (!answer.ok) throw await noteLogout(await failure(answer));
   return answer;
 }
@@ -70,8 +73,10 @@ function noteLogout(error) {
   return error;
 }
 
-const parsed = async (answer) => (answer.status === 204 ? {} : answer.json().catch(() => { throw noAnswer(); }));
-const asked = async (method, path, options) => parsed(await ask(method, path, options));
+async function asked(method, path, options) {
+  const answer = await ask(method, path, options);
+  return answer.status === 204 ? {} : answer.json().catch(() => { throw noAnswer(method); });
+}
 
 /** `api.get("/drives")`, `api.post("/drives/fan-1/run", {frequency_hz: 25})`: JSON back, else ApiError. */
 export const api = {

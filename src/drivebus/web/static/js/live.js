@@ -3,7 +3,7 @@
 import { computed, signal } from "./lib.js";
 import { loadSession, loggedIn, session } from "./session.js";
 import { recall } from "./memory.js";
-import { delta, nowMs, snapshot } from "./store.js";
+import { delta, noticeSleep, nowMs, snapshot } from "./store.js";
 
 const ALWAYS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
 /** The server says something at least every second; twice that in silence and nothing shown counts as live. */
@@ -18,7 +18,7 @@ const INTERVAL_S = recall("interval_s", 0.25);
 export const link = signal("starting");
 /** Are the values of the store live? Where not, every surface shows them as stale and only stops are offered. */
 export const trusted = computed(() => link.value === "live");
-/** When the link was lost (`nowMs`), else null. */
+/** When something was last heard over a link that is lost now (`nowMs`), else null. */
 export const lostAt = signal(null);
 /** What the server said when it closed: a text in both languages, else null. */
 export const closedText = signal(null);
@@ -79,7 +79,7 @@ function live() {
 }
 
 function lost() {
-  if (link.peek() !== "lost") lostAt.value = nowMs();
+  if (link.peek() !== "lost") lostAt.value = heardAt || nowMs();
   link.value = "lost";
 }
 
@@ -128,6 +128,7 @@ export function reconnect() {
 }
 
 function tick() {
+  noticeSleep();
   now.value = nowMs();
   const quiet_ms = nowMs() - (link.peek() === "live" ? heardAt : openedAt);
   if (socket && quiet_ms > (link.peek() === "live" ? SILENCE_MS : FIRST_WORD_MS)) drop();
@@ -151,5 +152,6 @@ function hangUp() {
     socket.close();
   }
   socket = null;
+  heardAt = 0;
   link.value = "starting";
 }

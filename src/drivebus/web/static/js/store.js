@@ -33,7 +33,21 @@ export const bus = (id) => topic(`buses/${id}`);
 export const group = (id) => topic(`groups/${id}`);
 
 /** Milliseconds of this page's own clock, never of the server's (S20). */
-export const nowMs = () => performance.now();
+export const nowMs = () => performance.now() + slept_ms;
+
+/** More than a clock is corrected by while nobody looks. */
+const SLEEP_MS = 5000;
+let slept_ms = 0;
+let seen = { page_ms: performance.now(), wall_ms: Date.now() };
+
+/** A browser's clock may stand while its machine sleeps, the wall's goes on: what was heard before is that much older.
+ * To be called often. */
+export function noticeSleep() {
+  const at = { page_ms: performance.now(), wall_ms: Date.now() };
+  const missed_ms = at.wall_ms - seen.wall_ms - (at.page_ms - seen.page_ms);
+  if (missed_ms > SLEEP_MS) slept_ms += missed_ms;
+  seen = at;
+}
 
 let plantAhead_ms = null;
 

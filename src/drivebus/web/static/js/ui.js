@@ -3,6 +3,7 @@ import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./lib
 import { both, t } from "./i18n.js";
 import { NOTHING, duration, number } from "./format.js";
 import { Icon } from "./icons.js";
+import { trusted } from "./live.js";
 
 /** Enter held down presses a button again and again: once is what was meant. */
 const once = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
@@ -171,7 +172,14 @@ export function useLoaded(load, what) {
     );
     return () => { current = false; };
   }, [...what, round]);
-  return [state.value, state.error, () => setRound((n) => n + 1)];
+  const again = () => setRound((n) => n + 1);
+  useReturn(state.error, again);
+  return [state.value, state.error, again];
+}
+
+/** What got no answer while the server was away is asked for `again` when the line is live once more. */
+export function useReturn(error, again) {
+  useEffect(() => { if (trusted.peek() && error?.unreachable) again(); }, [trusted.value]);
 }
 
 export const Loading = () => html`<p class="loading" role="status">${t("page.loading")}</p>`;

@@ -15,7 +15,9 @@ import {
 const named = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
 
 function Kinds() {
-  const options = KINDS.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
+  // Most plants have none whose state is unknown: what would always be 0 is left out.
+  const names = KINDS.filter((name) => name !== "unknown" || name === kind.value || counts.value[name] > 0);
+  const options = names.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
   return html`<${Choice} label=${t("page.show")} value=${kind.value} options=${options}
     onChange=${(name) => { kind.value = name; }} />`;
 }

@@ -4,8 +4,7 @@ import { t } from "../i18n.js";
 import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
 import { login, session, setUp } from "../session.js";
 import { Preferences } from "../shell.js";
-
-const SHORTEST_PASSWORD = 10;
+import { SHORTEST_PASSWORD, passwordHelp } from "../parts/password.js";
 
 function Form({ title, note, fields, submit, send }) {
   const [values, setValues] = useState({});
@@ -29,7 +28,7 @@ const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page
 const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page.set_up_do")}
   note=${html`<${Notice}>${t("page.set_up_how")}<//>`}
   fields=${[["secret", "text", "off"], ["name", "text", "username"],
-    ["password", "password", "new-password", t("page.password_help", { n: SHORTEST_PASSWORD })]]}
+    ["password", "password", "new-password", passwordHelp()]]}
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
 /** `error`: why the address did not log in. */

@@ -1,6 +1,7 @@
 // Settings: how the page looks, one's own password and tokens, users, and the plant's configuration.
 import { html } from "../lib.js";
 import { LANGUAGES, chooseLanguage, language, t } from "../i18n.js";
+import { moment } from "../format.js";
 import { THEMES, chooseTheme, themeChoice } from "../theme.js";
 import { replaceQuery } from "../router.js";
 import { may, session } from "../session.js";
@@ -46,8 +47,7 @@ function Me() {
 function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
-    ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms
-      ? new Date(plant.started_ms).toISOString() : null],
+    ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
     ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt

@@ -13,7 +13,7 @@ export const sort = signal(kept.sort ?? "plant");
 export const by = signal(kept.by ?? "none");
 export const size = signal(kept.size ?? "normal");
 
-export const KINDS = ["all", "abnormal", "running", "stopped", "fault", "silent"];
+export const KINDS = ["all", "abnormal", "running", "stopped", "unknown", "fault", "silent"];
 export const SORTS = ["plant", "urgency", "name", "bus", "frequency", "current"];
 export const SIZES = ["wall", "normal", "dense"];
 export const BYS = ["none", "group", "bus"];
@@ -30,7 +30,7 @@ function kindsOf(view) {
   if (view.presence !== "online") found.add("silent");
   else if (view.state === "fault" || view.fault) found.add("fault");
   else if (TURNING.has(view.state)) found.add("running");
-  else if (view.state === "stopped") found.add("stopped");
+  else if (view.state === "stopped" || view.state === "unknown") found.add(view.state);
   if (found.has("silent") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
   return found;
 }

@@ -2,7 +2,7 @@
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { api } from "../api.js";
 import { t } from "../i18n.js";
-import { Button, ErrorNote, Loading } from "../ui.js";
+import { Button, ErrorNote, Loading, useReturn } from "../ui.js";
 
 const START = { items: [], next: null, busy: true, error: null };
 
@@ -28,7 +28,9 @@ export function usePaged(path, query) {
     load(null, []);
     return () => asked.current?.abort();
   }, [key]);
-  return { ...state, more: () => load(state.next, state.items), reload: () => load(null, []) };
+  const reload = () => load(null, []);
+  useReturn(state.error, reload);
+  return { ...state, more: () => load(state.next, state.items), reload };
 }
 
 /** What stands below such a list: an error, that more is being asked for, or the way to more. */

@@ -5,6 +5,11 @@ import { api } from "../api.js";
 import { session } from "../session.js";
 import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
 
+export const SHORTEST_PASSWORD = 10;
+
+/** What a password must be: told before one is chosen, wherever that is. */
+export const passwordHelp = () => t("page.password_help", { n: SHORTEST_PASSWORD });
+
 const EMPTY = { old: "", new: "", again: "" };
 
 export function Password() {
@@ -20,13 +25,14 @@ export function Password() {
     session.value = found;
     setGiven(EMPTY);
   };
-  const input = (name, auto, label, wrong) => html`<${Field} label=${t(label)} wrong=${wrong}><input type="password"
+  const input = (name, auto, label, more = {}) => html`<${Field} label=${t(label)} ...${more}><input type="password"
     autocomplete=${auto}
     value=${given[name]} onInput=${set(name)} /><//>`;
   return html`<section class="panel"><h2>${t("plantpage.password")}</h2><form class="stack narrow" onSubmit=${send}>
     ${input("old", "current-password", "plantpage.password_old")}
-    ${input("new", "new-password", "plantpage.password_new")}
-    ${input("again", "new-password", "plantpage.password_again", differ && t("plantpage.passwords_differ"))}
+    ${input("new", "new-password", "plantpage.password_new", { help: passwordHelp() })}
+    ${input("again", "new-password", "plantpage.password_again",
+      { wrong: differ && t("plantpage.passwords_differ") })}
     <${ErrorNote} error=${error} />${result && html`<${Notice} kind="good" live>${t("plantpage.password_changed")}<//>`}
     <div class="row"><button class="button main" type="submit" disabled=${busy
       || !ready}>${t("plantpage.change_password")}</button></div></form></section>`;

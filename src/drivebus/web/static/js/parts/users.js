@@ -6,6 +6,7 @@ import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
 import { Button, Dialog, ErrorNote, Field, Loading, Table, useAsk, useLoaded } from "../ui.js";
+import { passwordHelp } from "./password.js";
 
 const ROLES = ["viewer", "operator", "engineer", "administrator"];
 const pathOf = (user) => `/users/${encodeURIComponent(user.name)}`;
@@ -50,8 +51,8 @@ function NewUser({ onClose }) {
     <${Field} label=${t("plantpage.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <${RoleChoice} value=${given.role} onChange=${(role) => setGiven({ ...given, role })} />
-    <${Field} label=${t("plantpage.first_password")} help=${t("plantpage.first_password_help")}><input type="password"
-      autocomplete="new-password"
+    <${Field} label=${t("plantpage.first_password")} help=${html`${passwordHelp()}${" "}
+      ${t("plantpage.first_password_help")}`}><input type="password" autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} /><//>
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
@@ -76,7 +77,8 @@ function ChangeUser({ user, onClose }) {
         ${t(user.disabled ? "plantpage.enable_user" : "plantpage.disable_user")}<//>`}
       <${Button} busy=${busy} disabled=${user.sessions === 0}
         onClick=${() => change({ end_sessions: true })}>${t("plantpage.end_sessions")}<//></div>
-    ${!me && html`<${Field} label=${t("plantpage.password_new")}><input type="password" autocomplete="new-password"
+    ${!me && html`<${Field} label=${t("plantpage.password_new")} help=${passwordHelp()}><input type="password"
+      autocomplete="new-password"
       value=${password}
         onInput=${(event) => setPassword(event.target.value)} /><//>
       <div class="row"><${Button} busy=${busy} disabled=${!password}

@@ -3,6 +3,7 @@
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
 import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { language, t } from "../i18n.js";
+import { trusted } from "../live.js";
 import { theme } from "../theme.js";
 import { plantNow } from "../store.js";
 import { Chart } from "./chart.js";
@@ -44,6 +45,10 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   }, [tags]);
   useEffect(() => scene.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
   useEffect(() => scene.run(), []);
+  // What was asked for in vain, or came unseen, while the line was away.
+  useEffect(() => {
+    if (trusted.value) source.want(view.window.peek(), { again: source.fetched !== null });
+  }, [trusted.value]);
   useSignalEffect(() => {
     onWindow?.(view.window.value, view.isLive.value);
     source.want(view.window.value);

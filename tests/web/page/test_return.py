@@ -1,0 +1,64 @@
+"""After its machine slept, and after the plant was away: nothing old is live, and what was asked in vain comes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pagekit import Stage
+
+SLEPT_MS = 3 * 3_600_000
+SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
+"""The wall's clock has gone on, the browser's own has not: as on a laptop whose lid was closed."""
+
+
+@pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
+def test_s20_after_sleep_the_page_tells_how_long_it_heard_nothing(
+    stage: Stage, visit: Any, language: str, told: str
+) -> None:
+    page = visit(language=language)
+    stage.lose_server()
+    page.wait_for_selector(".line.lost")
+    page.evaluate(SLEEP, SLEPT_MS)
+    page.wait_for_function("(told) => document.querySelector('[role=timer]').textContent === told", arg=told)
+    stage.regain_server()
+    page.wait_for_selector(".line.live")
+
+
+def test_s20_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
+    """Not even for the two seconds in which a silent line still counts as live."""
+    page = visit()
+    page.evaluate(
+        """async () => { const { link } = await import("/static/js/live.js");
+        window.links = []; link.subscribe((state) => window.links.push(state)); }"""
+    )
+    page.evaluate(SLEEP, SLEPT_MS)
+    page.wait_for_function("() => window.links.includes('lost')", timeout=1900)
+    page.wait_for_selector(".line.live")
+
+
+@pytest.mark.parametrize(
+    ("way", "there"),
+    [
+        ("#/settings?tab=users", "table.data .name"),
+        ("#/alarms?tab=cases", ".cases + .help"),
+        ("#/history", ".picker"),
+        ("#/drive/fan-2?tab=profile", "[role=tabpanel] .facts"),
+    ],
+)
+def test_what_was_opened_while_the_plant_was_away_comes_when_it_is_back(
+    stage: Stage, visit: Any, way: str, there: str
+) -> None:
+    page = visit(role="administrator")
+    page.goto(f"{stage.at}/{way}")
+    page.wait_for_selector(there)
+    page.goto(f"{stage.at}/#/fleet")
+    page.wait_for_selector(".tile")
+    stage.lose_server()
+    page.wait_for_selector(".line.lost")
+    page.evaluate("(way) => { location.hash = way; }", way)
+    page.wait_for_selector("text=The server does not answer.")
+    stage.regain_server()
+    page.wait_for_selector(there)
+    assert page.locator("text=The server does not answer.").count() == 0
