@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from click.testing import CliRunner, Result
 
 from drivebus.cli import server
 from drivebus.cli.root import cli
+from drivebus.plant.access.refusals import Forbidden
+from drivebus.plant.access.rights import Right
 
 PLANT = """
 format = 1
@@ -142,3 +145,15 @@ def test_a_word_that_is_none_of_the_few_is_told_as_one_of_them() -> None:
 
 def test_chinese_sentences_stand_without_a_blank_between_them() -> None:
     assert "没有命令 staus。是否想用 status？" in said(["staus"]).output
+
+
+def test_a_right_is_named_in_the_users_language_with_how_a_token_writes_it() -> None:
+    error = Forbidden("access.forbidden", right=Right.OPERATE)
+    assert error.text("zh") == "您没有此权限：操作（operate）。"
+    assert error.text("en") == "You do not have the right operate."
+    assert json.loads(json.dumps(error.params)) == {"right": "operate"}
+
+
+def test_who_was_added_is_told_with_the_role_in_the_users_language(plant: Path) -> None:
+    words = ["user", "add", str(plant), "ann", "--role", "operator", "--lang", "zh"]
+    assert "ann 现在是操作员。" in CliRunner().invoke(cli, words, input="correct horse 77\n").output

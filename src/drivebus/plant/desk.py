@@ -87,12 +87,12 @@ class Desk:
     def may_look(self, actor: Actor) -> None:
         """Raises Forbidden."""
         if not actor.may(Right.VIEW):
-            raise Forbidden("plant.forbidden", name=actor.name, operation="live", right=str(Right.VIEW))
+            raise Forbidden("plant.forbidden", name=actor.name, operation="live", right=Right.VIEW)
 
     async def _may(self, operation: Operation, right: Right, params: Json, actor: Actor) -> None:
         if actor.may(right):
             return
-        error = Forbidden("plant.forbidden", name=actor.name, operation=operation.name, right=str(right))
+        error = Forbidden("plant.forbidden", name=actor.name, operation=operation.name, right=right)
         self._note(_entry(operation, params, actor, error.key))
         raise error
 

@@ -107,7 +107,7 @@ class Guard:
             return
         if not visitor.actor.may(entry.need):
             key = "access.idle" if visitor.is_idle else "access.forbidden"
-            raise Forbidden(key, right=str(entry.need))
+            raise Forbidden(key, right=entry.need)
 
     async def _refuse(
         self, error: AccessError, scope: Scope, entry: Entry | None, visitor: Visitor | None, send: Send

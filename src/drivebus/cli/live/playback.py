@@ -163,7 +163,7 @@ class CaptureFeed:
 
     def lines(self) -> list[LineRow]:
         capture, line = self._player.capture, self._player.line
-        name = capture.header.port.rpartition(":")[2] or "capture"
+        name = capture.header.port.rpartition(":")[2].removeprefix("//") or "capture"
         return [
             LineRow(
                 name,

@@ -31,7 +31,8 @@ def _add(plant: str, name: str, role: str) -> None:
     known = plain(name)
     user = User(known, Role(role), _hash(known), wall_ms())
     _change(plant, "user.add", name, {"role": role}, lambda register: register.added(user))
-    _said("user_verb.added", name=user.name, role=role)
+    voice.document({"name": user.name, "role": role})
+    voice.tell("user_verb.added", name=user.name, role=voice.say(f"user_verb.{role}"))
 
 
 def _list(plant: str) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from drivebus import i18n
+
 
 class Right(StrEnum):
     """What an operation needs."""
@@ -30,6 +32,16 @@ class Right(StrEnum):
     """Read the audit trail."""
     ADMINISTER = "administer"
     """Users and everybody's tokens."""
+
+    @property
+    def en(self) -> str:
+        """As tokens, the API and the command line write it."""
+        return self.value
+
+    @property
+    def zh(self) -> str:
+        """The word for people, with how it is written."""
+        return f"{i18n.text(f'plantpage.right_{self.value}', 'zh')}（{self.value}）"
 
 
 class Role(StrEnum):
