@@ -12,6 +12,8 @@ SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
 """The wall's clock has gone on, the browser's own has not: as on a laptop whose lid was closed."""
 
+TAKE = "async () => { const { take } = await import('/static/js/leases.js'); await take('fan-1'); }"
+
 
 @pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
 def test_s20_after_sleep_the_page_tells_how_long_it_heard_nothing(
@@ -62,3 +64,34 @@ def test_what_was_opened_while_the_plant_was_away_comes_when_it_is_back(
     stage.regain_server()
     page.wait_for_selector(there)
     assert page.locator("text=The server does not answer.").count() == 0
+
+
+def test_a_stop_without_an_answer_is_not_told_as_one_that_the_drives_are_at(stage: Stage, visit: Any) -> None:
+    """G07: the service hangs; the page must not say that it waits for the drives."""
+    page = visit()
+    page.route("**/api/v1/stop", lambda route: None)
+    stage.lose_server()
+    page.wait_for_selector(".line.lost")
+    page.click("[data-stop=all]")
+    page.wait_for_selector("text=STOP NOT CONFIRMED")
+    stage.regain_server()
+    page.wait_for_selector(".line.live")
+
+
+def test_that_nothing_is_live_or_yours_any_more_is_in_sight_wherever_the_page_is_scrolled_to(
+    stage: Stage, visit: Any
+) -> None:
+    page = visit("#/drive/fan-1", size=(1280, 700))
+    page.click("[data-do=take]")
+    page.wait_for_selector(".lease.mine")
+    page.evaluate("scrollTo(0, 500)")
+    visit("#/drive/fan-1", role="administrator").evaluate(TAKE)
+    told = page.locator(".takeovers .banner")
+    told.wait_for()
+    assert 0 <= told.bounding_box()["y"] < 700
+    stage.lose_server()
+    lost = page.locator(".banner.bad")
+    lost.wait_for()
+    assert 0 <= lost.bounding_box()["y"] < 700
+    stage.regain_server()
+    page.wait_for_selector(".line.live")

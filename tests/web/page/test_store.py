@@ -71,6 +71,14 @@ def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
     assert {text: ask(page, "parts/frequency", call.format(text)) for text in texts} == texts
 
 
+def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_first(visit: Any) -> None:
+    page = visit("#/drive/pump-1")
+    page.evaluate("location.hash = '#/fleet'")
+    page.wait_for_selector(".tile")
+    shown = page.locator(".tilelink").evaluate_all("(all) => all.map((one) => one.dataset.drive)")
+    assert shown == ["fan-1", "fan-2", "fan-3", "pump-1", "pump-2"]
+
+
 @pytest.mark.parametrize("state", ["running", "stopped", "unknown", "fault"])
 def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown(page: Any, state: str) -> None:
     """A DF800 never reports one: it was in no filter but "all"."""

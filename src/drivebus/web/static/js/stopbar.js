@@ -4,6 +4,7 @@ import { html, signal, useEffect, useRef } from "./lib.js";
 import { t, titled } from "./i18n.js";
 import { clock } from "./format.js";
 import { Icon } from "./icons.js";
+import { trusted } from "./live.js";
 import { route } from "./router.js";
 import { may } from "./session.js";
 import { drive, group, idsOf } from "./store.js";
@@ -46,7 +47,7 @@ function GroupStop({ groups }) {
 
 function wordsOf(entry) {
   const what = nameOf(entry.what);
-  if (entry.phase === "sending") return t("page.stop_sending", { what });
+  if (entry.phase === "sending") return t(trusted.value ? "page.stop_sending" : "page.stop_waiting", { what });
   if (entry.phase === "trying") return t("page.stop_trying", { what });
   const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";
   return t(key, { what, why: entry.tell() });

@@ -87,8 +87,13 @@ function draw() {
   if (pending.size) schedule();
 }
 
+/** Topic → its place in the plant's file: a page may have asked for one of them before any came. */
+let places = new Map();
+const placeOf = (name) => places.get(name) ?? places.size;
+
 function noteNames() {
-  const now = [...topics.keys()].filter((name) => topics.get(name).peek() !== null);
+  const there = [...topics.keys()].filter((name) => topics.get(name).peek() !== null);
+  const now = there.sort((one, other) => placeOf(one) - placeOf(other));
   if (now.length !== names.peek().length || now.some((name, n) => name !== names.peek()[n])) names.value = now;
 }
 
@@ -112,6 +117,7 @@ const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).pe
 
 /** Everything that we asked for, as it is: what it lacks is gone. */
 export function snapshot(message) {
+  places = new Map(Object.keys(message.topics).map((name, n) => [name, n]));
   for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) put(name, null);
   addTopics(message, () => null);
 }
