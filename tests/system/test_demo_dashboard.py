@@ -39,12 +39,12 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
 
 
 def _printed(process: subprocess.Popen[str], log: Path) -> dict[str, str]:
+    """One line of JSON, and no other address before it: that would ask for a password."""
     assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("{"):
-            found: dict[str, str] = json.loads(line)
-            return found
-    raise AssertionError(log.read_text())
+    line = process.stdout.readline()
+    assert line.startswith("{"), (line, log.read_text())
+    found: dict[str, str] = json.loads(line)
+    return found
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from typing import Any
 
 from drivebus.bus import timer as timers
 from drivebus.errors import DrivebusError
-from drivebus.plant.access.child import command
+from drivebus.plant.access.child import Announce, command
 from drivebus.plant.assemble import Rooms
 from drivebus.plant.lock import only_one
 from drivebus.plant.model import PlantSetting
@@ -30,7 +30,9 @@ LOG = logging.getLogger("drivebus.plant")
 ENDINGS = (signal.SIGTERM, signal.SIGINT)
 
 
-async def run(setting: PlantSetting, *, web: bool = True, ready: Callable[[], None] = lambda: None) -> Json:
+async def run(
+    setting: PlantSetting, *, web: bool = True, announce: Announce = "plain", ready: Callable[[], None] = lambda: None
+) -> Json:
     """Until SIGTERM or Ctrl-C; returns what became of each drive that the service had started (None: not told in time).
 
     Raises ConfigurationError: the plant runs already, its directory or a socket can't be used.
@@ -49,7 +51,7 @@ async def run(setting: PlantSetting, *, web: bool = True, ready: Callable[[], No
             for server in servers:
                 await server.open()
                 stack.push_async_callback(server.close)
-            child = Supervisor(command(setting, setting.directory / PLANT), service.plant.now, _web_ended)
+            child = Supervisor(command(setting, setting.directory / PLANT, announce), service.plant.now, _web_ended)
             if web and setting.web.enabled:
                 child.start()
             seldom_collect()

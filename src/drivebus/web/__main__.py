@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import sys
 from contextlib import suppress
@@ -50,7 +51,8 @@ async def _run(client: SocketClient, child: Child) -> None:
 
 def _say(at: str, access: Access, child: Child) -> None:
     """Where the page is, on standard output; on standard error what somebody has to do by hand."""
-    print(at, flush=True)
+    if child.announce != "not":
+        print(json.dumps({"page": at}) if child.announce == "json" else at, flush=True)
     if access.needs_setup:
         _note("access.setup_secret", address=at, secret=access.setup.offer(), file=str(access.setup.path))
     if host_for(child.web, access) != child.web.host:

@@ -147,6 +147,19 @@ def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(
     assert not [one for one in (tmp_path / "state").iterdir() if one.suffix == ".sock"]
 
 
+def test_every_line_of_a_plant_that_was_asked_for_json_is_json(tmp_path: Path) -> None:
+    """The page's address too, which its own process tells."""
+    words = [*COMMAND, "serve", str(write(tmp_path)), "--json"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert process.stdout is not None
+        plant, page = (json.loads(process.stdout.readline()) for _ in range(2))
+    finally:
+        process.kill()
+        process.communicate()
+    assert (plant["plant"], page["page"].startswith("http://127.0.0.1:")) == ("hall", True)
+
+
 def test_a_killed_web_part_leaves_the_plant_going_and_comes_back(tmp_path: Path) -> None:
     """6.6: kill -9 of the web process."""
     file, state = write(tmp_path), tmp_path / "state"

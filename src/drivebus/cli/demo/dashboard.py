@@ -71,7 +71,11 @@ async def _demo(directory: Path, port: int) -> Exit:
         setting = load(file)
         code, password = await prepared(setting)
         tasks: list[asyncio.Task[None]] = []
-        await run(setting, ready=lambda: tasks.append(asyncio.create_task(_tell(setting, code, password, plant))))
+
+        def begun() -> None:
+            tasks.append(asyncio.create_task(_tell(setting, code, password, plant)))
+
+        await run(setting, announce="not", ready=begun)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)

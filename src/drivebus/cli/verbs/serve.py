@@ -33,7 +33,7 @@ async def _run(setting: PlantSetting, web: bool) -> Exit:
         voice.document({"plant": setting.id, "directory": str(setting.directory)}, stream=True)
         voice.tell("serve.ready", plant=setting.id, directory=setting.directory)
 
-    found = await run(setting, web=web, ready=ready)
+    found = await run(setting, web=web, announce="json" if voice.as_json() else "plain", ready=ready)
     left = [drive for drive, told in found.items() if told is None or "word" not in told]
     for drive in left:
         LOG.error(voice.say("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})

@@ -5,10 +5,14 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pydantic import TypeAdapter
 
 from drivebus.plant.model import PlantSetting, WebSetting
+
+Announce = Literal["plain", "json", "not"]
+"""How the page's address is told on standard output: by itself, as a line of JSON, or by somebody else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +23,15 @@ class Child:
     """The state directory: where the set-up secret is put."""
     users: Path
     web: WebSetting
+    announce: Announce = "plain"
 
 
 _FORM = TypeAdapter(Child)
 
 
-def command(setting: PlantSetting, socket: Path) -> list[str]:
+def command(setting: PlantSetting, socket: Path, announce: Announce = "plain") -> list[str]:
     """The command line that starts it."""
-    child = Child(setting.directory, setting.users or setting.directory / "access.json", setting.web)
+    child = Child(setting.directory, setting.users or setting.directory / "access.json", setting.web, announce)
     return [sys.executable, "-m", "drivebus.web", str(socket), _FORM.dump_json(child).decode()]
 
 
