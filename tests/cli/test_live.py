@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +154,24 @@ def test_chinese_takes_two_cells_and_never_begins_a_line_with_a_comma() -> None:
     assert not any(line[0] in "，。、" for line in lines)
     shown = table(["名称", "b"], [["风机", "1"], ["x", "22"]]).splitlines()
     assert len({width(line[: line.rindex(" ") + 1]) for line in shown}) == 1
+
+
+async def test_the_demos_twelve_drives_their_ages_lines_and_news_stand_on_a_terminal_of_80_by_24() -> None:
+    """The size that terminals open with: the ages, a drive and the news were behind scroll bars."""
+
+    class Plant(FakeFeed):
+        def drives(self) -> list[DriveRow]:
+            return [replace(super(Plant, self).drives()[0], key=str(n)) for n in range(12)]
+
+        def lines(self) -> list[LineRow]:
+            return super().lines() * 4
+
+    screen = Screen(Plant(), Hand())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.6)
+        for table in screen.query(Table):
+            assert (table.max_scroll_x, table.max_scroll_y) == (0, 0), table.id
+        assert screen.query_one("#news").size.height >= 2
 
 
 async def test_keys_command_the_selected_drive_and_q_ends() -> None:

@@ -22,8 +22,9 @@ class Screen(App[int]):
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
-    #drives { height: auto; max-height: 60%; }
-    #lines { height: auto; margin-top: 1; margin-bottom: 1; }
+    Screen { overflow: hidden; }
+    #drives { height: auto; max-height: 60%; overflow-x: hidden; }
+    #lines { height: auto; overflow-x: hidden; }
     #legend { height: 1; padding: 0 1; color: $text-muted; }
     #news { height: 1fr; min-height: 2; padding: 0 1; color: $text-muted; }
     """
