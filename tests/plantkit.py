@@ -59,6 +59,23 @@ model = "c320"
 """
 """The beginning of a plant.toml: one drive, whose table is still open."""
 
+SHOP_FILE = """
+format = 1
+
+[plant]
+id = "shop"
+directory = "state"
+
+[bus.a]
+link = "sim://c320@1"
+
+[drive.fan-1]
+bus = "a"
+address = 1
+model = "c320"
+"""
+"""A whole plant.toml: one simulated drive."""
+
 
 def setting(**changed: Any) -> PlantSetting:
     """Two lines with two drives each, unless told otherwise."""

@@ -14,28 +14,13 @@ from drivebus.cli import server
 from drivebus.cli.root import cli
 from drivebus.plant.access.refusals import Forbidden
 from drivebus.plant.access.rights import Right
-
-PLANT = """
-format = 1
-
-[plant]
-id = "shop"
-directory = "state"
-
-[bus.a]
-link = "sim://c320@1"
-
-[drive.fan-1]
-bus = "a"
-address = 1
-model = "c320"
-"""
+from plantkit import SHOP_FILE
 
 
 @pytest.fixture
 def plant(tmp_path: Path) -> Path:
     path = tmp_path / "plant.toml"
-    path.write_text(PLANT)
+    path.write_text(SHOP_FILE)
     return path
 
 

@@ -15,22 +15,7 @@ from drivebus.plant.access.access import Access
 from drivebus.plant.access.passwords import Passwords
 from drivebus.plant.access.rights import Right, Role
 from drivebus.testing.virtual import run
-
-PLANT = """
-format = 1
-
-[plant]
-id = "shop"
-directory = "state"
-
-[bus.a]
-link = "sim://c320@1"
-
-[drive.fan-1]
-bus = "a"
-address = 1
-model = "c320"
-"""
+from plantkit import SHOP_FILE
 
 
 @pytest.fixture
@@ -39,7 +24,7 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     made = Passwords(QUICK)
     monkeypatch.setattr("drivebus.plant.access.passwords.Passwords", lambda: made)
     path = tmp_path / "plant.toml"
-    path.write_text(PLANT)
+    path.write_text(SHOP_FILE)
     return path
 
 

@@ -12,7 +12,7 @@ from drivebus.plant.access.rights import Role
 from drivebus.plant.actor import Actor
 from drivebus.plant.model import GroupSetting
 from drivebus.testing.virtual import run
-from plantkit import Kit, plant, remote, setting
+from plantkit import Json, Kit, plant, remote, setting
 
 GROUP = GroupSetting("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
 LED = setting(groups=(GROUP,))
@@ -110,15 +110,21 @@ def test_no_follower_gets_the_share_of_a_frequency_that_its_leader_has_not_got()
     run(story())
 
 
+async def between(kit: Kit) -> asyncio.Task[Json]:
+    """A change of the group's frequency that its leader has got and its follower has not."""
+    change = asyncio.create_task(kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0))
+    while kit.station("fan-1").motor.target_hz != 30.0:  # noqa: ASYNC110  virtual time
+        await asyncio.sleep(0.001)
+    return change
+
+
 def test_a_follower_stopped_while_its_leader_gets_the_groups_frequency_is_left_alone() -> None:
     """6.5: its share was wished before its stop."""
 
     async def story() -> None:
         async with plant(LED) as kit:
             await running(kit, ("fan-1", ANN), ("fan-2", ANN))
-            change = asyncio.create_task(kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0))
-            while kit.station("fan-1").motor.target_hz != 30.0:  # noqa: ASYNC110  virtual time
-                await asyncio.sleep(0.001)
+            change = await between(kit)
             await kit.call("drive.stop", BOB, drive="fan-2")
             left = (await change)["outcomes"]
             assert left["fan-1"]["word"] == "acknowledged"
@@ -131,9 +137,7 @@ def test_a_follower_taken_by_another_while_its_leader_gets_the_groups_frequency_
     async def story() -> None:
         async with plant(LED) as kit:
             await running(kit, ("fan-1", ANN), ("fan-2", ANN))
-            change = asyncio.create_task(kit.call("group.set_frequency", ANN, group="fans", frequency_hz=30.0))
-            while kit.station("fan-1").motor.target_hz != 30.0:  # noqa: ASYNC110  virtual time
-                await asyncio.sleep(0.001)
+            change = await between(kit)
             await kit.call("lease.take", remote("eve", Role.ENGINEER), drive="fan-2")
             assert (await change)["outcomes"]["fan-2"]["code"] == "plant.not_owner"
             assert targets(kit) == [30.0, 10.0]
