@@ -108,7 +108,7 @@ class Access:
         user = self.register.find(name)
         await self._check(user, name, password, address)
         current = self.register.find(name)
-        if user is None or current is None or current.stamp != user.stamp or current.disabled:
+        if user is None or current is None or current.stamp != user.stamp:
             raise NotLoggedIn("access.wrong_password")
         return await self._open(current, address)
 
@@ -197,8 +197,8 @@ class Access:
 
     async def _check(self, user: User | None, name: str, password: str, address: str) -> None:
         keys, at = self._try_of(f"user:{digest(plain(name))}", _net(address))
-        good = user is not None and not user.disabled
-        if not await self.passwords.verify(user.password if user is not None and good else None, password):
+        known = user.password if user is not None and not user.disabled else None
+        if not await self.passwords.verify(known, password):
             raise NotLoggedIn("access.wrong_password")
         self.throttle.succeeded(keys, at)
 
@@ -232,7 +232,7 @@ def _first(register: Register, user: User) -> Register:
 def _net(address: str) -> str:
     """Guessers change addresses within their own IPv6 network at will: count the /64."""
     try:
-        parsed = ipaddress.ip_address(address.partition("%")[0])
+        parsed = ipaddress.ip_address(address)
     except ValueError:
         return f"address:{address}"
     if parsed.version == 6:

@@ -66,13 +66,10 @@ class Keeper:
             return found.sessions if found.boot == _boot() != "" else ()
         return ()
 
-    def write(self, sessions: tuple[Kept, ...]) -> bool:
-        """False where it can't be written: logging in and out go on."""
-        try:
+    def write(self, sessions: tuple[Kept, ...]) -> None:
+        """Nothing happens where it can't be written: logging in and out go on."""
+        with contextlib.suppress(OSError):
             replace_private(self.path, _FORM.dump_json(_File(_boot(), sessions)))
-        except OSError:
-            return False
-        return True
 
 
 def _boot() -> str:

@@ -93,9 +93,9 @@ class Sessions:
     def of(self, user: str) -> list[Session]:
         return [session for session in self._by_digest.values() if session.user == user and session.why is None]
 
-    def end_all(self, user: str, why: str, besides: Session | None = None) -> int:
+    def end_all(self, user: str, why: str) -> int:
         """How many ended."""
-        ended = [session for session in self.of(user) if session is not besides]
+        ended = self.of(user)
         for session in ended:
             session.end(why)
         self._forget()
