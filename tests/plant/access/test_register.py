@@ -11,10 +11,21 @@ from pathlib import Path
 import pytest
 
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.refusals import Conflict, NoSuch, Unfit
+from drivebus.plant.access.refusals import (
+    AccessError,
+    Conflict,
+    Forbidden,
+    NoSuch,
+    NotLoggedIn,
+    TooManyAttempts,
+    Unavailable,
+    Unfit,
+    retry_after,
+)
 from drivebus.plant.access.register import Once, Register, Token, User
 from drivebus.plant.access.rights import Right, Role
 from drivebus.plant.access.store import AccessFile
+from drivebus.plant.failure import failure
 
 ADMIN = User("ann", Role.ADMINISTRATOR, "$hash", 1)
 TOKEN = Token("t1", "scada", "ann", (Right.VIEW,), "d" * 64, 1, 2)
@@ -28,23 +39,54 @@ def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled
         lambda: register.changed(replace(ADMIN, disabled=True)),
         lambda: register.changed(replace(ADMIN, password=None)),
     ):
-        with pytest.raises(Conflict):
+        with pytest.raises(Conflict) as refused:
             change()
+        assert refused.value.key == "access.last_administrator"
     two = register.added(replace(ADMIN, name="bob"))
     assert two.removed("ann").has_administrator
+
+
+def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
+    """Somebody has written the file by hand."""
+    vera = User("vera", Role.VIEWER, "$", 1)
+    register = Register((vera,)).changed(replace(vera, role=Role.OPERATOR))
+    assert register.user("vera").role is Role.OPERATOR and register.removed("vera").users == ()
+    with pytest.raises(NoSuch) as refused:
+        register.changed(replace(vera, name="nobody"))
+    assert refused.value.key == "access.no_such_user"
+
+
+MAY = {
+    Role.VIEWER: {"view"},
+    Role.OPERATOR: {"view", "stop", "operate"},
+    Role.ENGINEER: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit"},
+    Role.ADMINISTRATOR: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"},
+}
+
+
+@pytest.mark.parametrize("role", list(Role))
+def test_s08_a_role_may_what_the_page_on_security_says(role: Role) -> None:
+    """Tokens and files hold these words: none changes its meaning or its spelling."""
+    user = User("ann", role, "$", 1)
+    assert {str(right) for right in user.rights} == MAY[role]
+    assert replace(user, disabled=True).rights == frozenset()
+    assert [str(one) for one in Role] == ["viewer", "operator", "engineer", "administrator"]
+    assert Register((user,)).rights_of("ANN") == user.rights and Register().rights_of("ann") == frozenset()
 
 
 def test_names_that_look_alike_are_one_user() -> None:
     register = Register().added(ADMIN)
     assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
-    with pytest.raises(Conflict):
+    with pytest.raises(Conflict) as refused:
         register.added(replace(ADMIN, role=Role.VIEWER))
+    assert refused.value.key == "access.name_taken"
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
 def test_s13_a_name_that_would_write_more_than_a_name_is_refused(name: str) -> None:
-    with pytest.raises(Unfit):
+    with pytest.raises(Unfit) as refused:
         Register().added(User(name, Role.VIEWER, None, 1))
+    assert refused.value.key == "access.bad_name"
 
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
@@ -55,8 +97,9 @@ def test_a_name_in_any_script_is_taken(name: str) -> None:
 
 def test_a_token_can_not_do_more_than_its_user() -> None:
     register = Register().added(ADMIN).added(User("vera", Role.VIEWER, "$", 1))
-    with pytest.raises(Unfit):
-        register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP)))
+    with pytest.raises(Unfit) as refused:
+        register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
+    assert (refused.value.key, refused.value.params) == ("access.beyond_role", {"rights": "operate, stop"})
     with pytest.raises(Unfit):
         register.with_token(replace(TOKEN, rights=()))
     with pytest.raises(NoSuch):
@@ -68,9 +111,19 @@ def test_with_a_user_go_the_users_tokens_and_codes() -> None:
     register = register.with_token(replace(TOKEN, user="vera")).with_code(Once("c", "vera", 9), 0)
     after = register.with_token(TOKEN).removed("vera")
     assert (after.users, after.tokens, after.codes) == ((ADMIN,), (TOKEN,), ())
-    with pytest.raises(NoSuch):
+    with pytest.raises(NoSuch) as refused:
         after.without_token("t2")
+    assert refused.value.key == "access.no_such_token"
     assert after.without_token("t1").tokens == ()
+
+
+def test_a_token_or_a_code_that_goes_leaves_the_others() -> None:
+    other, codes = replace(TOKEN, id="t2"), (Once("c1", "ann", 9), Once("c2", "ann", 9))
+    register = replace(Register().added(ADMIN).with_token(TOKEN).with_token(other), codes=codes)
+    assert register.without_token("t1").tokens == (other,)
+    assert register.without_code("c1").codes == codes[1:]
+    with pytest.raises(NoSuch):
+        register.with_code(Once("c3", "nobody", 9), 0)
 
 
 def test_codes_that_are_too_old_go_with_the_next_one() -> None:
@@ -111,7 +164,8 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
     path.write_text(content)
     with pytest.raises(ConfigurationError) as raised:
         AccessFile(path).read()
-    assert raised.value.params["file"] == str(path)
+    assert raised.value.params["file"] == str(path) and raised.value.params["problem"]
+    assert raised.value.key == "access.store_unusable"
     with pytest.raises(ConfigurationError):
         AccessFile(path).change(lambda register: register.added(ADMIN))
     assert path.read_text() == content
@@ -152,7 +206,52 @@ def test_g12_a_disk_that_is_full_leaves_the_old_file(tmp_path: Path, monkeypatch
 
     with monkeypatch.context() as context:
         context.setattr("os.fsync", full)
-        with pytest.raises(ConfigurationError):
+        with pytest.raises(ConfigurationError) as raised:
             file.change(lambda register: register.with_token(TOKEN))
+    assert raised.value.params["problem"] == "No space left on device"
     assert AccessFile(file.path).read() == Register((ADMIN,))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["access.json", "access.lock"]
+
+
+def test_what_a_killed_program_left_is_in_nobodys_way(tmp_path: Path) -> None:
+    """Nor is a file that somebody else put there: it is not written into, and no link is followed."""
+    for left in (".access.json.new", "access.lock"):
+        (tmp_path / left).touch(0o644)
+    (tmp_path / ".access.json.new").unlink()
+    (tmp_path / ".access.json.new").symlink_to(tmp_path / "elsewhere")
+    AccessFile(tmp_path / "access.json").change(lambda register: register.added(ADMIN))
+    assert AccessFile(tmp_path / "access.json").read().users == (ADMIN,)
+    assert not (tmp_path / "elsewhere").exists()
+    (tmp_path / "access.lock").unlink()
+    (tmp_path / "access.lock").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ConfigurationError):
+        AccessFile(tmp_path / "access.json").change(lambda register: register.removed("ann"))
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_the_directory_of_the_file_is_the_plants_users_own(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "state" / "access.json"
+    AccessFile(path).change(lambda register: register.added(ADMIN))
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    loop = tmp_path / "loop.json"
+    loop.symlink_to(loop)
+    with pytest.raises(ConfigurationError) as raised:
+        AccessFile(loop).read()
+    assert raised.value.params["file"] == str(loop)
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [
+        (AccessError, 403), (NotLoggedIn, 401), (Forbidden, 403), (Conflict, 409), (NoSuch, 404), (Unfit, 422),
+        (TooManyAttempts, 429), (Unavailable, 503),
+    ],
+)  # fmt: skip
+def test_each_refusal_has_its_status(kind: type[AccessError], status: int) -> None:
+    assert failure(kind("access.forbidden", right="view"))["status"] == status
+
+
+def test_s05_nobody_is_told_to_come_again_too_early() -> None:
+    waits = [retry_after(TooManyAttempts("access.too_many", retry_s=retry_s)) for retry_s in (0.1, 1.9, 2.0)]
+    assert waits == [{"Retry-After": "1"}, {"Retry-After": "2"}, {"Retry-After": "3"}]
+    assert retry_after(Forbidden("access.csrf")) == {}

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 
 import pytest
 
+from accesskit import login, made
+from drivebus.plant.access.refusals import NotLoggedIn, TooManyAttempts
 from drivebus.plant.access.throttle import FREE, KEYS, LONGEST_S, SHORTEST_S, WINDOW_S, Throttle
+from drivebus.testing.virtual import run
 
 HOUR_S = 3600.0
 
@@ -23,6 +27,10 @@ def guesses(throttle: Throttle, keys: list[tuple[str, ...]], hours: float, step_
     return done
 
 
+def test_s05_the_numbers_are_those_of_the_rulings() -> None:
+    assert (FREE, WINDOW_S) == (10, 15 * 60)
+
+
 def test_s05_ten_failures_cost_nothing_and_the_next_waits() -> None:
     throttle = Throttle()
     for n in range(FREE):
@@ -30,6 +38,18 @@ def test_s05_ten_failures_cost_nothing_and_the_next_waits() -> None:
         throttle.tried(("user:li",), float(n))
     assert throttle.wait_s(("user:li",), FREE - 1.0) == SHORTEST_S
     assert throttle.wait_s(("user:wang",), FREE - 1.0) == 0.0
+
+
+def test_s05_whoever_waits_for_one_of_several_reasons_waits() -> None:
+    """A user who is guessed at from many addresses, and an address that guesses at many users."""
+    throttle = Throttle()
+    for n in range(FREE):
+        throttle.tried(("user:li", f"address:{n}"), 0.0)
+        throttle.tried((f"user:{n}", "address:9"), 0.0)
+    throttle.tried(("user:li", "address:new"), 0.0)
+    for keys in (("user:li", "address:new"), ("address:new", "user:li"), ("user:new", "address:9")):
+        assert throttle.wait_s(keys, 0.0) >= SHORTEST_S
+        assert throttle.wait_s(keys, 2 * SHORTEST_S) == 0.0
 
 
 def test_s05_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
@@ -79,11 +99,13 @@ def test_s05_a_right_password_does_not_wipe_the_guesses_of_others() -> None:
     for n in range(FREE):
         throttle.tried(("a",), float(n))
     throttle.tried(("a",), 20.0)
-    throttle.succeeded(("a", "never heard of"), 20.0)
+    for _ in range(2):
+        throttle.succeeded(("a", "never heard of"), 20.0)
     assert throttle.wait_s(("a",), 20.0 - 11.0) == SHORTEST_S
 
 
 def test_s14_what_is_remembered_has_an_end() -> None:
+    assert KEYS == 10_000
     throttle, chance = Throttle(), random.Random(1)
     for _ in range(FREE):
         throttle.tried(("user:li",), 0.0)
@@ -92,3 +114,45 @@ def test_s14_what_is_remembered_has_an_end() -> None:
     assert throttle.wait_s(("user:li",), 1.0) > 0.0
     throttle.tried(("one more",), 1.0)
     assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the one that was heard of longest ago"
+
+
+def test_s14_who_is_guessed_at_now_is_not_forgotten_for_others() -> None:
+    throttle = Throttle()
+    for n in range(KEYS):
+        throttle.tried((f"user:{n}",), 0.0)
+    for _ in range(FREE):
+        throttle.tried(("user:0",), 1.0)
+    throttle.tried(("one more",), 1.0)
+    assert throttle.wait_s(("user:0",), 1.0) > 0.0 and len(throttle._tries) == KEYS
+
+
+HOSTS = [
+    ("10.0.0.1", "10.0.0.2", False),
+    ("2001:db8::1", "2001:db8::ffff:1:2:3", True),
+    ("2001:db8::1", "2001:db8:0:0:8000::1", True),
+    ("2001:db8::1", "2001:db8:0:1::1", False),
+    ("fe80::1%eth0", "fe80::2%eth1", True),
+    ("local", "elsewhere", False),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "same"), HOSTS)
+def test_s05_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
+    """Whoever has an IPv6 network has 2**64 addresses."""
+    access, clock = made(tmp_path)
+    for n in range(FREE):
+        with pytest.raises(NotLoggedIn):
+            run(access.login(f"user{n}", "wrong password", one))
+    clock.now += 0.25
+    with pytest.raises(TooManyAttempts) as refused:
+        run(access.login("user", "wrong password", one))
+    assert (refused.value.key, refused.value.params) == ("access.too_many", {"retry_s": 1.8})
+    clock.now += 1.25
+    with pytest.raises(TooManyAttempts if same else NotLoggedIn):
+        run(access.login("operator", "wrong password", other))
+
+
+def test_s05_a_right_password_does_not_count(tmp_path: Path) -> None:
+    access, _ = made(tmp_path)
+    for _ in range(FREE + 2):
+        login(access)

@@ -10,7 +10,6 @@ import ssl
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -20,10 +19,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from doorkit import PASSWORD, House
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.child import Child, command, understood
-from drivebus.plant.model import PlantSetting, WebSetting
+from drivebus.plant.access.child import Child
+from drivebus.plant.model import WebSetting
 from drivebus.plant.socket_client import SocketClient
-from drivebus.profiles.model import Text
 from drivebus.web import __main__ as web_process
 from drivebus.web import patience
 from drivebus.web.server import Listening, Server, bound, config, host_for, is_loopback
@@ -332,18 +330,3 @@ async def test_a_taken_port_and_a_certificate_that_is_none_are_named(tmp_path: P
         async with serving(House(tmp_path), web):
             pytest.fail("listens")
     assert raised.value.key == "access.certificate"
-
-
-def test_the_web_process_understands_what_the_plant_tells_it() -> None:
-    web = WebSetting("::", 8443, Path("/c.pem"), Path("/k.pem"), ("https://plant.example",))
-    plain: dict[str, Any] = {"id": "p", "title": Text("", ""), "buses": (), "drives": ()}
-    setting = PlantSetting(directory=Path("/state"), web=web, **plain)
-    words = command(setting, Path("/state/plant.sock"))[3:]
-    path, child = understood(words)
-    assert path == Path("/state/plant.sock")
-    assert (child.directory, child.users, child.web) == (Path("/state"), Path("/state/access.json"), web)
-    assert understood(command(replace(setting, users=Path("/u.json")), path)[3:])[1].users == Path("/u.json")
-    assert understood(["/state/plant.sock"])[1].web == WebSetting()
-    for wrong in ([], ["a", "b", "c"], ["/state/plant.sock", "{}"], ["/state/plant.sock", "x"]):
-        with pytest.raises(ValueError):
-            understood(wrong)
