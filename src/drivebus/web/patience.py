@@ -96,10 +96,16 @@ class Patience(_ReadInTime, HttpToolsProtocol):
         self._timer, self._head = None, 0
 
     def _too_many(self) -> bool:
-        if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:
+        if self.client is None or _is_this_machine(self.client[0]):
             return False
         others = (getattr(one, "client", None) for one in self.connections)
         return len([other for other in others if other is not None and other[0] == self.client[0]]) > PER_ADDRESS
+
+
+def _is_this_machine(address: str) -> bool:
+    """127.0.0.1 comes as ``::ffff:127.0.0.1`` where IPv6 is listened for too."""
+    found = ipaddress.ip_address(address)
+    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
 
 
 class PatientSocket(_ReadInTime, WebSocketsSansIOProtocol):

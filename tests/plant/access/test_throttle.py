@@ -131,6 +131,8 @@ HOSTS = [
     ("2001:db8::1", "2001:db8::ffff:1:2:3", True),
     ("2001:db8::1", "2001:db8:0:0:8000::1", True),
     ("2001:db8::1", "2001:db8:0:1::1", False),
+    ("::ffff:10.0.0.1", "::ffff:10.0.0.2", False),
+    ("::ffff:10.0.0.1", "::1", False),
     ("fe80::1%eth0", "fe80::2%eth1", True),
     ("local", "elsewhere", False),
 ]

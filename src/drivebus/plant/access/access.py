@@ -230,14 +230,14 @@ def _first(register: Register, user: User) -> Register:
 
 
 def _net(address: str) -> str:
-    """Guessers change addresses within their own IPv6 network at will: count the /64."""
+    """Guessers change addresses within their own IPv6 network at will: count the /64. Where both are listened for, an
+    IPv4 address comes as ``::ffff:10.0.0.9``: those are not one network."""
     try:
-        parsed = ipaddress.ip_address(address)
+        parsed = ipaddress.IPv6Address(address)
     except ValueError:
         return f"address:{address}"
-    if parsed.version == 6:
-        return f"address:{ipaddress.ip_network((parsed, 64), strict=False)}"
-    return f"address:{parsed}"
+    network = parsed if parsed.ipv4_mapped else ipaddress.ip_network((parsed, 64), strict=False)
+    return f"address:{network}"
 
 
 __all__ = ["Access", "Opened", "Visitor"]
