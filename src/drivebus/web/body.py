@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from typing import Any, NoReturn
 
 from starlette.datastructures import Headers
@@ -15,6 +16,8 @@ LARGEST, OF_ANYBODY = 1024 * 1024, 4 * 1024
 """Octets: where a right is needed, and where none is. The worst JSON of so much takes 0.3 s and 1 ms to read (S14)."""
 LONGEST_S = 10.0
 """From the headers to the last byte."""
+
+_LENGTH = re.compile("[0-9]{1,9}")
 
 
 class TooLarge(AccessError):
@@ -44,7 +47,7 @@ class Malformed(AccessError):
 async def read(receive: Receive, headers: Headers, largest: int = LARGEST) -> bytes:
     """The body of at most so many octets, checked. Raises TooLarge, TooSlow, NotJson, Malformed."""
     declared = headers.get("content-length", "0")
-    if not declared.isascii() or not declared.isdigit() or int(declared) > largest:
+    if not _LENGTH.fullmatch(declared) or int(declared) > largest:
         raise TooLarge("access.too_large", largest=largest)
     try:
         async with asyncio.timeout(LONGEST_S):
@@ -63,7 +66,7 @@ def replayed(body: bytes, receive: Receive) -> Receive:
 
     async def again() -> Message:
         if waiting:
-            return {"type": "http.request", "body": waiting.pop(), "more_body": False}
+            return {"type": "http.request", "body": waiting.pop()}
         return await receive()
 
     return again

@@ -9,10 +9,12 @@ from typing import Any
 
 import httpx
 import pytest
+from starlette.datastructures import Headers
 
 from doorkit import House
+from drivebus.plant.access.refusals import AccessError
 from drivebus.testing.virtual import run
-from drivebus.web.body import LARGEST, LONGEST_S, OF_ANYBODY
+from drivebus.web.body import LARGEST, LONGEST_S, OF_ANYBODY, read, replayed
 from drivebus.web.headers import CSP
 
 RUN = "/api/v1/drives/fan-1/run"
@@ -48,6 +50,115 @@ def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
         assert answer.status_code == status, answer.text[:300]
         assert answer.json()["error"]["text"].keys() == {"en", "zh"}
         assert house.plant.calls == []
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b'{"name": "operator", "name": "viewer", "password": "x"}', "access.twice"),
+        (b'{"name": "viewer", "password": "x", "more": [{"a": 1, "b": 2, "a": 3}]}', "access.twice"),
+        (b'{"name": "viewer", "password": NaN}', "access.malformed"),
+        (b'{"name": "viewer"', "access.malformed"),
+        (b"[" * 4000, "access.malformed"),
+    ],
+    ids=range(5),
+)
+def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
+    body: bytes, code: str, tmp_path: Path
+) -> None:
+    """No library behind the door takes the last of two, or half of it."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        answer = await house.client().post("/api/v1/login", content=body, headers=JSON)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (422, code), answer.text
+        if code == "access.twice":
+            assert answer.json()["error"]["params"]["names"] in ("name, name, password", "a, a, b")
+
+    run(story())
+
+
+def coming(*parts: bytes) -> Any:
+    """A request's body in so many parts, and the end of its connection."""
+    messages = [{"type": "http.request", "body": part, "more_body": part is not parts[-1]} for part in parts]
+    waiting = iter([*messages, {"type": "http.disconnect"}])
+
+    async def receive() -> Any:
+        return next(waiting)
+
+    return receive
+
+
+@pytest.mark.parametrize("length", [b"\xb2", b"\xb9\xb9", b"+1", b"-1", b"1_0", b" 1", b"0x1", b"", b"9" * 5000])
+def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length: bytes) -> None:
+    headers = Headers(raw=[(b"content-length", length)])
+    with pytest.raises(AccessError) as refused:
+        run(read(coming(b""), headers))
+    assert (refused.value.key, refused.value.status) == ("access.too_large", 413)
+    assert refused.value.params == {"largest": 1024 * 1024}
+
+
+@pytest.mark.parametrize("length", [b"3", None])
+def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) -> None:
+    kind = (b"content-type", b"application/json")
+    headers = Headers(raw=[kind] if length is None else [kind, (b"content-length", length)])
+    assert run(read(coming(b"[1", b"]"), headers, 3)) == b"[1]"
+    with pytest.raises(AccessError) as refused:
+        run(read(coming(b"[1", b"]", b" "), headers, 3))
+    assert (refused.value.key, refused.value.params) == ("access.too_large", {"largest": 3})
+
+
+def test_s14_a_body_that_is_cut_off_is_none() -> None:
+    async def gone() -> Any:
+        return {"type": "http.disconnect"}
+
+    with pytest.raises(AccessError) as refused:
+        run(read(gone, Headers()))
+    assert (refused.value.key, refused.value.params) == ("access.malformed", {"problem": "disconnected"})
+
+
+def test_s14_a_body_has_ten_seconds() -> None:
+    async def never() -> Any:
+        await asyncio.sleep(3600)
+
+    async def story() -> float:
+        begun = asyncio.get_running_loop().time()
+        with pytest.raises(AccessError) as refused:
+            await read(never, Headers())
+        assert (refused.value.key, refused.value.params) == ("access.too_slow", {"longest_s": 10.0})
+        return asyncio.get_running_loop().time() - begun
+
+    assert run(story()) == 10.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "fits"),
+    [
+        ("application/json", {}, True), ("Application/JSON ; Charset=UTF-8", {}, True),
+        ("application/json", {"content-encoding": "identity"}, True),
+        ("application/json", {"content-encoding": "br"}, False), ("application/json; charset=gbk", {}, False),
+        ("application/json; boundary=x", {}, False), ("text/plain", {}, False), (None, {}, False),
+    ],
+)  # fmt: skip
+def test_s03_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], fits: bool) -> None:
+    headers = Headers(({} if kind is None else {"content-type": kind}) | more)
+    if fits:
+        assert run(read(coming(b"{}"), headers)) == b"{}"
+        return
+    with pytest.raises(AccessError) as refused:
+        run(read(coming(b"{}"), headers))
+    assert (refused.value.key, refused.value.status) == ("access.not_json", 415)
+    assert refused.value.params == {"found": kind or ""}
+
+
+def test_a_route_gets_the_body_once_and_then_what_really_comes() -> None:
+    async def story() -> None:
+        again = replayed(b"{}", coming(b"later"))
+        assert (await again())["body"] == b"{}"
+        assert (await again())["body"] == b"later"
+        assert (await again())["type"] == "http.disconnect"
 
     run(story())
 
