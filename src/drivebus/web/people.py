@@ -17,7 +17,6 @@ from drivebus.plant.access.register import Register, Token, User, plain
 from drivebus.plant.access.rights import Right
 from drivebus.plant.access.sessions import digest
 from drivebus.plant.access.visitor import BySession
-from drivebus.plant.actor import Actor
 from drivebus.web import given
 from drivebus.web.desk import Desk
 
@@ -51,7 +50,7 @@ def people_router(desk: Desk) -> APIRouter:
     async def change_user(request: Request, user: str, body: given.ChangedUser) -> Json:
         told = body.model_dump(mode="json", exclude_unset=True, exclude={"password"})
         told |= {"password": "new"} if body.password is not None else {}
-        change = _change(access, user, body, actor(request))
+        change = _change(access, user, body, _user_of(request))
         return {"user": _user_json(access, await desk.change("user.change", user, told, actor(request), change))}
 
     @router.delete("/users/{user}")
@@ -94,13 +93,13 @@ def people_router(desk: Desk) -> APIRouter:
     return router
 
 
-async def _change(access: Access, name: str, body: given.ChangedUser, me: Actor) -> User:
+async def _change(access: Access, name: str, body: given.ChangedUser, me: str) -> User:
     """Only what ``body`` names: the rest is as it is when it is written, whoever changed that meanwhile.
 
     Raises NoSuch, Unfit; Conflict for one's own role and for the last administrator.
     """
     user = access.register.user(name)
-    if user.name == me.name and (body.role is not None or body.disabled is not None):
+    if user.name == me and (body.role is not None or body.disabled is not None):
         raise Conflict("access.oneself")
     wanted: Json = {key: value for key in ("role", "disabled") if (value := getattr(body, key)) is not None}
     if body.password is not None:
