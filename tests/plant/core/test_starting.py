@@ -1,0 +1,109 @@
+"""Everything that forbids a start is said before anybody tries, and refuses whoever does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from drivebus.errors import DrivebusError
+from drivebus.plant.model import InterlockSetting
+from drivebus.plant.starting import check, hindrances
+from drivebus.plant.view import HostDies
+from drivebus.profiles.model import Text
+from drivebus.testing.virtual import run
+from plantkit import Kit, plant
+
+
+def stopping(kit: Kit) -> None:
+    kit.service.plant.state = "stopping"
+
+
+def latched(kit: Kit) -> None:
+    unit = kit.service.plant.units["fan-1"]
+    unit.bus.latched = lambda address: address == unit.setting.address  # type: ignore[method-assign]
+
+
+def doubted(field: str) -> Callable[[Kit], None]:
+    def doubt(kit: Kit) -> None:
+        bus = kit.service.plant.units["fan-1"].bus
+        plain = bus.health
+        bus.health = lambda address: replace(plain(address), **{field: True})  # type: ignore[method-assign]
+
+    return doubt
+
+
+def unwaived(kit: Kit) -> None:
+    kit.service.plant.units["fan-1"].waiver = None
+
+
+def deaf(kit: Kit) -> None:
+    kit.trail.broken = True
+
+
+def interlocked(kit: Kit) -> None:
+    kit.service.plant.parts.interlocks.replace([InterlockSetting("i", ("fan-1",), "pump-1.output_frequency > 5 Hz")])
+
+
+HINDRANCES = {
+    "plant.stopping": stopping,
+    "drives.latched": latched,
+    "drives.foreign_master": doubted("foreign_master"),
+    "drives.duplicate": doubted("duplicate"),
+    "interlocks.violated": interlocked,
+    "plant.waiver_needed": unwaived,
+    "plant.audit_unavailable": deaf,
+}
+
+
+def found(kit: Kit) -> list[str]:
+    """What is said of a start; the first of it refuses one."""
+    unit = kit.service.plant.units["fan-1"]
+    said = list(hindrances(kit.service.plant, unit))
+    if not said:
+        check(kit.service.plant, unit)
+        return []
+    with pytest.raises(DrivebusError) as refused:
+        check(kit.service.plant, unit)
+    assert refused.value.key == said[0]["key"]
+    assert all(one.keys() == {"key", "params", "text"} and one["text"].keys() == {"en", "zh"} for one in said)
+    return [one["key"] for one in said]
+
+
+@pytest.mark.parametrize("key", HINDRANCES)
+def test_each_thing_that_forbids_a_start_does_so_by_itself(key: str) -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            kit.service.plant.units["fan-1"].waiver = "tested (ann)"
+            assert found(kit) == []
+            HINDRANCES[key](kit)
+            assert found(kit) == [key]
+            kit.service.plant.state = "running"
+
+    run(story())
+
+
+def test_all_that_forbids_a_start_is_said_at_once_and_an_ending_plant_says_only_that() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            for key, hinder in HINDRANCES.items():
+                if key != "plant.stopping":
+                    hinder(kit)
+            assert found(kit) == [key for key in HINDRANCES if key != "plant.stopping"]
+            stopping(kit)
+            assert found(kit) == ["plant.stopping"]
+            kit.service.plant.state = "running"
+
+    run(story())
+
+
+@pytest.mark.parametrize(("kind", "may"), [("trips", True), ("runs_on", False), ("unknown", False)])
+def test_f18_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            unit = kit.service.plant.units["fan-1"]
+            unit.host_dies, unit.badge_stale = HostDies(kind, 1.0, Text("why", "原因")), False
+            assert found(kit) == ([] if may else ["plant.waiver_needed"])
+
+    run(story())
