@@ -1,0 +1,97 @@
+"""The door by itself: what it makes of a request's head, and what it says where it lets nobody in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from starlette.datastructures import Headers
+
+from doorkit import House
+from drivebus.testing.virtual import run
+from drivebus.web.door import address, cookie
+from drivebus.web.refused import KINDS, PERIOD_S
+
+
+def test_s14_the_numbers_of_refusals_are_those_that_the_disk_was_reckoned_with() -> None:
+    """25 MB a day."""
+    assert (PERIOD_S, KINDS) == (30, 16)
+
+
+@pytest.mark.parametrize(
+    ("lines", "secret"),
+    [
+        ([], None), (["other=1"], None), (["drivebus_session=a"], "a"), (["__Host-drivebus=b"], "b"),
+        (["drivebus_session=a; __Host-drivebus=b"], "b"), (["x[=1;", "drivebus_session=a"], "a"),
+        (["bad\x01name=1; ", "drivebus_session=a"], "a"),
+    ],
+)  # fmt: skip
+def test_s15_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str], secret: str | None) -> None:
+    """A page on another port can plant one without the prefix, and one that can't be read hides none."""
+    assert cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
+
+
+@pytest.mark.parametrize(("client", "told"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
+def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told: str) -> None:
+    assert address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == told
+    assert address({}) == "local"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "key"),
+    [
+        ("GET", "/api/v1/nothing", 404, "access.no_such_address"),
+        ("PUT", "/api/v1/stop", 405, "access.no_such_method"),
+        ("POST", "/api/v1/stop", 401, "access.not_logged_in"),
+        ("GET", "/api/v1/drives", 401, "access.not_logged_in"),
+        ("POST", "/api/v1/logout", 401, "access.not_logged_in"),
+    ],
+)
+def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
+    method: str, path: str, status: int, key: str, tmp_path: Path
+) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        answer = await house.client().request(method, path)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
+        assert answer.headers["connection"] == "close"
+        assert ("allow" in answer.headers) == (status == 405)
+        (told,) = house.plant.records
+        assert told[0] == {
+            "what": "refused", "target": f"{method} {path if status == 401 else '-'}", "outcome": key,
+            "params": {"who": "@127.0.0.1", "times": 1},
+        }  # fmt: skip
+        assert (told[1].name, told[1].rights, told[1].remote) == ("", frozenset(), True)
+
+    run(story())
+
+
+def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        secret = await house.token("operator", "view", "stop")
+        for scheme in ("Bearer", "bearer", "BEARER"):
+            client = house.client(authorization=f"{scheme}  {secret} ")
+            assert (await client.get("/api/v1/drives")).status_code == 200
+        answer = await client.get("/api/v1/tokens")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.only_session")
+        answer = await client.post("/api/v1/drives/fan-1/reset")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.forbidden")
+        assert answer.json()["error"]["params"] == {"right": "operate"}
+        wrong = house.client(authorization=f"Basic {secret}")
+        assert (await wrong.get("/api/v1/drives")).status_code == 401
+
+    run(story())
+
+
+def test_s01_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        answer = await client.post("/api/v1/stop", headers={"authorization": "Bearer dbt_x"})
+        assert answer.status_code == 401 and house.plant.calls == []
+
+    run(story())
