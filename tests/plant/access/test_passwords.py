@@ -30,7 +30,7 @@ GUESSED = (
     "password123456", "PASSWORD!!!2026", "p@ssw0rd2024", "adminadmin", "admin-12345", "operator123", "drivebus123",
     "qwertyuiop", "poiuytrewq", "1q2w3e4r5t", "1qaz2wsx3edc", "zxcvbnm123", "abcd123456", "a123456789", "woaini1314",
     "5201314520", "13800138000", "Summer2026!", "welcome pump 1", "iloveyou123", "asdfghjkl12", "password#kv",
-    "abc1abc2abc3", "fgh1fgh2fgh3", "xyz1xyz2xyz3",
+    "abc1abc2abc3", "fgh1fgh2fgh3", "xyz1xyz2xyz3", "asd7dsa7sdf7",
 )  # fmt: skip
 
 

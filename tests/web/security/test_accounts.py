@@ -256,7 +256,9 @@ def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
 
     async def story() -> None:
         client = await house.logged_in("operator")
+        (session,) = house.access.sessions.of("operator")
         gone = await client.post(f"/api/v1{path}")
+        assert session.why == "logout", "what an open page is told"
         lines = gone.headers.get_list("set-cookie")
         assert [line.partition("=")[0] for line in lines] == ["__Host-drivebus", "drivebus_session"]
         for line, secure in zip(lines, (True, False), strict=True):

@@ -110,6 +110,15 @@ def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None
     assert (refused.value.key, refused.value.params) == ("access.too_large", {"largest": 3})
 
 
+def test_s14_what_is_not_said_to_have_more_has_none() -> None:
+    """ASGI's default."""
+
+    async def whole() -> Any:
+        return {"type": "http.request", "body": b"{}"}
+
+    assert run(read(whole, Headers({"content-type": "application/json"}), 3)) == b"{}"
+
+
 def test_s14_a_body_that_is_cut_off_is_none() -> None:
     async def gone() -> Any:
         return {"type": "http.disconnect"}
