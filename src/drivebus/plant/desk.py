@@ -37,11 +37,12 @@ OLDEST_S = 2.0
 """A command whose record took so long is another wish (I1); for a start it is the same clock that goes on."""
 UNRECORDED = frozenset(
     {
-        "drive.set_frequency", "group.set_frequency", "drive.reset", "drive.release", "drive.jog_end", "lease.take",
-        "lease.release", "alarm.acknowledge", "alarm.shelve", "alarm.unshelve",
+        "drive.set_frequency", "group.set_frequency", "drive.reset", "drive.release", "lease.take", "lease.release",
+        "alarm.acknowledge", "alarm.shelve", "alarm.unshelve",
     }
 )  # fmt: skip
-"""Control goes on where the trail can't be written; starts and changes of settings do not (G14)."""
+"""Control goes on where the trail can't be written; starts and changes of settings do not (G14). Stops come before
+their record anyway."""
 TRAIL = "audit.jsonl"
 TARGETS = ("drive", "group", "alarm", "bus")
 PATIENCE_S = 1.0

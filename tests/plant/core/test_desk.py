@@ -140,6 +140,10 @@ def test_faults_that_a_question_finds_itself_are_told_like_all_others() -> None:
 # --- the record -------------------------------------------------------------------------------------------------------
 
 
+def test_the_times_are_those_of_the_rulings() -> None:
+    assert (OLDEST_S, PATIENCE_S) == (2.0, 1.0)
+
+
 def test_g14_only_control_goes_on_without_a_record() -> None:
     """Whatever starts, or allows more than before, does not."""
     recorded = {one.name for one in OPERATIONS.values() if one.changes and not one.stops} - UNRECORDED
@@ -197,8 +201,6 @@ def test_what_is_no_operation_is_recorded_as_it_was_told_and_by_whom() -> None:
 
 @pytest.mark.parametrize(("takes_s", "done"), [(OLDEST_S, True), (OLDEST_S + 0.014, False)])
 def test_i1_a_wish_is_as_old_as_its_record_lets_it_be(takes_s: float, done: bool) -> None:
-    assert OLDEST_S == 2.0
-
     async def story(kit: Kit, desk: Desk) -> None:
         kit.trail.takes_s = takes_s
         if done:
@@ -232,8 +234,6 @@ def test_a_new_frequency_concerns_the_drives_that_follow_and_the_record_names_th
 
 @pytest.mark.parametrize("takes_s", [0.25, 3.0])
 def test_whoever_stopped_something_waits_a_second_for_its_record_and_no_longer(takes_s: float) -> None:
-    assert PATIENCE_S == 1.0
-
     async def story(kit: Kit, desk: Desk) -> None:
         kit.trail.takes_s = takes_s
         begun = asyncio.get_running_loop().time()
