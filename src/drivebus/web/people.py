@@ -48,7 +48,7 @@ def people_router(desk: Desk) -> APIRouter:
 
     @router.patch("/users/{user}")
     async def change_user(request: Request, user: str, body: given.ChangedUser) -> Json:
-        told = body.model_dump(mode="json", exclude_unset=True, exclude={"password"})
+        told = body.model_dump(exclude_unset=True, exclude={"password"})
         told |= {"password": "new"} if body.password is not None else {}
         change = _change(access, user, body, _user_of(request))
         return {"user": _user_json(access, await desk.change("user.change", user, told, actor(request), change))}

@@ -7,10 +7,13 @@ from typing import Any
 
 import pytest
 from httpx import AsyncClient
+from starlette.requests import Request
+from starlette.responses import JSONResponse
 
 from doorkit import PASSWORD, House
 from drivebus.plant.access.sessions import ABSOLUTE_S, IDLE_S
 from drivebus.testing.virtual import run
+from drivebus.web.desk import with_cookie
 
 Json = dict[str, Any]
 DAY_MS = 86_400_000
@@ -97,10 +100,14 @@ def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> No
 
     async def story() -> None:
         admin = await house.logged_in("administrator")
-        await done(admin, "POST", "/users", {"name": "Bob", "role": "viewer", "password": PASSWORD})
-        await done(admin, "PATCH", "/users/bob", {"role": "operator", "password": NEW})
-        await done(admin, "PATCH", "/users/bob", {"disabled": True, "end_sessions": False})
+        made = await done(admin, "POST", "/users", {"name": "Bob", "role": "viewer", "password": PASSWORD})
+        bob = {"name": "bob", "created_ms": house.clock.wall_ms(), "sessions": 0, "tokens": 0}
+        assert made == {"user": bob | {"role": "viewer", "disabled": False}}
+        changed = await done(admin, "PATCH", "/users/bob", {"role": "operator", "password": NEW})
+        assert changed == {"user": bob | {"role": "operator", "disabled": False}}
+        await done(admin, "PATCH", "/users/bob", {"disabled": True, "end_sessions": False, "password": None})
         assert await done(admin, "DELETE", "/users/bob") == {}
+        assert house.access.register.find("bob") is None
         changes: list[tuple[str, str, Json]] = [
             ("user.add", "Bob", {"role": "viewer"}),
             ("user.change", "bob", {"role": "operator", "password": "new"}),
@@ -143,6 +150,11 @@ def test_s04_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Pa
         admin, client = await house.logged_in("administrator"), await house.logged_in("operator")
         (session,) = house.access.sessions.of("operator")
         await done(admin, "PATCH", "/users/operator", {})
+        assert session.why is None
+        await done(admin, "PATCH", "/users/operator", {"end_sessions": True})
+        assert (session.why, house.access.sessions.of("operator")) == ("rights", []), "at once"
+        client = await house.logged_in("operator")
+        (session,) = house.access.sessions.of("operator")
         assert (await client.get("/api/v1/drives")).status_code == 200
         await done(admin, "PATCH", "/users/operator", {"role": "viewer"})
         assert (session.why, house.access.sessions.of("operator")) == ("rights", []), "at once"
@@ -189,6 +201,10 @@ def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: 
         assert told(house, "login") == [("operator", *one, outcome) for one in asked for outcome in ("asked", "done")]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
         assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS
+        whole = await done(client, "POST", "/tokens", body | {"days": 30.0})
+        assert whole["token"]["expires_ms"] == token["expires_ms"], "JSON has one kind of number"
+        for days in (30.5, 0, 367, True, "30"):
+            assert (await client.post("/api/v1/tokens", json=body | {"days": days})).status_code == 422
         answer = await client.post("/api/v1/tokens", json=body | {"rights": ["view", "tune", "audit"]})
         assert answer.json()["error"]["code"] == "access.beyond_own"
         assert answer.json()["error"]["params"] == {"rights": "audit, tune"}
@@ -203,6 +219,7 @@ def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -
         await house.token("operator", "view")
         admin, other = await house.logged_in("administrator"), await house.logged_in("engineer")
         ((token,),) = (await done(admin, "GET", "/tokens")).values()
+        assert await done(other, "GET", "/tokens") == {"tokens": []}
         refused = await other.delete(f"/api/v1/tokens/{token['id']}")
         assert (refused.status_code, refused.json()["error"]["code"]) == (404, "access.no_such_token")
         assert told(house, "login", "token.add") == [], "there is no such token for that one"
@@ -266,3 +283,20 @@ def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
             assert ("Secure" in line) is secure
 
     run(story())
+
+
+@pytest.mark.parametrize(
+    ("scheme", "origin", "secure"),
+    [
+        ("http", None, False), ("https", None, True), ("http", "https://plant.example", True),
+        ("http", "http://plant.example", False), ("http", "http://plant.example/https://", False),
+    ],
+)  # fmt: skip
+def test_s15_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
+    scheme: str, origin: str | None, secure: bool
+) -> None:
+    headers = [] if origin is None else [(b"origin", origin.encode())]
+    scope = {"type": "http", "scheme": scheme, "path": "/", "headers": headers, "server": ("plant.example", 80)}
+    line = with_cookie(Request(scope | {"query_string": b""}), JSONResponse({}), "secret").headers["set-cookie"]
+    assert line.startswith("__Host-drivebus=secret" if secure else "drivebus_session=secret")
+    assert ("Secure" in line.split("; ")) is secure

@@ -250,7 +250,8 @@ def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path
         assert (await client.post("/api/v1/stop")).status_code == 200
         before = house.access.register
         body = {"name": "eve", "role": "viewer", "password": PASSWORD}
-        assert (await client.post("/api/v1/users", json=body)).status_code == 503
+        refused = await client.post("/api/v1/users", json=body)
+        assert (refused.status_code, refused.json()["error"]["code"]) == (503, "access.no_record")
         assert (await client.patch("/api/v1/users/viewer", json={"role": "engineer"})).status_code == 503
         assert (await client.post("/api/v1/tokens", json={"name": "t", "rights": ["view"]})).status_code == 503
         assert house.access.register == before
