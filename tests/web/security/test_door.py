@@ -86,6 +86,19 @@ def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(
     run(story())
 
 
+def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("viewer")
+        answer = await client.get("/api/v1/session", headers={"origin": "http://evil.example"})
+        assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
+        refused = await client.post("/api/v1/session/active", headers={"origin": "http://evil.example"})
+        assert (refused.status_code, refused.json()["error"]["code"]) == (403, "access.foreign_origin")
+
+    run(story())
+
+
 def test_s01_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
     house = House(tmp_path)
 
