@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from starlette.datastructures import Headers
 
-from doorkit import House
+from doorkit import PASSWORD, House, Wire
+from drivebus.plant.model import WebSetting
 from drivebus.testing.virtual import run
-from drivebus.web.door import address, cookie
+from drivebus.web.door import Guard, address, cookie
+from drivebus.web.hosts import Hosts
 from drivebus.web.refused import KINDS, PERIOD_S
 
 
@@ -95,6 +98,88 @@ def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_ot
         assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
         refused = await client.post("/api/v1/session/active", headers={"origin": "http://evil.example"})
         assert (refused.status_code, refused.json()["error"]["code"]) == (403, "access.foreign_origin")
+
+    run(story())
+
+
+def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(tmp_path: Path) -> None:
+    """A page that was closed has forgotten it; the cookie is still there."""
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        del client.headers["X-Drivebus-CSRF"]
+        answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+        assert answer.status_code == 200
+        answer = await client.post("/api/v1/stop")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.csrf")
+
+    run(story())
+
+
+def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(tmp_path: Path) -> None:
+    house, heard = House(tmp_path), list[str]()
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        heard.append(scope["type"])
+
+    async def nothing(*_: Any) -> Any:
+        raise AssertionError
+
+    async def story() -> None:
+        guard = Guard(app, house.access, Hosts(WebSetting()), house.refusals)
+        await guard({"type": "lifespan"}, nothing, nothing)
+        assert heard == ["lifespan"]
+        client = await house.logged_in("operator")
+        wire = Wire(
+            house.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}
+        )
+        await wire.route
+        assert wire.end == 4403 and house.plant.records[-1][0]["outcome"] == "access.foreign_origin"
+
+    run(story())
+
+
+def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
+    house = House(tmp_path, users=False)
+
+    async def story() -> None:
+        for method, path, status in (
+            ("POST", "/stop", 409), ("GET", "/drives", 409), ("POST", "/logout", 409), ("GET", "/session", 200),
+        ):  # fmt: skip
+            answer = await house.client().request(method, f"/api/v1{path}")
+            assert answer.status_code == status
+            assert status == 200 or answer.json()["error"]["code"] == "access.setup_needed"
+
+    run(story())
+
+
+def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        house.clock.now += 900.0
+        for path, status, code in (("reset", 403, "access.idle"), ("stop", 200, None)):
+            answer = await client.post(f"/api/v1/drives/fan-1/{path}")
+            assert (answer.status_code, answer.json().get("error", {}).get("code")) == (status, code)
+
+    run(story())
+
+
+def test_s07_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
+    house = House(tmp_path)
+
+    async def story() -> None:
+        client = await house.logged_in("operator")
+        (session,) = house.access.sessions.of("operator")
+        for method, path, awake in (
+            ("GET", "/drives", False), ("POST", "/drives/fan-1/lease/renew", False), ("POST", "/stop", True),
+        ):  # fmt: skip
+            house.clock.now += 1.0
+            before = session.active
+            assert (await client.request(method, f"/api/v1{path}")).status_code == 200
+            assert session.active == (house.clock.now if awake else before)
 
     run(story())
 
