@@ -84,6 +84,24 @@ def test_s02_an_address_that_is_not_in_the_table_never_reaches_the_framework(tmp
 
 
 @pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("/static/js/app.js", "/static/{path:path}"), ("/vendor/a", "/vendor/{path:path}"), ("/", "/"),
+        ("/i18n/en.json", "/i18n/{language}.json"), ("/api/v1/live", "/api/v1/live"),
+        ("/api/v1/drives/fan-1/lease", "/api/v1/drives/{drive}/lease"),
+    ],
+)  # fmt: skip
+def test_s02_an_address_is_found_by_its_line(path: str, line: str) -> None:
+    assert {entry.path for entry in entries_for(path)} == {line}
+    assert [entry.method for entry in entries_for("/api/v1/live")] == ["WEBSOCKET"]
+
+
+@pytest.mark.parametrize("path", ["/static/", "/i18n/a/b.json", "/api/v1/drives//run"])
+def test_s02_an_address_with_a_piece_of_nothing_or_of_two_is_none(path: str) -> None:
+    assert entries_for(path) == []
+
+
+@pytest.mark.parametrize(
     "path", ["/api/v1/drives/a/b/run", "/api/v1//stop", "/api/v1/stop/", "/I18N/en.json", "/i18n/enXjson"]
 )
 def test_s02_an_address_that_only_looks_like_one_is_none(path: str) -> None:
