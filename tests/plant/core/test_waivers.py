@@ -124,3 +124,5 @@ def test_what_is_kept_is_read_back() -> None:
     waiver = Waiver.of("why (ann)", drive, BUSES[0])
     assert Waiver.kept(waiver.to_keep()) == waiver and waiver.fits(drive, BUSES[0])
     assert Waiver.kept("") is None and Waiver.kept(None) is None
+    older = Waiver.kept(json.dumps("tested (eve)"))
+    assert older is not None and older.whose == {"model": "?", "link": "?", "address": "?"}
