@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from drivebus.plant.model import WebSetting
 from drivebus.web.hosts import Hosts
 
-WEB = WebSetting(host="Plant-PC", origins=("https://Plant.example/", "http://other.example:8080"))
+WEB = WebSetting(host="Plant-PC", origins=("https://Plant.example/", "http://other.example:8080", "https://linux"))
 
 
 def headers(**given: str | tuple[str, ...]) -> Headers:
@@ -48,6 +48,7 @@ def test_s04_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ..
         ("http://plant-pc:8080", "http"), ("http://plant-pc:8080", "ws"), ("https://plant-pc:8080", "https"),
         ("https://plant-pc:8080", "wss"), ("HTTP://PLANT-PC:8080", "http"), ("https://plant.example", "http"),
         ("https://PLANT.example", "ws"), ("http://other.example:8080", "https"),
+        ("https://linux", "http"),
     ],
 )  # fmt: skip
 def test_s03_the_page_of_this_service_and_those_of_the_configuration_may_send(origin: str, scheme: str) -> None:
