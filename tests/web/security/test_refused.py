@@ -40,6 +40,10 @@ def refusals(plant: Plant) -> Refusals:
     return Refusals(plant, asyncio.get_running_loop().time)
 
 
+def test_nobody_may_nothing_from_afar() -> None:
+    assert Actor("", frozenset(), "", remote=True, address="") == NOBODY
+
+
 @pytest.mark.parametrize("error", [OSError(28, "full"), ServiceUnavailable("plant.gone"), TimeoutError()])
 def test_a_trail_that_can_not_be_reached_is_no_error(error: BaseException) -> None:
     assert run(tell(Fails(error), ENTRY, EVE)) is False
