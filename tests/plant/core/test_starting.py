@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from drivebus.errors import DrivebusError
 from drivebus.plant.model import InterlockSetting
 from drivebus.plant.starting import check, hindrances
 from drivebus.plant.view import HostDies
+from drivebus.plant.waivers import Waiver
 from drivebus.profiles.model import Text
 from drivebus.testing.virtual import run
 from plantkit import Kit, plant
@@ -25,11 +27,11 @@ def latched(kit: Kit) -> None:
     unit.bus.latched = lambda address: address == unit.setting.address  # type: ignore[method-assign]
 
 
-def doubted(field: str) -> Callable[[Kit], None]:
+def doubted(**health: Any) -> Callable[[Kit], None]:
     def doubt(kit: Kit) -> None:
         bus = kit.service.plant.units["fan-1"].bus
         plain = bus.health
-        bus.health = lambda address: replace(plain(address), **{field: True})  # type: ignore[method-assign]
+        bus.health = lambda address: replace(plain(address), **health)  # type: ignore[method-assign]
 
     return doubt
 
@@ -49,8 +51,9 @@ def interlocked(kit: Kit) -> None:
 HINDRANCES = {
     "plant.stopping": stopping,
     "drives.latched": latched,
-    "drives.foreign_master": doubted("foreign_master"),
-    "drives.duplicate": doubted("duplicate"),
+    "drives.foreign_master": doubted(foreign_master=True),
+    "drives.duplicate": doubted(duplicate=True),
+    "drives.bad_link": doubted(damage_rate=0.5, damaged=100),
     "interlocks.violated": interlocked,
     "plant.waiver_needed": unwaived,
     "plant.audit_unavailable": deaf,
@@ -105,5 +108,14 @@ def test_f18_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: boo
             unit = kit.service.plant.units["fan-1"]
             unit.host_dies, unit.badge_stale = HostDies(kind, 1.0, Text("why", "原因")), False
             assert found(kit) == ([] if may else ["plant.waiver_needed"])
+
+    run(story())
+
+
+def test_f18_a_waiver_of_another_drive_is_named() -> None:
+    async def story() -> None:
+        async with plant() as kit:
+            kit.service.plant.units["fan-1"].waiver_of_another = Waiver("tested (ann)", "c300", "sim://c300@1", 7)
+            assert found(kit) == ["plant.waiver_of_another"]
 
     run(story())
