@@ -68,6 +68,11 @@ def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:
     assert hashed.startswith("$argon2id$v=19$m=65536,t=3,p=1$")
 
 
+@pytest.mark.parametrize("end", ["yzx", "90x", "opx", "klx", "nmx", "0px", "jmx"])
+def test_what_goes_on_after_the_end_of_a_row_is_no_run(end: str) -> None:
+    assert check_new(f"{end}72k{end}96", "operator")
+
+
 def test_s05_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """RFC 9106, second choice, on one lane."""
     asked: list[dict[str, int]] = []
