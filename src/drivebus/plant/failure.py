@@ -49,6 +49,8 @@ def both(key: str, params: Mapping[str, Any] | None = None) -> Json:
 
 def plain(value: Any) -> Any:
     """A parameter of a sentence as JSON: texts and sentences in both languages, words as words."""
+    if hasattr(value, "en") and hasattr(value, "zh"):
+        return {"en": value.en, "zh": value.zh}
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, bool | int | float | str):
@@ -57,8 +59,6 @@ def plain(value: Any) -> Any:
         return {str(name): plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(one) for one in value]
-    if hasattr(value, "en") and hasattr(value, "zh"):
-        return {"en": value.en, "zh": value.zh}
     sentence = getattr(value, "text", None)
     return {language: sentence(language) for language in i18n.LANGUAGES} if callable(sentence) else str(value)
 

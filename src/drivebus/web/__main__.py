@@ -39,7 +39,7 @@ async def _run(client: SocketClient, child: Child) -> None:
     access = Access(child.directory, child.users)
     listening = Listening(make_app(client, access, child.web), access, child.web, lambda at: _say(at, access, child))
     seldom_collect()
-    orphaned = asyncio.create_task(_stop_with_parent(listening))
+    orphaned = asyncio.create_task(_stop_with_parent(listening, child.parent))
     try:
         await listening.run()
     finally:
@@ -63,9 +63,8 @@ def _note(key: str, **params: str) -> None:
     print(i18n.text(key, i18n.preferred(), **params), file=sys.stderr, flush=True)
 
 
-async def _stop_with_parent(listening: Listening) -> None:
+async def _stop_with_parent(listening: Listening, parent: int) -> None:
     """The plant is gone: its successor starts a web process of its own, at the same address."""
-    parent = os.getppid()
     while os.getppid() == parent:  # noqa: ASYNC110  the system tells nobody of a parent's end
         await asyncio.sleep(_LOOK_S)
     listening.stop()

@@ -51,7 +51,7 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
 def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """6.6: in the form that was asked for, like every other line."""
 
-    async def ended(setting: Any, *, web: bool, ready: Any) -> dict[str, Any]:
+    async def ended(setting: Any, *, web: bool, announce: str, ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"word": "confirmed"}}
 
     lines: list[str] = []

@@ -35,7 +35,10 @@ def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen
     child = TypeAdapter(Child).dump_json(Child(directory, directory / "access.json", WebSetting(port=0))).decode()
     command = [sys.executable, "-m", "drivebus.web", str(directory / "plant.sock"), child]
     if shell:
-        between = "import subprocess, sys; subprocess.run(sys.argv[1:])"
+        between = (
+            "import json, os, subprocess, sys; *words, child = sys.argv[1:];"
+            "subprocess.run([*words, json.dumps(json.loads(child) | {'parent': os.getpid()})])"
+        )
         command = [sys.executable, "-c", between, *command]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "DRIVEBUS_LANG": "en"}

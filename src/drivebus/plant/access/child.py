@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -24,6 +25,8 @@ class Child:
     users: Path
     web: WebSetting
     announce: Announce = "plain"
+    parent: int = field(default_factory=os.getpid)
+    """The plant's own number, told and not asked for: it may be gone before its child can look."""
 
 
 _FORM = TypeAdapter(Child)
@@ -43,7 +46,7 @@ def understood(arguments: list[str]) -> tuple[Path, Child]:
     match arguments:
         case [socket]:
             directory = Path(socket).parent
-            return Path(socket), Child(directory, directory / "access.json", WebSetting())
+            return Path(socket), Child(directory, directory / "access.json", WebSetting(), parent=os.getppid())
         case [socket, setting]:
             return Path(socket), _FORM.validate_json(setting)
     raise ValueError("SOCKET [SETTING]")
