@@ -197,12 +197,15 @@ def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> No
     assert len(AccessFile(tmp_path / "access.json").read().users) == 8
 
 
-def test_g12_a_disk_that_is_full_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("No space left on device")])
+def test_g12_a_disk_that_is_full_leaves_the_old_file(
+    error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = AccessFile(tmp_path / "access.json")
     file.change(lambda register: register.added(ADMIN))
 
     def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
+        raise error
 
     with monkeypatch.context() as context:
         context.setattr("os.fsync", full)
