@@ -26,6 +26,8 @@ def test_s14_the_numbers_of_refusals_are_those_that_the_disk_was_reckoned_with()
     [
         ([], None), (["other=1"], None), (["drivebus_session=a"], "a"), (["__Host-drivebus=b"], "b"),
         (["drivebus_session=a; __Host-drivebus=b"], "b"), (["x[=1;", "drivebus_session=a"], "a"),
+        (['x={"a": 1}; drivebus_session=a'], "a"), (["a,b=1; drivebus_session=a; c"], "a"), (["drivebus_session="], ""),
+        (["other=drivebus_session=b"], None), (["drivebus_session=old; x=1;drivebus_session=a "], "a"),
         (["bad\x01name=1; ", "drivebus_session=a"], "a"),
     ],
 )  # fmt: skip
