@@ -70,7 +70,7 @@ class Clock:
 
 
 @cache
-def _app(web: WebSetting) -> tuple[FastAPI, Plant, Access]:
+def app_of(web: WebSetting) -> tuple[FastAPI, Plant, Access]:
     """An app costs a quarter of a second to make: one for all, with everything that it remembers taken away."""
     plant, access = Plant(), Access(Path("/nonexistent"), passwords=Passwords(QUICK))
     return make_app(plant, access, web), plant, access
@@ -117,7 +117,7 @@ class House:
     ) -> None:
         """``plant`` is a real one, in the place of the one that counts."""
         self.clock = Clock()
-        self.app, self.plant, self.access = _app(web or WebSetting())
+        self.app, self.plant, self.access = app_of(web or WebSetting())
         if plant is not None:
             self.app = make_app(plant, self.access, web or WebSetting())
         self.plant.__init__()  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""Mutation testing of the codecs, the bus's rules and the gate: ``PYTHONPATH=tests python -m mutation [MODULE ...]``.
+"""Mutation testing of codecs, the bus's rules, gate and rights: ``PYTHONPATH=tests python -m mutation [MODULE ...]``.
 
 Writes docs/reports/mutation.json (with --write); the pages beside it quote ``rows``.
 """

@@ -20,10 +20,18 @@ def modules_of(room: str) -> list[str]:
     return [name for name in names if not name.endswith("__init__")]
 
 
+COMMANDING = ("actor", "desk", "leases", "precedence", "starting", "waivers", "wishes")
+COMMANDED = (
+    "actor", "desk", "followers", "leases", "one_clock", "recorded", "reload", "service", "starting", "stops",
+    "waivers",
+)  # fmt: skip
+"""Who commands a drive."""
 ROOMS: list[tuple[list[str], list[str]]] = [
     (["drivebus.drives.gate"], ["tests/drives/test_gate.py"]),
     ([f"drivebus.bus.{name}" for name in ("job", "rights", "scheduler", "transaction")], ["tests/bus"]),
     (modules_of("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
+    (modules_of("plant/access"), ["tests/plant/access", "tests/cli/test_user.py"]),
+    ([f"drivebus.plant.{name}" for name in COMMANDING], [f"tests/plant/core/test_{name}.py" for name in COMMANDED]),
 ]
 """Modules, and the tests that have to notice."""
 

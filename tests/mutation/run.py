@@ -38,6 +38,11 @@ from mutation.mutate import Mutant, apply, mutants
 ROOT = Path(__file__).resolve().parents[2]
 LOADED_S = 240
 """Seconds of the processor for all tests of a module that was loaded with a mutant."""
+ALL_NEED = (
+    "pytest_asyncio.plugin", "hypothesis.strategies", "pydantic", "pymodbus.client", "fastcrc", "fastapi", "httpx",
+    "argon2", "click.testing", "prometheus_client",
+)  # fmt: skip
+"""Of other people: loaded once, not by each child."""
 OPTIONS = ["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:terminal", "-s"]
 Wanted = Callable[[str, Mutant], bool]
 
@@ -70,6 +75,8 @@ class Collected:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        if (kit := sys.modules.get("doorkit")) is not None:  # an app would cost each child a quarter of a second
+            kit.app_of(kit.WebSetting())
         at_load = frozenset(SEEN)
         items = {item.nodeid: item for item in session.items}
         ways = measured(session.items, self.jobs)
@@ -198,5 +205,5 @@ def settle() -> None:
         "mutation", phases=phases, database=None, derandomize=True, deadline=None, suppress_health_check=health
     )
     hypothesis.settings.load_profile("mutation")
-    for name in ("pytest_asyncio.plugin", "hypothesis.strategies", "pydantic", "pymodbus.client", "fastcrc"):
+    for name in ALL_NEED:
         __import__(name)
