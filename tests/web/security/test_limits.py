@@ -80,6 +80,10 @@ def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
     run(story())
 
 
+def test_s14_the_sizes_are_those_that_were_measured() -> None:
+    assert (LARGEST, OF_ANYBODY, LONGEST_S) == (1024 * 1024, 4096, 10.0)
+
+
 def coming(*parts: bytes) -> Any:
     """A request's body in so many parts, and the end of its connection."""
     messages = [{"type": "http.request", "body": part, "more_body": part is not parts[-1]} for part in parts]
