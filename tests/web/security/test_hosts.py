@@ -39,7 +39,7 @@ def test_s04_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
 )  # fmt: skip
 def test_s04_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ...]) -> None:
     """Of two Host headers nobody knows which the browser meant."""
-    assert not Hosts(WEB).knows(headers(host=host))
+    assert Hosts(WEB).knows(headers(host=host)) is False
 
 
 @pytest.mark.parametrize(
@@ -64,4 +64,4 @@ def test_s03_the_page_of_this_service_and_those_of_the_configuration_may_send(or
     ],
 )  # fmt: skip
 def test_s03_no_page_two_pages_and_a_strangers_may_not(origin: str | tuple[str, ...], scheme: str) -> None:
-    assert not Hosts(WEB).origin_fits(headers(host="Plant-PC:8080", origin=origin), scheme)
+    assert Hosts(WEB).origin_fits(headers(host="Plant-PC:8080", origin=origin), scheme) is False
