@@ -23,7 +23,8 @@ def test_the_web_process_understands_what_the_plant_tells_it() -> None:
     assert words[:3] == [sys.executable, "-m", "drivebus.web"]
     path, child = understood(words[3:])
     assert (path, child.directory, child.web) == (SOCKET, Path("/state"), WEB)
-    assert child.users == file_of(chosen).path == Path("/state/access.json")
+    assert child.users == file_of(chosen).path == Path("/state/access.json") and child.announce == "plain"
+    assert understood(command(chosen, SOCKET, "json")[3:])[1].announce == "json"
     elsewhere = replace(chosen, users=Path("/u.json"))
     assert understood(command(elsewhere, SOCKET)[3:])[1].users == file_of(elsewhere).path == Path("/u.json")
 
@@ -31,7 +32,7 @@ def test_the_web_process_understands_what_the_plant_tells_it() -> None:
 def test_without_a_setting_it_is_that_of_a_plant_without_one() -> None:
     path, child = understood([str(SOCKET)])
     assert (path, child.directory, child.users) == (SOCKET, Path("/state"), Path("/state/access.json"))
-    assert child.web == WebSetting()
+    assert (child.web, child.announce) == (WebSetting(), "plain")
 
 
 @pytest.mark.parametrize("words", [[], ["a", "b", "c"], [str(SOCKET), "{}"], [str(SOCKET), "x"]])

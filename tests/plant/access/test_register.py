@@ -74,6 +74,10 @@ def test_s08_a_role_may_what_the_page_on_security_says(role: Role) -> None:
     assert Register((user,)).rights_of("ANN") == user.rights and Register().rights_of("ann") == frozenset()
 
 
+def test_a_right_is_told_to_people_in_their_words_and_as_it_is_written() -> None:
+    assert (Right.STOP.en, Right.STOP.zh) == ("stop", "停止（stop）")
+
+
 def test_names_that_look_alike_are_one_user() -> None:
     register = Register().added(ADMIN)
     assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
