@@ -12,9 +12,9 @@ TITLES = {
 }
 INTRO = {
     "en": """Each line of the protocols, the transaction, the scheduler, the jobs and their rights, the gate, and of
-what decides who may do what (users, sessions and tokens; leases, arms and waivers) is changed in a small way, one
-change at a time, and the tests of that room must notice. A change that no test notices is a line that nobody
-watches. The tool is our own (`tests/mutation`): beside the bodies of functions, also of decorated ones, it
+what decides who may do what (users, sessions and tokens; leases, arms and waivers; the door of the web) is changed in
+a small way, one change at a time, and the tests of that room must notice. A change that no test notices is a line that
+nobody watches. The tool is our own (`tests/mutation`): beside the bodies of functions, also of decorated ones, it
 changes what is computed while a module is loaded: code tables, alphabets, lengths, defaults.
 
 ```
@@ -29,7 +29,7 @@ returned; an error raised that was caught. Not changed: docstrings, annotations,
 `ValueError`. Tests that take more than 0.3 s are left out, so a survivor may still be seen by a slow one.
 """,
     "zh": """协议、事务、调度器、任务及其权限、放行闸门，以及决定谁可以做什么的代码（用户、会话和令牌；控制权、
-启动预备和豁免）的每一行都被逐一做微小改动，该部分的测试必须发现。没有测试发现的改动，就是没有人看守的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
+启动预备和豁免；网页的入口）的每一行都被逐一做微小改动，该部分的测试必须发现。没有测试发现的改动，就是没有人看守的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
 还改动模块加载时计算的内容：代码表、字符表、长度、默认值。
 
 ```

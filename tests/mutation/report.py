@@ -25,13 +25,19 @@ COMMANDED = (
     "actor", "desk", "followers", "leases", "one_clock", "recorded", "reload", "service", "starting", "stops",
     "waivers",
 )  # fmt: skip
-"""Who commands a drive."""
+DOOR = (
+    "gateways.door", "web.account", "web.body", "web.desk", "web.door", "web.given", "web.hosts", "web.people",
+    "web.refused", "web.rights", "web.watch",
+)  # fmt: skip
+AT_THE_DOOR = ("accounts", "door", "hosts", "limits", "login", "on_a_plant", "origin", "refused", "routes", "watch")
+"""Who may do what: users and sessions, commands to the plant, requests of the web."""
 ROOMS: list[tuple[list[str], list[str]]] = [
     (["drivebus.drives.gate"], ["tests/drives/test_gate.py"]),
     ([f"drivebus.bus.{name}" for name in ("job", "rights", "scheduler", "transaction")], ["tests/bus"]),
     (modules_of("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
     (modules_of("plant/access"), ["tests/plant/access", "tests/cli/test_user.py"]),
     ([f"drivebus.plant.{name}" for name in COMMANDING], [f"tests/plant/core/test_{name}.py" for name in COMMANDED]),
+    ([f"drivebus.{name}" for name in DOOR], [f"tests/web/security/test_{name}.py" for name in AT_THE_DOOR]),
 ]
 """Modules, and the tests that have to notice."""
 
