@@ -27,6 +27,8 @@ Changes: a comparison by its neighbour and its opposite; `and` by `or`; a condit
 entry of a table left out; a number one more and one less; text with a letter more; branches swapped; nothing
 returned; an error raised that was caught. Not changed: docstrings, annotations, decorators, asserts, the text of a
 `ValueError`. Tests that take more than 0.3 s are left out, so a survivor may still be seen by a slow one.
+A commit that ends in "-dirty": put together from several runs between which tests were added, some with part of the
+room's tests only; a run of its own has not confirmed it yet.
 """,
     "zh": """协议、事务、调度器、任务及其权限、放行闸门，以及决定谁可以做什么的代码（用户、会话和令牌；控制权、
 启动预备和豁免；网页的入口）的每一行都被逐一做微小改动，该部分的测试必须发现。没有测试发现的改动，就是没有人看守的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
@@ -41,6 +43,7 @@ make mutation ARGS=--write            # 保存数字并生成本页
 改动的种类：比较符换成相邻的或相反的；`and` 与 `or` 互换；去掉一个条件、`not`、边界、语句或表项；数字加一或减一；
 文字多一个字母；分支对调；不返回值；把捕获的错误再次抛出。不改动：文档字符串、类型注解、装饰器、断言、
 `ValueError` 的文字。超过 0.3 秒的测试不参加，因此个别存活的改动仍可能被较慢的测试发现。
+提交以“-dirty”结尾的行：由多次运行拼成，其间补充了测试，有的只用了该部分的一部分测试；尚未用一次完整运行确认。
 """,
 }
 HEAD = {

@@ -10,6 +10,7 @@ from drivebus import errors, i18n
 from drivebus.drives.state import Exchange, Outcome
 from drivebus.errors import DrivebusError, PlantError
 from drivebus.plant.access.refusals import AccessError
+from drivebus.plant.access.rights import Right
 from drivebus.profiles.model import Text
 
 Json = dict[str, Any]
@@ -49,8 +50,6 @@ def both(key: str, params: Mapping[str, Any] | None = None) -> Json:
 
 def plain(value: Any) -> Any:
     """A parameter of a sentence as JSON: texts and sentences in both languages, words as words."""
-    if hasattr(value, "en") and hasattr(value, "zh"):
-        return {"en": value.en, "zh": value.zh}
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, bool | int | float | str):
@@ -59,6 +58,8 @@ def plain(value: Any) -> Any:
         return {str(name): plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(one) for one in value]
+    if hasattr(value, "en") and hasattr(value, "zh"):
+        return {"en": value.en, "zh": value.zh}
     sentence = getattr(value, "text", None)
     return {language: sentence(language) for language in i18n.LANGUAGES} if callable(sentence) else str(value)
 
@@ -89,12 +90,15 @@ def raised(found: Json) -> DrivebusError:
     """The error that ``failure`` told of; ``failure`` of it says the same again. Raises KeyError for what is none."""
     kind = getattr(errors, str(found["kind"]), PlantError)
     kind = kind if isinstance(kind, type) and issubclass(kind, DrivebusError) else PlantError
-    error: DrivebusError = kind(found["code"], **{name: _text(value) for name, value in found["params"].items()})
+    error: DrivebusError = kind(found["code"], **{name: _param(name, value) for name, value in found["params"].items()})
     error.outcome = found["outcome"]
     return error
 
 
-def _text(value: Any) -> Any:
+def _param(name: str, value: Any) -> Any:
+    """A right is one word on the wire, and says itself in both languages."""
+    if name == "right":
+        return next((right for right in Right if right == value), value)
     return Text(**value) if isinstance(value, dict) and value.keys() == {"en", "zh"} else value
 
 
