@@ -51,10 +51,11 @@ async def _run(client: SocketClient, child: Child) -> None:
 
 def _say(at: str, access: Access, child: Child) -> None:
     """Where the page is, on standard output; on standard error what somebody has to do by hand."""
+    secret = access.setup.offer() if access.needs_setup else None  # before the address: whoever reads that may use it
     if child.announce != "not":
         print(json.dumps({"page": at}) if child.announce == "json" else at, flush=True)
-    if access.needs_setup:
-        _note("access.setup_secret", address=at, secret=access.setup.offer(), file=str(access.setup.path))
+    if secret is not None:
+        _note("access.setup_secret", address=at, secret=secret, file=str(access.setup.path))
     if host_for(child.web, access) != child.web.host:
         _note("access.only_loopback", host=child.web.host)
 
