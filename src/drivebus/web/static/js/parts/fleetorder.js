@@ -25,7 +25,7 @@ export function keep() {
 const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
 
 /** The kinds that a drive belongs to. */
-function kindsOf(view) {
+export function kindsOf(view) {
   const found = new Set(["all"]);
   if (view.presence !== "online") found.add("silent");
   else if (view.state === "fault" || view.fault) found.add("fault");
