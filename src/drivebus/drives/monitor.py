@@ -65,6 +65,9 @@ class Monitor:
         self.last_error = answer.error
         if answer.error is None and answer.reply is not None:
             self._take(answer)
+        self._changed()
+
+    def _changed(self) -> None:
         if self._on_change is not None:
             self._on_change(self.status())
 
@@ -75,8 +78,7 @@ class Monitor:
         if self._watch is not None:
             facts = self._dialect.facts(answer.ask.request, answer.reply, answer.received_at)
             self._note({name: reading for name, reading in facts.items() if self._is_news(name, reading)})
-            if self._on_change is not None:
-                self._on_change(self.status())
+            self._changed()
 
     def _is_news(self, name: str, reading: Reading) -> bool:
         known = self._book.latest.get(name)
