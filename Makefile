@@ -11,7 +11,7 @@ INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
 # These rooms hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
-ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/gateways tests/system \
+ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system \
 	tests/test_examples.py tests/test_guides.py
 
 .PHONY: help demo test check docs bench coverage mutation fuzz lock clean python
@@ -30,7 +30,7 @@ else
 endif
 
 check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
-	$(BIN)/python -m pytest tests/test_house.py $(ARGS)
+	$(BIN)/python -m pytest tests/test_quality_gates.py $(ARGS)
 
 docs: $(VENV)/.test ## Write the generated pages again
 	$(BIN)/python docs/generate.py
@@ -39,7 +39,7 @@ bench: $(VENV)/.test ## Benchmarks beside their peers; writes docs/reports/
 	$(BIN)/python -m benchmarks $(ARGS)
 
 coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gate that their tests run; writes docs/reports/
-	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/drives/test_gate.py
+	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/drives/test_permissives.py
 	$(BIN)/python tests/coverage_report.py $(ARGS)
 
 mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.gate: one module

@@ -11,38 +11,38 @@ from pathlib import Path
 from benchmarks import codecs, master, motors, virtual
 from benchmarks.harness import Figures
 from benchmarks.report import markdown
-from drivebus.lab import report
+from verification import report
 
-ROOT = Path(__file__).resolve().parents[1]
+PROJECT_FOLDER = Path(__file__).resolve().parents[1]
 
 
-def commit() -> str:
+def current_commit() -> str:
     """The commit that was measured, with a mark where the tree differs from it."""
-    return report.commit(ROOT, "src", "benchmarks") or "unknown"
+    return report.current_commit(PROJECT_FOLDER, "src", "benchmarks") or "unknown"
 
 
-def tell(figures: Figures, report: str, write: bool) -> None:
+def print_figures(figures: Figures, report: str, write: bool) -> None:
     """Print them, and with ``--write`` keep them in docs/reports/."""
     text = json.dumps(figures, indent=1)
     print(text)
     if write:
-        (ROOT / "docs" / "reports" / report).write_text(text + "\n")
+        (PROJECT_FOLDER / "docs" / "reports" / report).write_text(text + "\n")
 
 
-def measure(seconds: float, rounds: int) -> Figures:
+def measure_all(seconds: float, rounds: int) -> Figures:
     """Everything, one after another, because the machine must be quiet; each part is shown when it is done."""
     parts: dict[str, Callable[[], Figures]] = {
-        "cpu": lambda: master.cpu(seconds, rounds),
+        "cpu": lambda: master.transaction_cpu(seconds, rounds),
         "line": lambda: master.one_line(2 * seconds),
         "line_115200": lambda: master.one_line(2 * seconds, baud=115_200),
         "one_dead": lambda: master.one_line(4 * seconds, dead=31),
         "late": lambda: master.one_line(2 * seconds, late=(20, 150_000)),
         "many_lines": lambda: master.many_lines(2 * seconds),
-        "codecs": codecs.run,
-        "virtual": virtual.run,
-        "motors": motors.run,
+        "codecs": codecs.run_codecs,
+        "virtual": virtual.run_virtual_time,
+        "motors": motors.run_motors,
     }
-    found: Figures = {"commit": commit()}
+    found: Figures = {"commit": current_commit()}
     for name, part in parts.items():
         found[name] = part()
         print(name, json.dumps(found[name]), file=sys.stderr, flush=True)
@@ -55,10 +55,10 @@ def main() -> None:
     options.add_argument("--rounds", type=int, default=5, help="turns of each client in the CPU figure")
     options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
     chosen = options.parse_args()
-    figures = measure(chosen.seconds, chosen.rounds)
-    tell(figures, "benchmarks.json", chosen.write)
+    figures = measure_all(chosen.seconds, chosen.rounds)
+    print_figures(figures, "benchmarks.json", chosen.write)
     if chosen.write:
-        (ROOT / "docs" / "reports" / "benchmarks.md").write_text(markdown(figures))
+        (PROJECT_FOLDER / "docs" / "reports" / "benchmarks.md").write_text(markdown(figures))
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ from statistics import median
 from typing import Any
 
 from benchmarks.harness import Figures
-from drivebus.message import Codec
-from drivebus.protocols import dzb, modbus, sifang
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import Codec
 
 ROUNDS, FRAMES = 7, 5000
 
@@ -28,19 +28,19 @@ def seconds_each(work: Callable[[], object]) -> float:
 def cases() -> dict[str, tuple[Codec, Any, Any]]:
     """Codec, request and its reply: an ordinary read of each."""
     values = (5000, 3998, 128, 3100)
-    read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.Registers(1, 3, values)
-    monitor = sifang.ReadMonitor(3, 0)
-    status = sifang.Reply(3, sifang.Response(0), state=sifang.State(1), group=0, item=0, data=999)
+    read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.RegisterValues(1, 3, values)
+    monitor = sunfar.ReadMonitor(3, 0)
+    status = sunfar.SunfarReply(3, sunfar.SunfarResponse(0), state=sunfar.SunfarState(1), group=0, item=0, data=999)
     return {
-        "c320 ascii": (sifang.SifangCodec("ascii"), monitor, status),
-        "c320 hex": (sifang.SifangCodec("hex"), monitor, status),
-        "dzb100": (dzb.DzbCodec(), dzb.Query(7, 1), dzb.Reply("Q", 7, 1, 100, True, None)),
-        "modbus rtu": (modbus.RtuCodec(), read, registers),
-        "modbus ascii": (modbus.AsciiCodec(), read, registers),
+        "c320 ascii": (sunfar.SunfarCodec("ascii"), monitor, status),
+        "c320 hex": (sunfar.SunfarCodec("hex"), monitor, status),
+        "dzb100": (dzb100.Dzb100Codec(), dzb100.Dzb100Query(7, 1), dzb100.Dzb100Reply("Q", 7, 1, 100, True, None)),
+        "modbus rtu": (modbus.ModbusRtuCodec(), read, registers),
+        "modbus ascii": (modbus.ModbusAsciiCodec(), read, registers),
     }
 
 
-def ours() -> Figures:
+def drivebus_rates() -> Figures:
     """Each way, in frames a second; ``pair_us`` is a request plus its reply on the master's side."""
     found: Figures = {}
     for name, (codec, request, reply) in cases().items():
@@ -74,8 +74,8 @@ def pymodbus_pair_us() -> float:
     return seconds_each(pair) * 1e6
 
 
-def run() -> Figures:
-    found = ours()
+def run_codecs() -> Figures:
+    found = drivebus_rates()
     theirs = pymodbus_pair_us()
     ratio = found["modbus rtu"]["pair_us"] / theirs
     return {"frames_per_s": found, "pymodbus_rtu_pair_us": round(theirs, 2), "ratio_to_pymodbus": round(ratio, 3)}

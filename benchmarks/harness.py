@@ -9,24 +9,24 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).resolve().parent
-BUILT = Path(tempfile.gettempdir()) / "drivebus-benchmarks"
+BENCHMARK_FOLDER = Path(__file__).resolve().parent
+BUILD_FOLDER = Path(tempfile.gettempdir()) / "drivebus-benchmarks"
 Figures = dict[str, Any]
 
 
-def build(source: str, *libraries: str) -> Path:
+def build_c_source(source: str, *libraries: str) -> Path:
     """Compile a C file of this folder; needs gcc (and libmodbus-dev for the libmodbus peer)."""
-    BUILT.mkdir(exist_ok=True)
-    target = BUILT / Path(source).stem
+    BUILD_FOLDER.mkdir(exist_ok=True)
+    target = BUILD_FOLDER / Path(source).stem
     flags: list[str] = []
     if libraries:
         asked = ["pkg-config", "--cflags", "--libs", *libraries]
         flags = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
-    subprocess.run(["gcc", "-O2", "-o", str(target), str(HERE / source), *flags], check=True)
+    subprocess.run(["gcc", "-O2", "-o", str(target), str(BENCHMARK_FOLDER / source), *flags], check=True)
     return target
 
 
-class Stations:
+class CStations:
     """The C stations for the time of a ``with``; ``figures`` afterwards is what they saw."""
 
     def __init__(
@@ -45,9 +45,9 @@ class Stations:
         self.paths: list[str] = []
         self.figures: Figures = {}
 
-    def __enter__(self) -> Stations:
+    def __enter__(self) -> CStations:
         self.process = subprocess.Popen(
-            [build("station.c"), *self.arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [build_c_source("station.c"), *self.arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         assert self.process.stdout
         while (line := self.process.stdout.readline().strip()) != "ready":
@@ -59,12 +59,12 @@ class Stations:
         self.figures = json.loads(rest)
 
 
-def client(name: str, stations: Stations, seconds: float, baud: int, *more: object) -> Figures:
+def run_client(name: str, stations: CStations, seconds: float, baud: int, *more: object) -> Figures:
     """Run one client against the stations; its own figures."""
     if name == "libmodbus":
-        command: list[str] = [str(build("clients/libmodbus_client.c", "libmodbus"))]
+        command: list[str] = [str(build_c_source("clients/libmodbus_client.c", "libmodbus"))]
     else:
-        command = [sys.executable, str(HERE / "clients" / f"{name}.py")]
+        command = [sys.executable, str(BENCHMARK_FOLDER / "clients" / f"{name}.py")]
     arguments = [",".join(stations.paths), "31", str(seconds), str(baud), *(str(part) for part in more)]
     done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
     if done.returncode != 0 or not done.stdout:

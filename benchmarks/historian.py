@@ -22,16 +22,16 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.__main__ import ROOT, commit
-from drivebus.plant.historian import Historian
-from drivebus.plant.historian.blocks import encode_points
-from drivebus.plant.historian.levels import DAY_MS, GRAINS, HOUR_MS, MINUTE_MS, Level
-from drivebus.plant.historian.points import Points
-from drivebus.plant.historian.store import Block, Seal
-from drivebus.plant.model import HistorySetting
-from drivebus.plant.operations import Trend
-from drivebus.plant.view import Sample
-from drivebus.reading import Quality
+from benchmarks.__main__ import PROJECT_FOLDER, current_commit
+from drivebus.service.api.operations import TrendParams
+from drivebus.service.config.model import HistoryConfig
+from drivebus.service.historian import Historian
+from drivebus.service.historian.blocks import encode_points
+from drivebus.service.historian.points import Points
+from drivebus.service.historian.resolution import DAY_MS, HOUR_MS, MINUTE_MS, RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.store import Block, Compaction
+from drivebus.service.live.views import Sample
+from drivebus.values import Quality
 
 Figures = dict[str, Any]
 
@@ -42,7 +42,7 @@ BATCH = 50_000
 POOL = 100_000
 
 
-class Values:
+class GeneratedValues:
     """What drives send: slow swings with noise, two decimals, times some milliseconds off."""
 
     def __init__(self, seed: int) -> None:
@@ -72,10 +72,10 @@ def files_bytes(folder: Path) -> int:
     return sum(file.stat().st_size for file in folder.iterdir())
 
 
-class Lateness:
+class TimerLateness:
     """How late a timer of 5 ms fires in this loop."""
 
-    async def __aenter__(self) -> Lateness:
+    async def __aenter__(self) -> TimerLateness:
         self.late_ms: list[float] = []
         self._task = asyncio.create_task(self._run())
         return self
@@ -93,14 +93,14 @@ class Lateness:
 
     def figures(self) -> Figures:
         late = sorted(self.late_ms)
-        return {"p50_ms": _share(late, 0.5), "p99_ms": _share(late, 0.99), "largest_ms": round(late[-1], 1)}
+        return {"p50_ms": percentile(late, 0.5), "p99_ms": percentile(late, 0.99), "largest_ms": round(late[-1], 1)}
 
 
-def _share(values: list[float], share: float) -> float:
+def percentile(values: list[float], share: float) -> float:
     return round(values[min(len(values) - 1, int(share * len(values)))], 2)
 
 
-class Watch:
+class UsageTimer:
     """Wall and processor seconds of what is done in a ``with``."""
 
     wall_s = cpu_s = 0.0
@@ -122,22 +122,22 @@ class Watch:
         }
 
 
-async def ours(folder: Path, values: Values, seconds: int) -> Figures:
-    watch, count = Watch(), 0
-    historian = Historian(HistorySetting(), folder)
+async def measure_historian(folder: Path, values: GeneratedValues, seconds: int) -> Figures:
+    watch, count = UsageTimer(), 0
+    historian = Historian(HistoryConfig(), folder)
     await historian.open()
     for batch in values.batches(seconds):
         with watch:
-            await historian.load(batch)
+            await historian.import_samples(batch)
         count += len(batch)
     with watch:
-        await historian._write(historian.writer.seal_all)
+        await historian._on_writer_thread(historian.writer.compact_all)
     await historian.close()
     return watch.figures(folder, count)
 
 
-async def plain(folder: Path, values: Values, seconds: int) -> Figures:
-    watch, count = Watch(), 0
+async def measure_plain_table(folder: Path, values: GeneratedValues, seconds: int) -> Figures:
+    watch, count = UsageTimer(), 0
     database = sqlite3.connect(folder / "rows.db", isolation_level=None)
     for pragma in ("journal_mode = WAL", "synchronous = FULL"):
         database.execute(f"PRAGMA {pragma}")
@@ -155,56 +155,56 @@ async def plain(folder: Path, values: Values, seconds: int) -> Figures:
     return watch.figures(folder, count)
 
 
-async def lateness(values: Values, seconds: int) -> Figures:
+async def lateness(values: GeneratedValues, seconds: int) -> Figures:
     """Of the loop beside the writer's thread; ``idle`` is the same loop with nothing beside it."""
     found: Figures = {}
-    async with Lateness() as late:
+    async with TimerLateness() as late:
         await asyncio.sleep(seconds)
     found["idle"] = late.figures()
     for name, step in (("one_plant", 1), ("as_fast_as_it_can", BATCH // len(TAGS))):
         with tempfile.TemporaryDirectory() as folder:
             pieces = [values.samples(range(at, at + step)) for at in range(0, step * 40, step)]
-            async with Historian(HistorySetting(), Path(folder)) as historian, Lateness() as late:
+            async with Historian(HistoryConfig(), Path(folder)) as historian, TimerLateness() as late:
                 until = time.perf_counter() + seconds
                 while time.perf_counter() < until:
                     historian.append(pieces[len(late.late_ms) % len(pieces)])
-                    await (asyncio.sleep(1.0) if step == 1 else historian._write(historian.writer.round))
+                    await (asyncio.sleep(1.0) if step == 1 else historian._on_writer_thread(historian.writer.run_cycle))
             found[name] = late.figures()
     return found
 
 
-async def year(historian: Historian, values: Values, days: int) -> Figures:
+async def write_year_of_rollups(historian: Historian, values: GeneratedValues, days: int) -> Figures:
     """Rollups of the days before the samples, as the writer would have left them."""
     ids = list(historian.tag_ids(TAGS).values())
-    counts = {Level.MINUTE: 0, Level.HOUR: 0}
+    counts = {ResolutionLevel.MINUTE: 0, ResolutionLevel.HOUR: 0}
 
     def write() -> None:
-        for level, per_point in ((Level.MINUTE, 60), (Level.HOUR, 3600)):
-            grain = GRAINS[level]
+        for level, per_point in ((ResolutionLevel.MINUTE, 60), (ResolutionLevel.HOUR, 3600)):
+            grain = RESOLUTIONS[level]
             first = (START_MS - days * DAY_MS) // grain.partition_ms * grain.partition_ms
             for start in range(first, START_MS, grain.partition_ms):
                 blocks = [_rollup(level, tag, start, per_point, values) for tag in ids]
                 blocks = [block for block in blocks if block is not None]
                 counts[level] += len(blocks) * (min(start + grain.partition_ms, START_MS) - start) // grain.width_ms
-                historian.writer._store.seal([_put(block) for block in blocks], START_MS, None)
+                historian.writer._store.compact([_put(block) for block in blocks], START_MS, None)
 
-    def _put(block: Block) -> Seal:
+    def _put(block: Block) -> Compaction:
         # Up to where the tag is sealed already: its samples stay where they are, only the block is put.
-        return Seal(block.tag, historian.writer.unsealed.next(block.tag), [block])
+        return Compaction(block.tag, historian.writer.open_blocks.next_number(block.tag), [block])
 
     begun = time.perf_counter()
-    await historian._write(write)
+    await historian._on_writer_thread(write)
     return {
-        "minute_rows": counts[Level.MINUTE],
-        "hour_rows": counts[Level.HOUR],
+        "minute_rows": counts[ResolutionLevel.MINUTE],
+        "hour_rows": counts[ResolutionLevel.HOUR],
         "rows_per_s": round(sum(counts.values()) / (time.perf_counter() - begun)),
     }
 
 
-def _rollup(level: Level, tag: int, start: int, per_point: int, values: Values) -> Block | None:
-    grain = GRAINS[level]
+def _rollup(level: ResolutionLevel, tag: int, start: int, per_point: int, values: GeneratedValues) -> Block | None:
+    grain = RESOLUTIONS[level]
     end = min(start + grain.partition_ms, START_MS)
-    if level is Level.HOUR and end == START_MS:
+    if level is ResolutionLevel.HOUR and end == START_MS:
         return None  # The row that the samples' own first hours are in.
     times = range(start, end, grain.width_ms)
     place = values.chance.randrange(POOL - 2 * len(times))
@@ -212,16 +212,28 @@ def _rollup(level: Level, tag: int, start: int, per_point: int, values: Values) 
     noise = values.pool[place + 1 : place + len(times) + 1]
     means = [value + other / 977 for value, other in zip(middle, noise, strict=True)]
     points = Points(
-        times, [per_point] * len(times), [round(value - 0.4, 2) for value in middle], means,
-        [round(value + 0.5, 2) for value in middle], bytes(len(times)),
-    )  # fmt: skip
+        times,
+        [per_point] * len(times),
+        [round(value - 0.4, 2) for value in middle],
+        means,
+        [round(value + 0.5, 2) for value in middle],
+        bytes(len(times)),
+    )
     return Block(level, tag, start, 0, encode_points(start, grain.width_ms, points))
 
 
 SPANS_MS = {
-    "1 min": MINUTE_MS, "10 min": 10 * MINUTE_MS, "1 h": HOUR_MS, "8 h": 8 * HOUR_MS, "16 h": 16 * HOUR_MS,
-    "2 d": 2 * DAY_MS, "7 d": 7 * DAY_MS, "40 d": 40 * DAY_MS, "120 d": 120 * DAY_MS, "365 d": 365 * DAY_MS,
-}  # fmt: skip
+    "1 min": MINUTE_MS,
+    "10 min": 10 * MINUTE_MS,
+    "1 h": HOUR_MS,
+    "8 h": 8 * HOUR_MS,
+    "16 h": 16 * HOUR_MS,
+    "2 d": 2 * DAY_MS,
+    "7 d": 7 * DAY_MS,
+    "40 d": 40 * DAY_MS,
+    "120 d": 120 * DAY_MS,
+    "365 d": 365 * DAY_MS,
+}
 
 
 async def trends(historian: Historian, chance: random.Random, end_ms: int, turns: int) -> Figures:
@@ -233,22 +245,27 @@ async def trends(historian: Historian, chance: random.Random, end_ms: int, turns
             for _ in range(turns):
                 last = end_ms - (chance.randrange(max(1, 2 * DAY_MS - span)) if span < 2 * DAY_MS else 0)
                 tags = chance.sample(TAGS, signals)
-                asked = Trend(tags=tags, from_ms=last - span, to_ms=last, points=1000)
+                asked = TrendParams(tags=tags, from_ms=last - span, to_ms=last, points=1000)
                 begun = time.perf_counter()
                 answer = await historian.trend(asked)
                 taken.append(1000 * (time.perf_counter() - begun))
             taken.sort()
             lengths = [len(series["t"]) for series in answer["series"].values()]
             found[name] |= {
-                "resolution": answer["resolution"], "points": max(lengths),
-                f"p50_ms_of_{signals}": _share(taken, 0.5), f"p99_ms_of_{signals}": _share(taken, 0.99),
-            }  # fmt: skip
+                "resolution": answer["resolution"],
+                "points": max(lengths),
+                f"p50_ms_of_{signals}": percentile(taken, 0.5),
+                f"p99_ms_of_{signals}": percentile(taken, 0.99),
+            }
     return found
 
 
-async def writing(values: Values, *, small: bool) -> Figures:
+async def writing(values: GeneratedValues, *, small: bool) -> Figures:
     found: Figures = {}
-    written: dict[str, Callable[[Path, Values, int], Any]] = {"drivebus": ours, "rows": plain}
+    written: dict[str, Callable[[Path, GeneratedValues, int], Any]] = {
+        "drivebus": measure_historian,
+        "rows": measure_plain_table,
+    }
     for name, way in written.items():
         with tempfile.TemporaryDirectory() as folder:
             found[name] = await way(Path(folder), values, 2_000 if small else 20_000)
@@ -257,23 +274,23 @@ async def writing(values: Values, *, small: bool) -> Figures:
     return found
 
 
-async def lateness_of(values: Values, *, small: bool) -> Figures:
+async def report_lateness(values: GeneratedValues, *, small: bool) -> Figures:
     return await lateness(values, 5 if small else 60)
 
 
-async def trends_of(values: Values, *, small: bool) -> Figures:
+async def report_trends(values: GeneratedValues, *, small: bool) -> Figures:
     seconds, days = (2_000, 20) if small else (2 * 86_400, 363)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found: Figures = {"two_days": await ours(folder, values, seconds)}
-        async with Historian(HistorySetting(), folder) as historian:
-            found["year"] = await year(historian, values, days)
+        found: Figures = {"two_days": await measure_historian(folder, values, seconds)}
+        async with Historian(HistoryConfig(), folder) as historian:
+            found["year"] = await write_year_of_rollups(historian, values, days)
             found["year"]["file_mb"] = round(files_bytes(folder) / 1e6)
             found["spans"] = await trends(historian, values.chance, START_MS + 1000 * seconds, 5 if small else 50)
     return found
 
 
-PARTS: dict[str, Callable[..., Any]] = {"writing": writing, "loop": lateness_of, "trends": trends_of}
+PARTS: dict[str, Callable[..., Any]] = {"writing": writing, "loop": report_lateness, "trends": report_trends}
 
 
 def main() -> None:
@@ -283,11 +300,11 @@ def main() -> None:
     options.add_argument("--part", choices=PARTS, help="only this part; the others stay in the report as they are")
     options.add_argument("--write", action="store_true", help="write docs/reports/historian.json")
     chosen = options.parse_args()
-    report = ROOT / "docs" / "reports" / "historian.json"
+    report = PROJECT_FOLDER / "docs" / "reports" / "historian.json"
     figures = json.loads(report.read_text()) if chosen.part and report.exists() else {}
     for name in [chosen.part] if chosen.part else PARTS:
-        found = asyncio.run(PARTS[name](Values(chosen.seed), small=chosen.small))
-        figures[name] = {"commit": commit(), "seed": chosen.seed, "small": chosen.small} | found
+        found = asyncio.run(PARTS[name](GeneratedValues(chosen.seed), small=chosen.small))
+        figures[name] = {"commit": current_commit(), "seed": chosen.seed, "small": chosen.small} | found
         print(name, json.dumps(figures[name], indent=1), flush=True)
     if chosen.write:
         report.write_text(json.dumps(figures, indent=1) + "\n")

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from statistics import median
 
-from benchmarks.harness import Figures, Stations, client
+from benchmarks.harness import CStations, Figures, run_client
 
 UNPACED_BAUD = 4_000_000
 """A pty has no wire: our clients are told the fastest line there is, else they wait for what takes no time."""
 UNPACED_PERIOD_S = 0.0005
-PEERS = ("drivebus_lines", "drivebus_transact", "pymodbus_async", "bare_asyncio", "libmodbus")
+MASTER_PEERS = ("drivebus_lines", "drivebus_transact", "pymodbus_async", "bare_asyncio", "libmodbus")
 """Ours twice: as a master that polls, and one awaited transaction after the other."""
 
 
-def cpu(seconds: float, rounds: int) -> Figures:
+def transaction_cpu(seconds: float, rounds: int) -> Figures:
     """Microseconds of CPU a transaction (4 registers, RTU, unpaced pty); peers take turns, the median counts."""
-    taken: dict[str, list[float]] = {name: [] for name in PEERS}
+    taken: dict[str, list[float]] = {name: [] for name in MASTER_PEERS}
     wrong = 0
-    with Stations() as stations:
+    with CStations() as stations:
         for _ in range(rounds):
-            for name in PEERS:
+            for name in MASTER_PEERS:
                 baud = UNPACED_BAUD if name.startswith("drivebus") else 115_200
-                figures = client(name, stations, seconds, baud, UNPACED_PERIOD_S)
+                figures = run_client(name, stations, seconds, baud, UNPACED_PERIOD_S)
                 taken[name].append(figures["cpu_s"] / figures["done"] * 1e6)
                 wrong += figures["wrong"]
     micros = {name: round(median(values), 1) for name, values in taken.items()}
     ratios = {
         f"{ours}_to_{peer}": round(micros[f"drivebus_{ours}"] / micros[peer], 3)
         for ours in ("lines", "transact")
-        for peer in PEERS[2:]
+        for peer in MASTER_PEERS[2:]
     }
     return {"cpu_us": micros, "wrong": wrong, "ratios": ratios}
 
@@ -37,8 +37,8 @@ def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[i
     """Use of one line's legal capacity, as the stations see it, for us and for the best lawful peer."""
     found: Figures = {}
     for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
-        with Stations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
-            mine = client(name, stations, seconds, baud)
+        with CStations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
+            mine = run_client(name, stations, seconds, baud)
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
         found[name] = {key: stations.figures[key] for key in keep} | {"wrong": mine["wrong"]}
     return found
@@ -46,8 +46,8 @@ def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[i
 
 def many_lines(seconds: float, lines: int = 64, baud: int = 19_200) -> Figures:
     """All lines in one process: use of the wire, short gaps, share of a core, memory."""
-    with Stations(lines, baud=baud, delay_us=2000) as stations:
-        mine = client("drivebus_lines", stations, seconds, baud)
+    with CStations(lines, baud=baud, delay_us=2000) as stations:
+        mine = run_client("drivebus_lines", stations, seconds, baud)
     keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
     return {key: stations.figures[key] for key in keep} | {
         "cores": round(mine["cpu_s"] / mine["wall_s"], 3),

@@ -7,17 +7,17 @@ import time
 from statistics import median
 
 from benchmarks.harness import Figures
-from drivebus.sim.motor import Load, Motor
+from drivebus.simulator.motor import Motor, MotorLoad
 
 MOTORS = 1000
 SCENES = {"accelerating": 2.0, "at speed": 20.0, "decelerating": 22.0, "off": 60.0}
 """Seconds into a story of a start at 0 s and a stop at 20 s, ramps of 10 s."""
-LOADS = (Load(), Load.fan(), Load.winch())
+MOTOR_LOADS = (MotorLoad(), MotorLoad.fan(), MotorLoad.hoist())
 
 
-def motors(at_s: float) -> list[Motor]:
+def simulated_motors(at_s: float) -> list[Motor]:
     """All of them somewhere in the story, with three kinds of load."""
-    made = [Motor(load=LOADS[n % len(LOADS)]) for n in range(MOTORS)]
+    made = [Motor(load=MOTOR_LOADS[n % len(MOTOR_LOADS)]) for n in range(MOTORS)]
     for motor in made:
         motor.brake_resistor_w = 5000.0
         motor.run(50.0)
@@ -32,7 +32,7 @@ def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
     """Median milliseconds of one step of all motors."""
     times = []
     for _ in range(rounds):
-        made = motors(at_s)
+        made = simulated_motors(at_s)
         start = time.perf_counter()
         for motor in made:
             motor.step(dt)
@@ -40,10 +40,10 @@ def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
     return round(median(times) * 1e3, 2)
 
 
-def run() -> Figures:
+def run_motors() -> Figures:
     """Milliseconds by scene and step."""
     return {scene: {f"dt {dt} s": step_ms(at_s, dt) for dt in (0.01, 0.1)} for scene, at_s in SCENES.items()}
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json.dumps(run_motors(), indent=2))

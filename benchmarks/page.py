@@ -22,11 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import web
-from benchmarks.__main__ import commit, tell
+from benchmarks.__main__ import current_commit, print_figures
 
 Json = dict[str, Any]
 
-FRAMES = """(seconds) => new Promise((done) => {
+FRAME_TIMES_SCRIPT = """(seconds) => new Promise((done) => {
   const found = []; const begun = performance.now(); let last = begun;
   const step = () => {
     const now = performance.now(); found.push(now - last); last = now;
@@ -34,7 +34,7 @@ FRAMES = """(seconds) => new Promise((done) => {
   };
   requestAnimationFrame(step);
 })"""
-CHANGES = """(seconds) => new Promise((done) => {
+CHANGE_TIMES_SCRIPT = """(seconds) => new Promise((done) => {
   const ids = new Set(); let n = 0;
   const watch = new MutationObserver((all) => { for (const one of all) {
     const link = (one.target.parentElement ?? one.target).closest?.('[data-drive]');
@@ -45,14 +45,14 @@ CHANGES = """(seconds) => new Promise((done) => {
 })"""
 
 
-class Fleet(web.Synthetic):
+class TiledFleet(web.SyntheticService):
     """Drives whose tiles have something to show: frequency, current and what else a drive tells."""
 
     async def call(self, operation: str, params: Json, actor: Any) -> Json:
         return {"tags": []}
 
     async def publish(self) -> None:
-        from drivebus.plant.topics import Counting
+        from drivebus.service.live.topics import AgeingValue
 
         plain = {"title": {"en": "Benchmark", "zh": "基准"}, "state": "running", "audit_ok": True, "history_ok": True}
         self.hub.publish("plant", {"id": "bench", **plain})
@@ -64,18 +64,18 @@ class Fleet(web.Synthetic):
             values |= {f"signal_{number}": (turn % 100, "") for number in range(8)}
             name = self.names[turn % len(self.names)]
             signals = {
-                signal: Counting({"value": value, "unit": unit, "quality": "good", "reason": None}, "age_s", now)
+                signal: AgeingValue({"value": value, "unit": unit, "quality": "good", "reason": None}, "age_s", now)
                 for signal, (value, unit) in values.items()
             }
-            self.hub.publish(f"drives/{name}", {**web._still(name), "signals": signals})
+            self.hub.publish(f"drives/{name}", {**web._constant_fields(name), "signals": signals})
             turn += 1
             await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
 
 
 async def plant(directory: Path, drives: int) -> None:
-    from drivebus.plant.socket_server import SocketServer
+    from drivebus.service.ipc.server import SocketServer
 
-    fleet = Fleet(drives)
+    fleet = TiledFleet(drives)
     await SocketServer(fleet, directory / "plant.sock").open()
     print("ready", flush=True)
     await fleet.publish()
@@ -95,12 +95,12 @@ def hub(directory: str, drives: int) -> Iterator[None]:
 
 
 def code(directory: str) -> str:
-    from drivebus.plant.access.access import Access
+    from drivebus.service.auth.service import AuthService
 
-    return asyncio.run(Access(Path(directory)).issue_code("bench", 600.0))
+    return asyncio.run(AuthService(Path(directory)).issue_code("bench", 600.0))
 
 
-def seen(port: str, word: str, drives: int, seconds: float) -> Json:
+def browser_figures(port: str, word: str, drives: int, seconds: float) -> Json:
     """Everything that a browser tells."""
     from playwright.sync_api import sync_playwright
 
@@ -121,10 +121,10 @@ def seen(port: str, word: str, drives: int, seconds: float) -> Json:
         page.wait_for_timeout(3000)
         load = {"kibibytes": round(sum(sizes) / 1024, 1), "files": len(sizes)}
         load |= {"first_tile_ms": round(1000 * (first - begun)), "every_tile_ms": round(1000 * (every - begun))}
-        before = _work(wire)
-        frames = [milliseconds / 1000 for milliseconds in page.evaluate(FRAMES, seconds)]
-        after = _work(wire)
-        changed = page.evaluate(CHANGES, 2.0)
+        before = _thread_work(wire)
+        frames = [milliseconds / 1000 for milliseconds in page.evaluate(FRAME_TIMES_SCRIPT, seconds)]
+        after = _thread_work(wire)
+        changed = page.evaluate(CHANGE_TIMES_SCRIPT, 2.0)
         found = {"load": load, "frames": {"count": len(frames), "ms": _spread(frames)}, "in_two_seconds": changed}
         found["busy_ms_per_s"] = round(1000 * (after["TaskDuration"] - before["TaskDuration"]) / seconds, 1)
         found["heap_mebibytes"] = round(after["JSHeapUsedSize"] / 2**20, 1)
@@ -132,7 +132,7 @@ def seen(port: str, word: str, drives: int, seconds: float) -> Json:
         return found
 
 
-def _work(wire: Any) -> dict[str, float]:
+def _thread_work(wire: Any) -> dict[str, float]:
     return {one["name"]: one["value"] for one in wire.send("Performance.getMetrics")["metrics"]}
 
 
@@ -141,10 +141,10 @@ def _spread(seconds: list[float]) -> Json:
     return web.spread(seconds) | {"p95": round(1000 * known[int(0.95 * len(known))], 1)}
 
 
-def measure(drives: int, seconds: float) -> Json:
-    found: Json = {"commit": commit(), "drives": drives, "busy": round(os.getloadavg()[0], 2)}
+def measure_page(drives: int, seconds: float) -> Json:
+    found: Json = {"commit": current_commit(), "drives": drives, "busy": round(os.getloadavg()[0], 2)}
     with tempfile.TemporaryDirectory() as directory, hub(directory, drives), web.child("--web", directory) as (_, port):
-        return found | seen(port, code(directory), drives, seconds)
+        return found | browser_figures(port, code(directory), drives, seconds)
 
 
 def main() -> None:
@@ -157,7 +157,7 @@ def main() -> None:
     if chosen.plant:
         asyncio.run(plant(Path(chosen.plant), chosen.drives))
         return
-    tell(measure(chosen.drives, chosen.seconds), "page.json", chosen.write)
+    print_figures(measure_page(chosen.drives, chosen.seconds), "page.json", chosen.write)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.harness import Figures
 
-HEAD = """# Benchmarks
+REPORT_HEAD = """# Benchmarks
 
 Written by `make bench ARGS=--write`: every ratio from one run on one machine, peers beside us. Commit {commit}.
 
@@ -13,10 +13,10 @@ Written by `make bench ARGS=--write`: every ratio from one run on one machine, p
 """
 
 
-WAYS = ("encode_request", "decode_reply", "decode_request", "encode_reply")
+CODEC_DIRECTIONS = ("encode_request", "decode_reply", "decode_request", "encode_reply")
 
 
-def _row(what: str, goal: str, measured: object) -> str:
+def _report_row(what: str, goal: str, measured: object) -> str:
     return f"| {what} | {goal} | {measured} |\n"
 
 
@@ -44,45 +44,55 @@ def markdown(found: Figures) -> str:
         for table in ("line", "line_115200", "one_dead", "late")
         for row in [found[table]["drivebus_lines"]]
     )
-    page = HEAD.format(commit=found["commit"])
+    page = REPORT_HEAD.format(commit=found["commit"])
     for way, how in (("lines", "polling"), ("transact", "awaited one by one")):
         ratio = cpu["ratios"]
-        page += _row(f"CPU a transaction, {how} / pymodbus async", "≤ 0.6", ratio[f"{way}_to_pymodbus_async"])
-        page += _row(f"CPU a transaction, {how} / bare asyncio loop", "reported", ratio[f"{way}_to_bare_asyncio"])
-        page += _row(f"CPU a transaction, {how} / libmodbus", "reported", ratio[f"{way}_to_libmodbus"])
-    page += _row(
+        page += _report_row(f"CPU a transaction, {how} / pymodbus async", "≤ 0.6", ratio[f"{way}_to_pymodbus_async"])
+        page += _report_row(
+            f"CPU a transaction, {how} / bare asyncio loop", "reported", ratio[f"{way}_to_bare_asyncio"]
+        )
+        page += _report_row(f"CPU a transaction, {how} / libmodbus", "reported", ratio[f"{way}_to_libmodbus"])
+    page += _report_row(
         "use of a 19,200-baud line, 31 stations",
         "≥ 0.98, no gap < 3.5",
         f"{ours['utilisation']}, smallest gap {ours['smallest_gap']}",
     )
     fast = found["line_115200"]["drivebus_lines"]
-    page += _row("the same at 115,200 baud", "reported", f"{fast['utilisation']}, smallest gap {fast['smallest_gap']}")
-    page += _row("the same with 1 of 31 dead", "≥ 0.90", ours_dead["utilisation"])
-    page += _row(
+    page += _report_row(
+        "the same at 115,200 baud", "reported", f"{fast['utilisation']}, smallest gap {fast['smallest_gap']}"
+    )
+    page += _report_row("the same with 1 of 31 dead", "≥ 0.90", ours_dead["utilisation"])
+    page += _report_row(
         "64 lines × 31 drives, use of the wire",
         "≥ 0.97, no short gap",
         f"{many['utilisation']}, short gaps {many['short_gaps']}",
     )
-    page += _row("64 lines × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
-    page += _row("RTU request + reply / pymodbus' framer", "≤ 0.5", found["codecs"]["ratio_to_pymodbus"])
-    page += _row("late replies believed by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
-    page += _row("pure core, transactions a second", "≥ 10,000", found["virtual"]["bare_transactions_per_s"])
-    page += _row("31 simulated drives on one line, times real time", "reported", found["virtual"]["real_time_factor"])
+    page += _report_row("64 lines × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
+    page += _report_row("RTU request + reply / pymodbus' framer", "≤ 0.5", found["codecs"]["ratio_to_pymodbus"])
+    page += _report_row("late replies believed by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
+    page += _report_row("pure core, transactions a second", "≥ 10,000", found["virtual"]["bare_transactions_per_s"])
+    page += _report_row(
+        "31 simulated drives on one line, times real time", "reported", found["virtual"]["real_time_factor"]
+    )
     page += (
         "\nGaps are in characters, measured at the stations. “wrong”: values believed that belong to another request.\n"
     )
     steps = found["motors"]
     slowest = max(ms for scene in steps.values() for ms in scene.values())
     page = page.replace(
-        "\nGaps are", _row("1,000 simulated motors, one step", "≤ 20 ms", f"{slowest} ms") + "\nGaps are", 1
+        "\nGaps are", _report_row("1,000 simulated motors, one step", "≤ 20 ms", f"{slowest} ms") + "\nGaps are", 1
     )
     page += _client_table("One line, 19,200 baud, every station alive", line)
     page += _client_table("One line, 115,200 baud", found["line_115200"])
     page += _client_table("One of 31 stations dead", dead)
     page += _client_table("Two replies in a hundred 150 ms late", found["late"])
     page += (
-        "\n## Codecs, frames a second\n\n| encoding | " + " | ".join(WAYS) + " |\n|" + " --- |" * (len(WAYS) + 1) + "\n"
+        "\n## Codecs, frames a second\n\n| encoding | "
+        + " | ".join(CODEC_DIRECTIONS)
+        + " |\n|"
+        + " --- |" * (len(CODEC_DIRECTIONS) + 1)
+        + "\n"
     )
     for name, ways in found["codecs"]["frames_per_s"].items():
-        page += f"| {name} | " + " | ".join(f"{ways[way]:,}" for way in WAYS) + " |\n"
+        page += f"| {name} | " + " | ".join(f"{ways[way]:,}" for way in CODEC_DIRECTIONS) + " |\n"
     return page

@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-EMPTY = """\
+EMPTY_CLICK_PROGRAM = """\
 import click
 
 
@@ -28,16 +28,16 @@ def nothing() -> None:
 
 cli()
 """
-OURS = "from drivebus.cli import main\nmain()\n"
+DRIVEBUS_PROGRAM = "from drivebus.cli import main\nmain()\n"
 ROUNDS = 40
 
 
-def run(turns: int = ROUNDS) -> dict[str, float]:
+def run_startup(turns: int = ROUNDS) -> dict[str, float]:
     """Medians in milliseconds, and their ratio."""
     with tempfile.TemporaryDirectory() as folder:
         programs = {"empty_click": Path(folder, "empty.py"), "drivebus": Path(folder, "ours.py")}
-        programs["empty_click"].write_text(EMPTY)
-        programs["drivebus"].write_text(OURS)
+        programs["empty_click"].write_text(EMPTY_CLICK_PROGRAM)
+        programs["drivebus"].write_text(DRIVEBUS_PROGRAM)
         taken: dict[str, list[float]] = {name: [] for name in programs}
         for _ in range(turns):
             for name, file in programs.items():
@@ -49,4 +49,4 @@ def run(turns: int = ROUNDS) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(run())
+    print(run_startup())

@@ -19,10 +19,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from benchmarks.__main__ import commit, tell
-from benchmarks.harness import HERE, Figures, Stations
+from benchmarks.__main__ import current_commit, print_figures
+from benchmarks.harness import BENCHMARK_FOLDER, CStations, Figures
 from benchmarks.latency import figures_of, read_calls, read_frames
-from benchmarks.terminate import terminations
+from benchmarks.terminate import termination_times
 
 STATIONS = 8
 """On each line; the last is silent."""
@@ -32,7 +32,7 @@ REQUESTS_PER_S = 200
 
 
 @contextmanager
-def running(*commands: list[str]) -> Iterator[None]:
+def running_processes(*commands: list[str]) -> Iterator[None]:
     """Processes that go on for the time of a ``with``."""
     children = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for command in commands]
     try:
@@ -43,7 +43,7 @@ def running(*commands: list[str]) -> Iterator[None]:
             child.wait()
 
 
-def before_all_others(pid: int) -> str:
+def raise_priority(pid: int) -> str:
     """Give a process precedence, as far as this user may; how far that was."""
     try:
         os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(1))
@@ -57,20 +57,23 @@ def before_all_others(pid: int) -> str:
         return "as any other"
 
 
-def stops(seconds: float, lines: int, baud: int, seed: int) -> Figures:
+def measure_host_stops(seconds: float, lines: int, baud: int, seed: int) -> Figures:
     """Run host, stations and other work; what the far end saw of the stops."""
     with tempfile.TemporaryDirectory() as folder:
         record, calls = Path(folder) / "record", Path(folder) / "calls"
-        with Stations(lines, baud=baud, delay_us=DELAY_US, dead=STATIONS, flat=0x3000, record=record) as stations:
-            precedence = before_all_others(stations.process.pid)
+        with CStations(lines, baud=baud, delay_us=DELAY_US, dead=STATIONS, flat=0x3000, record=record) as stations:
+            precedence = raise_priority(stations.process.pid)
             given = [",".join(stations.paths), STATIONS, round(seconds), baud, STATIONS, seed, calls]
             host = subprocess.Popen(
-                [sys.executable, str(HERE / "clients" / "stop_host.py"), *(str(one) for one in given)],
-                stdout=subprocess.PIPE, text=True,
-            )  # fmt: skip
+                [sys.executable, str(BENCHMARK_FOLDER / "clients" / "stop_host.py"), *(str(one) for one in given)],
+                stdout=subprocess.PIPE,
+                text=True,
+            )
             assert host.stdout is not None
             port = json.loads(host.stdout.readline())["port"]
-            with running([sys.executable, str(HERE / "clients" / "requests.py"), str(port), str(REQUESTS_PER_S)]):
+            with running_processes(
+                [sys.executable, str(BENCHMARK_FOLDER / "clients" / "requests.py"), str(port), str(REQUESTS_PER_S)]
+            ):
                 rest, _ = host.communicate()
         if host.returncode != 0:
             raise RuntimeError(f"the host ended with {host.returncode}")
@@ -79,11 +82,11 @@ def stops(seconds: float, lines: int, baud: int, seed: int) -> Figures:
         return found
 
 
-def measure(seconds: float, lines: int, baud: int, seed: int, burners: int, runs: int) -> Figures:
+def measure_runs(seconds: float, lines: int, baud: int, seed: int, burners: int, runs: int) -> Figures:
     """Everything, with the cores loaded all the time."""
-    with running(*([sys.executable, "-c", "while True: pass"] for _ in range(burners))):
-        found = stops(seconds, lines, baud, seed)
-        ended = {"sigterm": terminations(runs)} if runs else {}
+    with running_processes(*([sys.executable, "-c", "while True: pass"] for _ in range(burners))):
+        found = measure_host_stops(seconds, lines, baud, seed)
+        ended = {"sigterm": termination_times(runs)} if runs else {}
     machine = found.pop("machine") | {"cores": os.cpu_count(), "burners": burners} | ended
     settings = {
         "seconds": seconds,
@@ -96,7 +99,7 @@ def measure(seconds: float, lines: int, baud: int, seed: int, burners: int, runs
         "requests_per_s_asked": REQUESTS_PER_S,
         "of": "4 KiB hashed, 60 rows of JSON made and sent, on the same loop",
     }
-    head = {"commit": commit(), "seed": seed, "evidence_for": ["G06", "I3", "6.6 SIGTERM"]}
+    head = {"commit": current_commit(), "seed": seed, "evidence_for": ["G06", "I3", "6.6 SIGTERM"]}
     return head | settings | {"other_work": work} | found | {"machine": machine}
 
 
@@ -110,8 +113,8 @@ def main() -> None:
     options.add_argument("--runs", type=int, default=20, help="runs that are ended with SIGTERM")
     options.add_argument("--write", action="store_true", help="write docs/reports/real-stop.json too")
     chosen = options.parse_args()
-    figures = measure(chosen.seconds, chosen.lines, chosen.baud, chosen.seed, chosen.burners, chosen.runs)
-    tell(figures, "real-stop.json", chosen.write)
+    figures = measure_runs(chosen.seconds, chosen.lines, chosen.baud, chosen.seed, chosen.burners, chosen.runs)
+    print_figures(figures, "real-stop.json", chosen.write)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from benchmarks.harness import Figures
 
-COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
-PROFILE = 'format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n'
+RUN_COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+TERMINATE_PROFILE = 'format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n'
 """The simulated drive is a process like the others here, and may be kept from its core: so late it may answer."""
 GOAL_S = 3.0
 RAMP_S = 2.0
@@ -23,9 +23,9 @@ RAMP_S = 2.0
 
 
 @contextmanager
-def simulated() -> Iterator[str]:
+def simulated_drive() -> Iterator[str]:
     """The LINK of a drive in a process of its own."""
-    command = [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--json", "--ramp", str(RAMP_S)]
+    command = [*RUN_COMMAND, "simulate", "--model", "c320", "--address", "1", "--json", "--ramp", str(RAMP_S)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -34,12 +34,12 @@ def simulated() -> Iterator[str]:
             process.kill()
 
 
-def terminations(runs: int) -> Figures:
+def termination_times(runs: int) -> Figures:
     """Seconds from the signal to the last word and to the end of the process, and the words."""
-    with tempfile.TemporaryDirectory() as folder, simulated() as url:
+    with tempfile.TemporaryDirectory() as folder, simulated_drive() as url:
         model = Path(folder) / "patient.toml"
-        model.write_text(PROFILE)
-        found = [_one(url, model) for _ in range(runs)]
+        model.write_text(TERMINATE_PROFILE)
+        found = [_one_termination(url, model) for _ in range(runs)]
     ended = [one for one in found if one is not None]
     words = [word for word, _, _ in ended]
     return {
@@ -53,9 +53,21 @@ def terminations(runs: int) -> Figures:
     }
 
 
-def _one(url: str, model: Path) -> tuple[float, float, str] | None:
+def _one_termination(url: str, model: Path) -> tuple[float, float, str] | None:
     """Start, wait until it runs, terminate. None where it never ran."""
-    command = [*COMMAND, "run", url, "--model", str(model), "--address", "1", "--json", "--frequency", "20", "--wait"]
+    command = [
+        *RUN_COMMAND,
+        "run",
+        url,
+        "--model",
+        str(model),
+        "--address",
+        "1",
+        "--json",
+        "--frequency",
+        "20",
+        "--wait",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         lines = (json.loads(line) for line in process.stdout)

@@ -24,22 +24,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.__main__ import commit, tell
+from benchmarks.__main__ import current_commit, print_figures
 
 Json = dict[str, Any]
 
 SIGNALS = 10
-SECRET = "dbt_benchmark"
+WEB_TOKEN = "dbt_benchmark"
 PUBLISHED = re.compile(r'"signal_0":{"value":([0-9.]+)')
 """One of a drive's values; to read all of it fifty times would measure the pages and not the service."""
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
-class Synthetic:
-    """A ``PlantClient`` of drives that exist in the hub only."""
+class SyntheticService:
+    """A ``ServiceClient`` of drives that exist in the hub only."""
 
     def __init__(self, drives: int) -> None:
-        from drivebus.plant.hub import Hub
+        from drivebus.service.live.hub import Hub
 
         self.hub = Hub(time.monotonic, lambda: time.time_ns() // 1_000_000)
         self.names = [f"drive-{number}" for number in range(drives)]
@@ -55,66 +55,83 @@ class Synthetic:
 
     async def publish(self) -> None:
         """Each drive once a second."""
-        from drivebus.plant.topics import Counting
+        from drivebus.service.live.topics import AgeingValue
 
         begun, turn = time.monotonic(), 0
         while True:
             now = time.monotonic()
             signal = {"value": now, "unit": "Hz", "quality": "good", "reason": None}
             name = self.names[turn % len(self.names)]
-            signals = {f"signal_{number}": Counting(signal, "age_s", now) for number in range(SIGNALS)}
-            self.hub.publish(f"drives/{name}", {**_still(name), "signals": signals})
+            signals = {f"signal_{number}": AgeingValue(signal, "age_s", now) for number in range(SIGNALS)}
+            self.hub.publish(f"drives/{name}", {**_constant_fields(name), "signals": signals})
             turn += 1
             await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
 
 
-def _still(name: str) -> Json:
+def _constant_fields(name: str) -> Json:
     """What of a drive does not change here."""
     return {
-        "id": name, "title": {"en": name, "zh": name}, "bus": "line-1", "address": 1, "model": "vc660",
-        "grade": "bench", "capabilities": [], "groups": [], "presence": "online", "state": "running",
-        "state_reason": None, "direction": "forward", "fault": None, "commanded_hz": 25.0, "minimum_hz": 0.0,
-        "maximum_hz": 50.0, "host_dies": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
-        "lease": None, "latched": False, "stop_pending": False, "blocked": [], "alarms": {},
-    }  # fmt: skip
+        "id": name,
+        "title": {"en": name, "zh": name},
+        "bus": "line-1",
+        "address": 1,
+        "model": "vc660",
+        "grade": "bench",
+        "capabilities": [],
+        "groups": [],
+        "presence": "online",
+        "state": "running",
+        "state_reason": None,
+        "direction": "forward",
+        "fault": None,
+        "commanded_hz": 25.0,
+        "minimum_hz": 0.0,
+        "maximum_hz": 50.0,
+        "host_dies": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
+        "lease": None,
+        "latched": False,
+        "stop_pending": False,
+        "blocked": [],
+        "alarms": {},
+    }
 
 
 async def plant(directory: Path, drives: int) -> None:
-    from drivebus.plant.socket_server import SocketServer
+    from drivebus.service.ipc.server import SocketServer
 
-    synthetic = Synthetic(drives)
+    synthetic = SyntheticService(drives)
     server = SocketServer(synthetic, directory / "plant.sock")
     await server.open()
     print("ready", flush=True)
     await synthetic.publish()
 
 
-async def web(directory: Path) -> None:
-    from drivebus.plant.access.access import Access
-    from drivebus.plant.access.register import Register, Token, User
-    from drivebus.plant.access.rights import Right, Role
-    from drivebus.plant.access.sessions import digest
-    from drivebus.plant.model import WebSetting
-    from drivebus.plant.socket_client import SocketClient
+async def start_web(directory: Path) -> None:
+    from drivebus.service.auth.rights import Right, Role
+    from drivebus.service.auth.service import AuthService
+    from drivebus.service.auth.sessions import secret_digest
+    from drivebus.service.auth.users import Token, User, UserDatabase
+    from drivebus.service.config.model import WebConfig
+    from drivebus.service.ipc.client import SocketClient
     from drivebus.web.app import make_app
-    from drivebus.web.server import Server, bound, config
+    from drivebus.web.server import EmbeddedServer, bind_listener, server_config
 
-    access = Access(directory)
+    access = AuthService(directory)
     user = User("bench", Role.ADMINISTRATOR, "never used", 0)
-    token = Token("1", "bench", "bench", (Right.VIEW,), digest(SECRET), 0, 4_000_000_000_000)
-    access.file.change(lambda _: Register().added(user).with_token(token))
-    listener = bound("127.0.0.1", 0)
-    setting = WebSetting(port=listener.getsockname()[1])
-    server = Server(config(make_app(SocketClient(directory / "plant.sock"), access, setting), setting))
+    token = Token("1", "bench", "bench", (Right.VIEW,), secret_digest(WEB_TOKEN), 0, 4_000_000_000_000)
+    access.user_file.change(lambda _: UserDatabase().with_user(user).with_token(token))
+    listener = bind_listener("127.0.0.1", 0)
+    setting = WebConfig(port=listener.getsockname()[1])
+    server = EmbeddedServer(server_config(make_app(SocketClient(directory / "plant.sock"), access, setting), setting))
     print(setting.port, flush=True)
     await server.serve([listener])
 
 
-async def page(port: int, until: float, delays: list[float], sizes: list[int]) -> None:
+async def count_page_messages(port: int, until: float, delays: list[float], sizes: list[int]) -> None:
     """One WebSocket; the first second, which is the snapshot's, is not counted."""
     import websockets
 
-    headers = {"Authorization": f"Bearer {SECRET}"}
+    headers = {"Authorization": f"Bearer {WEB_TOKEN}"}
     address = f"ws://127.0.0.1:{port}/api/v1/live?topics=drives/*"
     async with websockets.connect(address, additional_headers=headers, max_size=None, compression=None) as socket:
         counted_from = time.monotonic() + 1.0
@@ -127,12 +144,12 @@ async def page(port: int, until: float, delays: list[float], sizes: list[int]) -
             delays.extend(now - float(at) for at in PUBLISHED.findall(text))
 
 
-def _ask(port: int, until: float, times_s: list[float]) -> None:
+def request_repeatedly(port: int, until: float, times_s: list[float]) -> None:
     """One program on one connection, question after question."""
     import http.client
 
     connection = http.client.HTTPConnection("127.0.0.1", port)
-    headers = {"Authorization": f"Bearer {SECRET}"}
+    headers = {"Authorization": f"Bearer {WEB_TOKEN}"}
     while (begun := time.monotonic()) < until:
         connection.request("GET", "/api/v1/drives/drive-7", headers=headers)
         answer = connection.getresponse()
@@ -141,13 +158,13 @@ def _ask(port: int, until: float, times_s: list[float]) -> None:
     connection.close()
 
 
-async def pages(port: int, count: int, seconds: float, asking: bool) -> Json:
+async def many_pages(port: int, count: int, seconds: float, asking: bool) -> Json:
     delays: list[float] = []
     sizes: list[int] = []
     times_s: list[float] = []
     until = time.monotonic() + seconds
-    asked = asyncio.to_thread(_ask, port, until, times_s) if asking else asyncio.sleep(0)
-    await asyncio.gather(*(page(port, until, delays, sizes) for _ in range(count)), asked)
+    asked = asyncio.to_thread(request_repeatedly, port, until, times_s) if asking else asyncio.sleep(0)
+    await asyncio.gather(*(count_page_messages(port, until, delays, sizes) for _ in range(count)), asked)
     found: Json = {
         "values": len(delays),
         "delay_ms": spread(delays),
@@ -187,8 +204,8 @@ def memory_mb(process: subprocess.Popen[str]) -> float:
     return round(int(line.split()[1]) / 1024, 1)
 
 
-def measure(drives: int, clients: int, seconds: float) -> Json:
-    found: Json = {"commit": commit(), "drives": drives, "clients": clients, "signals": SIGNALS}
+def measure_web(drives: int, clients: int, seconds: float) -> Json:
+    found: Json = {"commit": current_commit(), "drives": drives, "clients": clients, "signals": SIGNALS}
     found["busy"] = round(os.getloadavg()[0], 2)
     with (
         tempfile.TemporaryDirectory() as directory,
@@ -220,11 +237,11 @@ def main() -> None:
     if chosen.plant:
         asyncio.run(plant(Path(chosen.plant), chosen.drives))
     elif chosen.web:
-        asyncio.run(web(Path(chosen.web)))
+        asyncio.run(start_web(Path(chosen.web)))
     elif chosen.pages:
-        print(json.dumps(asyncio.run(pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.asking))))
+        print(json.dumps(asyncio.run(many_pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.asking))))
     else:
-        tell(measure(chosen.drives, chosen.clients, chosen.seconds), "web.json", chosen.write)
+        print_figures(measure_web(chosen.drives, chosen.clients, chosen.seconds), "web.json", chosen.write)
 
 
 if __name__ == "__main__":

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from rich.cells import cell_len
 
-from drivebus.cli import voice
-from drivebus.cli.demo.plant import make_plant
+from drivebus.cli import output
+from drivebus.cli.demo.plant import create_demo_plant
 from drivebus.cli.demo.stage import Stage
-from drivebus.cli.live.screen import Screen
-from drivebus.cli.live.thread import Threaded
+from drivebus.cli.tui.app import MonitorApp
+from drivebus.cli.tui.threaded import ThreadedRowSource
 
 IMAGES = Path(__file__).parent / "images"
 AT_S = 16.0
@@ -30,10 +30,10 @@ CELL = 12.2
 
 async def draw(language: str) -> str:
     """One picture, as SVG."""
-    voice.listen(["--lang", language])
-    stage = Stage(make_plant())
-    feed = Threaded(stage, stage)
-    screen = Screen(feed, feed)
+    output.parse_global_options(["--lang", language])
+    stage = Stage(create_demo_plant())
+    feed = ThreadedRowSource(stage, stage)
+    screen = MonitorApp(feed, feed)
     async with screen.run_test(size=SIZE) as pilot:
         await asyncio.sleep(AT_S)
         await pilot.pause()

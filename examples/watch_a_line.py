@@ -15,7 +15,7 @@ async def main() -> None:
             status = watch.status()
             print(fan.address, status.state.value, status.readings["output_frequency"].value, "Hz")
             watch.close()
-        print("stopped:", (await drivebus.bus_stop(bus, fans)).confirmed)
+        print("stopped:", (await drivebus.stop_bus(bus, fans)).confirmed)
         figures = bus.statistics()
         print(f"load {figures.load_percent:.0f} %, {figures.transactions_per_s:.1f} transactions/s")
 

@@ -9,7 +9,7 @@ import shutil
 import pytest
 
 
-def missing(name: str, install: str) -> None:
+def skip_missing(name: str, install: str) -> None:
     """Skip with the package to install; fail where DRIVEBUS_REQUIRE_PEERS=1."""
     sentence = f"peer {name} is missing: install it with `{install}`"
     if os.environ.get("DRIVEBUS_REQUIRE_PEERS") == "1":
@@ -21,11 +21,11 @@ def need_program(name: str, package: str) -> str:
     """The path of a program from Debian's ``package``."""
     found = shutil.which(name) or shutil.which(name, path="/usr/sbin:/sbin")
     if found is None:
-        missing(name, f"apt-get install {package}")
+        skip_missing(name, f"apt-get install {package}")
     return str(found)
 
 
 def need_module(name: str, package: str = "") -> None:
     """A module that a test compares us with, from the index's ``package`` where that has another name."""
     if importlib.util.find_spec(name) is None:
-        missing(package or name, f"pip install {package or name}")
+        skip_missing(package or name, f"pip install {package or name}")

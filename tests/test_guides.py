@@ -13,7 +13,7 @@ import click
 import pytest
 
 from drivebus import profiles
-from drivebus.cli.command import LazyGroup
+from drivebus.cli.click_ext import LazyGroup
 from drivebus.cli.root import cli
 from test_examples import run
 

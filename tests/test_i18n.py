@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from drivebus import errors, i18n
-from drivebus.plant.operations import OPERATIONS
+from drivebus.service.api.operations import OPERATIONS
 
 SOURCE = Path(i18n.__file__).parents[1]
 CATALOGUES = Path(i18n.__file__).parent
@@ -133,7 +133,7 @@ def test_every_key_that_the_code_names_has_its_sentence() -> None:
 
 def test_a_sentence_within_a_sentence_is_in_the_same_language() -> None:
     """A start that never left says why in the reader's language, not in English within Chinese."""
-    why = errors.GateError("drives.limits_unchecked")
+    why = errors.StartInhibited("drives.limits_unchecked")
     inner = i18n.text("drives.limits_unchecked", "zh")
     assert inner in i18n.text("drives.not_started", "zh", why=why)
     assert inner != i18n.text("drives.limits_unchecked", "en")
@@ -141,9 +141,14 @@ def test_a_sentence_within_a_sentence_is_in_the_same_language() -> None:
 
 BEGINNING = re.compile(r"""["'`]([a-z][a-z0-9_]*\.[a-z0-9_.]*)(?:\$?\{|["'`])""")
 OF_TWO_WORDS = {
-    "drives.kind_", "page.by_", "page.size_", "page.sort_", "plant_config.key.", "plantpage.counter_",
+    "drives.kind_",
+    "page.by_",
+    "page.size_",
+    "page.sort_",
+    "plant_config.key.",
+    "plantpage.counter_",
     "plantpage.error_",
-}  # fmt: skip
+}
 """Beginnings that are put together themselves: ``state.Named``, ``parts.figures``, ``pages.fleet``, the reference."""
 
 

@@ -6,7 +6,7 @@ import asyncio
 import os
 import struct
 
-from common import PATH, REGISTERS, STATIONS, Meter, wrong
+from common import PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
 
 
 def table() -> list[int]:
@@ -41,8 +41,8 @@ async def main() -> None:
             waiting.set_result(None)
 
     loop.add_reader(fd, readable)
-    meter = Meter()
-    while not meter.over():
+    meter = ClientMeter()
+    while not meter.is_over():
         station, register = 1 + meter.done % STATIONS, meter.done % 50
         head = struct.pack(">BBHH", station, 3, register, REGISTERS)
         buffer.clear()
@@ -54,7 +54,7 @@ async def main() -> None:
             if crc(body) != struct.unpack("<H", buffer[-2:])[0]:
                 meter.failed += 1
             else:
-                meter.wrong += wrong(station, register, struct.unpack(f">{REGISTERS}H", body[3:]))
+                meter.wrong += is_wrong_reply(station, register, struct.unpack(f">{REGISTERS}H", body[3:]))
         except TimeoutError:
             meter.failed += 1
         meter.done += 1

@@ -12,12 +12,12 @@ PATH, STATIONS, SECONDS, BAUD = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]
 REGISTERS = 4
 
 
-def wrong(station: int, register: int, values: Any) -> bool:
+def is_wrong_reply(station: int, register: int, values: Any) -> bool:
     """True where a reply was believed that belongs to another request."""
     return list(values) != [station << 8 | (register + n) & 255 for n in range(REGISTERS)]
 
 
-class Meter:
+class ClientMeter:
     """CPU and wall time from its creation to ``report``."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Meter:
         used = resource.getrusage(resource.RUSAGE_SELF)
         return used.ru_utime + used.ru_stime
 
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         return time.monotonic() - self.wall >= SECONDS
 
     def report(self, **more: Any) -> None:

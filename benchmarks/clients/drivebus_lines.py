@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import sys
 
-from common import BAUD, PATH, REGISTERS, SECONDS, STATIONS, Meter, wrong
+from common import BAUD, PATH, REGISTERS, SECONDS, STATIONS, ClientMeter, is_wrong_reply
 from links import link
 
 from drivebus.bus import Bus
-from drivebus.bus.planner import Poll
-from drivebus.message import Answer
+from drivebus.bus.poll_schedule import Poll
 from drivebus.ports import open_port
-from drivebus.protocols.modbus import ReadRegisters, RtuCodec
+from drivebus.protocols.codec import BusResult
+from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 DELAY_S = 0.002
 PERIOD_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.01
@@ -20,30 +20,30 @@ PERIOD_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.01
 
 
 async def main() -> None:
-    codec = RtuCodec()
+    codec = ModbusRtuCodec()
     buses = [Bus(open_port(path, baud=BAUD, format="8N1", echo="off")) for path in PATH.split(",")]
-    meter: Meter | None = None
+    meter: ClientMeter | None = None
 
-    def sink(answer: Answer) -> None:
+    def sink(answer: BusResult) -> None:
         if meter is None:
             return
         meter.done += 1
-        request = answer.ask.request
+        request = answer.bus_request.request
         if answer.error is not None:
             meter.failed += 1
         else:
-            meter.wrong += wrong(request.address, request.register, answer.reply.values)
+            meter.wrong += is_wrong_reply(request.address, request.register, answer.reply.values)
 
     for bus in buses:
         await bus.open()
         for address in range(1, STATIONS + 1):
-            bus.add(link(address, codec, DELAY_S))
+            bus.add_station(link(address, codec, DELAY_S))
             polls = [
                 Poll(ReadRegisters(address, register, REGISTERS), PERIOD_S) for register in (address, address + 50)
             ]
-            bus.watch(address, polls, sink)
+            bus.start_polling(address, polls, sink)
     await asyncio.sleep(1.0)
-    meter = Meter()
+    meter = ClientMeter()
     await asyncio.sleep(SECONDS)
     meter.report()
     for bus in buses:

@@ -4,29 +4,31 @@ from __future__ import annotations
 
 import asyncio
 
-from common import BAUD, PATH, REGISTERS, STATIONS, Meter, wrong
+from common import BAUD, PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
 from links import link
 
 from drivebus.bus import Bus
-from drivebus.message import Ask, Lane
 from drivebus.ports import open_port
-from drivebus.protocols.modbus import ReadRegisters, RtuCodec
+from drivebus.protocols.codec import BusRequest, RequestPriority
+from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 
 async def main() -> None:
-    codec = RtuCodec()
+    codec = ModbusRtuCodec()
     port = open_port(PATH, baud=BAUD, format="8N1", echo="off")
     async with Bus(port) as bus:
         for address in range(1, STATIONS + 1):
-            bus.add(link(address, codec, 0.02))
-        meter = Meter()
-        while not meter.over():
+            bus.add_station(link(address, codec, 0.02))
+        meter = ClientMeter()
+        while not meter.is_over():
             station, register = 1 + meter.done % STATIONS, meter.done % 50
-            answer = await bus.transact(Ask(station, ReadRegisters(station, register, REGISTERS), Lane.PARAMETER))
+            answer = await bus.transact(
+                BusRequest(station, ReadRegisters(station, register, REGISTERS), RequestPriority.PARAMETER)
+            )
             if answer.error is not None:
                 meter.failed += 1
             else:
-                meter.wrong += wrong(station, register, answer.reply.values)
+                meter.wrong += is_wrong_reply(station, register, answer.reply.values)
             meter.done += 1
         meter.report()
 

@@ -17,10 +17,10 @@ import sys
 from collections import Counter
 
 from benchmarks.clients.plain_http import request
-from drivebus.web.body import OF_ANYBODY as LARGEST
+from drivebus.web.middleware.request_body import MAX_PUBLIC_BODY_BYTES as LARGEST
 
 HUGE = 100 * 1024 * 1024
-PIECE = b" " * 65536
+BODY_PIECE = b" " * 65536
 DRIP_S = 1.0
 """Between two octets of a slow head."""
 BOMBS = {
@@ -28,18 +28,18 @@ BOMBS = {
     "wide JSON": (b'{"a":[' + b"{}," * (LARGEST // 3 - 10) + b"{}]}", ""),
     "packed JSON": (gzip.compress(b" " * HUGE), "Content-Encoding: gzip\r\n"),
 }
-LOGIN = "/api/v1/login"
+LOGIN_PATH = "/api/v1/login"
 """Whose body is read before anybody has said who he is."""
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
-class Flood:
+class FloodClients:
     """Counts what became of each."""
 
     def __init__(self, port: int) -> None:
         self.port = port
         self.found: Counter[str] = Counter()
-        self._kept: list[Streams] = []
+        self._open_streams: list[Streams] = []
 
     async def websocket(self) -> None:
         """Opened, and never read."""
@@ -53,10 +53,10 @@ class Flood:
         streams[1].write(
             request("GET", "/api/v1/live", self.port).replace(b"\r\n\r\n", b"\r\n" + more.encode() + b"\r\n")
         )
-        self._kept.append(streams)
+        self._open_streams.append(streams)
         await self._count("websockets", streams)
 
-    async def slow(self) -> None:
+    async def send_slow_head(self) -> None:
         """A head that never ends, one octet at a time; again whenever it is cut off."""
         while True:
             _, writer = await asyncio.open_connection("127.0.0.1", self.port)
@@ -69,15 +69,15 @@ class Flood:
             finally:
                 writer.close()
 
-    async def body(self, name: str, head: str, chunked: bool) -> None:
+    async def send_large_body(self, name: str, head: str, chunked: bool) -> None:
         """100 MB, told before or in chunks; until nobody takes any more of it."""
         while True:
             reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
             writer.write(self._head(head))
             answer = asyncio.create_task(self._count(name, (reader, writer)))
-            piece = b"%x\r\n%s\r\n" % (len(PIECE), PIECE) if chunked else PIECE
+            piece = b"%x\r\n%s\r\n" % (len(BODY_PIECE), BODY_PIECE) if chunked else BODY_PIECE
             try:
-                for _ in range(HUGE // len(PIECE)):
+                for _ in range(HUGE // len(BODY_PIECE)):
                     if answer.done():
                         break
                     writer.write(piece)
@@ -87,7 +87,7 @@ class Flood:
             await answer
             writer.close()
 
-    async def bomb(self, name: str) -> None:
+    async def send_bomb(self, name: str) -> None:
         data, more = BOMBS[name]
         while True:
             streams = await asyncio.open_connection("127.0.0.1", self.port)
@@ -97,7 +97,7 @@ class Flood:
 
     def _head(self, more: str) -> bytes:
         host = f"Host: 127.0.0.1:{self.port}\r\nContent-Type: application/json\r\n"
-        return f"POST {LOGIN} HTTP/1.1\r\n{host}{more}\r\n".encode()
+        return f"POST {LOGIN_PATH} HTTP/1.1\r\n{host}{more}\r\n".encode()
 
     async def _count(self, name: str, streams: Streams) -> None:
         try:
@@ -109,15 +109,15 @@ class Flood:
 
 async def main() -> None:
     port, sockets, slow = (int(text) for text in sys.argv[1:4])
-    flood, over = Flood(port), asyncio.Event()
+    flood, over = FloodClients(port), asyncio.Event()
     asyncio.get_running_loop().add_reader(0, over.set)
     await asyncio.gather(*(flood.websocket() for _ in range(sockets)))
     length = f"Content-Length: {HUGE}\r\n"
     attacks = [
-        *(asyncio.create_task(flood.slow()) for _ in range(slow)),
-        asyncio.create_task(flood.body("100 MB told", length, False)),
-        asyncio.create_task(flood.body("100 MB in chunks", "Transfer-Encoding: chunked\r\n", True)),
-        *(asyncio.create_task(flood.bomb(name)) for name in BOMBS),
+        *(asyncio.create_task(flood.send_slow_head()) for _ in range(slow)),
+        asyncio.create_task(flood.send_large_body("100 MB told", length, False)),
+        asyncio.create_task(flood.send_large_body("100 MB in chunks", "Transfer-Encoding: chunked\r\n", True)),
+        *(asyncio.create_task(flood.send_bomb(name)) for name in BOMBS),
     ]
     print("ready", flush=True)
     await over.wait()

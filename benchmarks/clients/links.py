@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from drivebus.message import Effect, StationLink, StationTiming
-from drivebus.protocols.modbus import Loopback, RtuCodec
+from drivebus.protocols.codec import Effect, StationConfig, StationTiming
+from drivebus.protocols.modbus import Diagnostics, ModbusRtuCodec
 
 
-def link(address: int, codec: RtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationLink:
+def link(address: int, codec: ModbusRtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationConfig:
     """``delay_s`` is the stations' own delay; the reply may take 5 ms more before it is given up."""
     timing = StationTiming(
-        gap_characters=3.5, gap_floor_s=gap_floor_s, reply_delay_s=delay_s + 0.005, adapter_s=0.01, lateness_s=0.2
+        gap_characters=3.5,
+        gap_floor_s=gap_floor_s,
+        reply_delay_s=delay_s + 0.005,
+        adapter_latency_s=0.01,
+        max_reply_lateness_s=0.2,
     )
-    return StationLink(address, codec, timing, lambda frame: Effect.NONE, lambda n: Loopback(address, n & 0xFFFF))
+    return StationConfig(address, codec, timing, lambda frame: Effect.NONE, lambda n: Diagnostics(address, n & 0xFFFF))

@@ -6,10 +6,10 @@ import asyncio
 import json
 from typing import Any
 
-from benchmarks.hall import TOKEN
+from benchmarks.service_fixture import BENCHMARK_TOKEN
 
 
-class Connection:
+class PlainHttpConnection:
     """To 127.0.0.1; opened when first asked, and again after the other side has closed it."""
 
     def __init__(self, port: int) -> None:
@@ -20,13 +20,13 @@ class Connection:
         if self._streams is None:
             self._streams = await asyncio.open_connection("127.0.0.1", self._port)
 
-    async def ask(self, method: str, path: str, body: Any = None) -> tuple[int, bytes]:
+    async def request(self, method: str, path: str, body: Any = None) -> tuple[int, bytes]:
         """Status and body; 0 where the connection ended instead."""
         try:
             await self.open()
             assert self._streams is not None
             self._streams[1].write(request(method, path, self._port, body))
-            status, keep, found = await _answer(self._streams[0])
+            status, keep, found = await _read_response(self._streams[0])
         except (OSError, asyncio.IncompleteReadError):
             self.close()
             return 0, b""
@@ -43,11 +43,13 @@ class Connection:
 def request(method: str, path: str, port: int, body: Any = None) -> bytes:
     data = b"" if body is None else json.dumps(body).encode()
     kind = "" if body is None else f"Content-Type: application/json\r\nContent-Length: {len(data)}\r\n"
-    head = f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {TOKEN}\r\n{kind}\r\n"
+    head = (
+        f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {BENCHMARK_TOKEN}\r\n{kind}\r\n"
+    )
     return head.encode() + data
 
 
-async def _answer(reader: asyncio.StreamReader) -> tuple[int, bool, bytes]:
+async def _read_response(reader: asyncio.StreamReader) -> tuple[int, bool, bytes]:
     head = (await reader.readuntil(b"\r\n\r\n")).lower()
     length = int(head.partition(b"content-length:")[2].partition(b"\r\n")[0] or 0)
     return int(head.split(b" ", 2)[1]), b"connection: close" not in head, await reader.readexactly(length)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from common import BAUD, PATH, REGISTERS, STATIONS, Meter, wrong
+from common import BAUD, PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
 from pymodbus import ModbusException
 from pymodbus.client import AsyncModbusSerialClient
 
@@ -12,8 +12,8 @@ from pymodbus.client import AsyncModbusSerialClient
 async def main() -> None:
     client = AsyncModbusSerialClient(PATH, baudrate=BAUD)
     await client.connect()
-    meter = Meter()
-    while not meter.over():
+    meter = ClientMeter()
+    while not meter.is_over():
         station, register = 1 + meter.done % STATIONS, meter.done % 50
         try:
             reply = await client.read_holding_registers(register, count=REGISTERS, device_id=station)
@@ -23,7 +23,7 @@ async def main() -> None:
                 await client.connect()
         else:
             meter.failed += reply.isError()
-            meter.wrong += not reply.isError() and wrong(station, register, reply.registers)
+            meter.wrong += not reply.isError() and is_wrong_reply(station, register, reply.registers)
         meter.done += 1
     meter.report()
     client.close()

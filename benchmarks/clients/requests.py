@@ -14,7 +14,7 @@ import time
 CONNECTIONS = 4
 
 
-async def ask(port: int, period_s: float, phase_s: float) -> None:
+async def request_periodically(port: int, period_s: float, phase_s: float) -> None:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     due, number = time.monotonic() + phase_s, 0
     while True:
@@ -29,7 +29,7 @@ async def ask(port: int, period_s: float, phase_s: float) -> None:
 async def main() -> None:
     port, per_second = int(sys.argv[1]), float(sys.argv[2])
     period_s = CONNECTIONS / per_second
-    await asyncio.gather(*(ask(port, period_s, place / per_second) for place in range(CONNECTIONS)))
+    await asyncio.gather(*(request_periodically(port, period_s, place / per_second) for place in range(CONNECTIONS)))
 
 
 with contextlib.suppress(ConnectionError):  # the host has ended

@@ -18,14 +18,14 @@ import time
 from pathlib import Path
 
 from drivebus.bus import Bus, Poll
-from drivebus.bus.planner import arithmetic
+from drivebus.bus.poll_schedule import estimate_bus_load
 from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import StopUnconfirmed
-from drivebus.lab.bounds import Times
-from drivebus.lab.kinds import VC660
-from drivebus.message import Answer
 from drivebus.ports import open_port
+from drivebus.protocols.codec import BusResult
 from drivebus.protocols.modbus import ReadRegisters
+from verification.drive_variants import VC660
+from verification.timing_bounds import TimingBounds
 
 PERIOD_S = 0.01
 """More than a line can do, so that there is always a poll due."""
@@ -34,12 +34,12 @@ PAUSE_S = 0.1
 WARM_UP_S = 1.0
 LONGEST_REPLY = 13
 """FC03 of four registers."""
-STOPS = b"\x06\x20\x00"
+VC660_STOP_WRITE = b"\x06\x20\x00"
 """VC660: FC06 to 2000H; bit 1 stops."""
-Call = tuple[int, int, int, int, int]
+RecordedCall = tuple[int, int, int, int, int]
 
 
-class Work:
+class SideWork:
     """Other work on the loop, for each line of JSON that comes: 4 KiB hashed, sixty rows of JSON made and sent."""
 
     def __init__(self) -> None:
@@ -56,10 +56,10 @@ class Work:
         return answer
 
 
-class Connection(asyncio.Protocol):
+class SideWorkConnection(asyncio.Protocol):
     """Somebody who asks for that work, one line at a time."""
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: SideWork) -> None:
         self._work = work
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -71,7 +71,7 @@ class Connection(asyncio.Protocol):
             self._transport.write(self._work.answer(json.loads(line)))
 
 
-class Written:
+class WrittenFrames:
     """What a bus writes to its port: how many frames, and when each address' stop."""
 
     def __init__(self, bus: Bus) -> None:
@@ -80,13 +80,15 @@ class Written:
         bus.port.write = self.write  # type: ignore[method-assign]
 
     def write(self, data: bytes, /) -> None:
-        if data[1:4] == STOPS and data[5] & 2:
+        if data[1:4] == VC660_STOP_WRITE and data[5] & 2:
             self.stops.setdefault(data[0], (time.monotonic_ns(), self.frames))
         self.frames += 1
         self._write(data)
 
 
-async def stops(number: int, written: Written, drives: list[Drive], until: float, seed: int, calls: list[Call]) -> int:
+async def stops(
+    number: int, written: WrittenFrames, drives: list[Drive], until: float, seed: int, calls: list[RecordedCall]
+) -> int:
     """Stop one drive after the other at random instants; how many stops were not confirmed."""
     chance, unconfirmed = random.Random(f"{seed}/{number}"), 0
     while time.monotonic() < until:
@@ -103,15 +105,15 @@ async def stops(number: int, written: Written, drives: list[Drive], until: float
     return unconfirmed
 
 
-def tell(**what: float) -> None:
+def print_figures(**what: float) -> None:
     print(json.dumps(what), flush=True)
 
 
-def write(file: Path, calls: list[Call]) -> None:
+def write(file: Path, calls: list[RecordedCall]) -> None:
     file.write_text("".join(" ".join(map(str, call)) + "\n" for call in calls))
 
 
-def ignore(_: Answer) -> None:
+def ignore_answer(_: BusResult) -> None:
     """The polls are load."""
 
 
@@ -120,18 +122,20 @@ async def main() -> None:
     stations, seconds, baud, dead, seed = (int(text) for text in sys.argv[2:7])
     buses = [Bus(open_port(path, baud=baud, format="8N1", echo="off")) for path in paths.split(",")]
     made = [[Drive(bus, "vc660", a, store=MemoryStore()) for a in range(1, stations + 1)] for bus in buses]
-    polls = [(drive.dialect.link, [Poll(ReadRegisters(drive.address, 0x3000, 4), PERIOD_S)]) for drive in made[0]]
-    bound = arithmetic(polls, buses[0].line).drives[1].stop_bound_s
-    written = [Written(bus) for bus in buses]
+    polls = [
+        (drive.dialect.station_config, [Poll(ReadRegisters(drive.address, 0x3000, 4), PERIOD_S)]) for drive in made[0]
+    ]
+    bound = estimate_bus_load(polls, buses[0].settings).drives[1].stop_bound_s
+    written = [WrittenFrames(bus) for bus in buses]
     for bus in buses:
         await bus.open()
         for link, poll in polls:
-            bus.watch(link.address, poll, ignore)
-    work = Work()
-    server = await asyncio.get_running_loop().create_server(lambda: Connection(work), "127.0.0.1", 0)
-    tell(port=server.sockets[0].getsockname()[1])
+            bus.start_polling(link.address, poll, ignore_answer)
+    work = SideWork()
+    server = await asyncio.get_running_loop().create_server(lambda: SideWorkConnection(work), "127.0.0.1", 0)
+    print_figures(port=server.sockets[0].getsockname()[1])
     await asyncio.sleep(WARM_UP_S)
-    calls: list[Call] = []
+    calls: list[RecordedCall] = []
     work.done, work.busy_s, begun = 0, 0.0, time.monotonic()
     alive = [[drive for drive in drives if drive.address != dead] for drives in made]
     unconfirmed = await asyncio.gather(
@@ -139,14 +143,14 @@ async def main() -> None:
     )
     took = time.monotonic() - begun
     write(Path(file), calls)
-    tell(
+    print_figures(
         unconfirmed=sum(unconfirmed),
         requests_per_s=work.done / took,
         request_ms=work.busy_s / max(work.done, 1) * 1e3,
         bound_s=bound,
-        own_bound_s=Times(VC660, buses[0].line).stop_bound_s,
-        timeout_s=made[0][0].dialect.link.timing.timeout_s(buses[0].line, LONGEST_REPLY),
-        gap_s=made[0][0].dialect.link.timing.gap_s(buses[0].line),
+        own_bound_s=TimingBounds(VC660, buses[0].settings).stop_bound_s,
+        timeout_s=made[0][0].dialect.station_config.timing.timeout_s(buses[0].settings, LONGEST_REPLY),
+        gap_s=made[0][0].dialect.station_config.timing.gap_s(buses[0].settings),
         occupied_percent=min(bus.statistics().occupied_percent for bus in buses),
     )
     for bus in buses:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import click
 
-from drivebus.cli import voice
-from drivebus.cli.command import Argument, LazyGroup, Option
+from drivebus.cli import output
+from drivebus.cli.click_ext import Argument, LazyGroup, Option
 from drivebus.cli.root import cli
 from generator.words import say, table
 
@@ -16,7 +16,7 @@ COMMON = {"lang", "json", "help"}
 
 def page(language: str) -> str:
     """All verbs in the order of ``drivebus --help``."""
-    voice.listen(["--lang", language])
+    output.parse_global_options(["--lang", language])
     return "\n".join(_sections(cli, (), language))
 
 
@@ -24,7 +24,7 @@ def _sections(group: LazyGroup, path: tuple[str, ...], language: str) -> Iterato
     context = click.Context(group, info_name="drivebus")
     for heading, verbs in group.sections.items():
         if not path:
-            yield f"## {voice.say(heading).rstrip(':：')}\n"
+            yield f"## {output.text(heading).rstrip(':：')}\n"
         for name in verbs:
             command = group.get_command(context, name)
             assert command is not None
@@ -36,7 +36,7 @@ def _verb(command: click.Command, path: tuple[str, ...], language: str) -> Itera
     pieces = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     yield f"### `drivebus {' '.join(path)}`\n"
     yield f"```\n{pieces}\n```\n"
-    yield voice.say(f"help.{command.topic}.long") + "\n"  # type: ignore[attr-defined]
+    yield output.text(f"help.{command.topic}.long") + "\n"  # type: ignore[attr-defined]
     yield from _parameters(command, context, language)
     examples: Sequence[str] = command.examples  # type: ignore[attr-defined]
     if examples:
@@ -47,7 +47,7 @@ def _verb(command: click.Command, path: tuple[str, ...], language: str) -> Itera
 
 def _parameters(command: click.Command, context: click.Context, language: str) -> Iterator[str]:
     """Arguments and the verb's own options; those that all have stand once, above."""
-    rows = [(f"`{p.make_metavar(context)}`", voice.say(p.key)) for p in command.params if isinstance(p, Argument)]
+    rows = [(f"`{p.make_metavar(context)}`", output.text(p.key)) for p in command.params if isinstance(p, Argument)]
     own = [p for p in command.params if isinstance(p, Option) and p.name not in COMMON]
     rows += [
         (f"`{names}`", sentence) for p in own if (record := p.get_help_record(context)) for names, sentence in [record]

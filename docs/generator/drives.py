@@ -49,7 +49,7 @@ def _row(profile: DriveProfile, language: str, link: str) -> list[str]:
         page,
         side(profile.maker, language),
         ", ".join(profile.encodings),
-        f"{profile.line.baud} {profile.line.format}",
+        f"{profile.serial.baud} {profile.serial.format}",
         f"{low}–{high}",
         (", " if language == "en" else "、").join(lacking) or "–",
         side(GRADES[profile.grade], language),

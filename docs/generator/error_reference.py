@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivebus import errors, i18n
-from drivebus.cli.exits import code_of
+from drivebus.cli.errors import exit_code_of
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import Text
 from generator.words import side, table
@@ -58,7 +58,7 @@ def _entry(one: type[DrivebusError], keys: set[str], language: str) -> Iterator[
     row = (
         side(SCOPES[str(one.scope)], language),
         side(YES if one.retryable else NO, language),
-        int(code_of(one("errors"))),
+        int(exit_code_of(one("errors"))),
     )
     yield table([side(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
     if keys:

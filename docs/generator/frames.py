@@ -31,11 +31,11 @@ SOURCES = (
 Vector = dict[str, Any]
 
 
-def load(path: Path) -> list[Vector]:
+def load_vectors(path: Path) -> list[Vector]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
 
 
-def tables(vectors: list[Vector], language: str) -> str:
+def frame_tables(vectors: list[Vector], language: str) -> str:
     """One byte table a vector, requests followed by their answers."""
     return "\n".join(_one(vector, language) for vector in vectors)
 
@@ -93,7 +93,7 @@ def _source(source: str, language: str) -> str:
     return source
 
 
-def errata(vectors: list[Vector], language: str) -> str:
+def errata_table(vectors: list[Vector], language: str) -> str:
     """What is printed wrong or does something else than it says, with the frame of a correct sender."""
     heads = [say(head, language) for head in ("frame", "printed", "wrong", "correct")]
     rows = [

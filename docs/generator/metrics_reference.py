@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivebus.gateways.metrics.table import BUS, DRIVE, PLANT, Metric
 from drivebus.profiles.model import Text
+from drivebus.web.metrics_table import BUS_METRICS, DRIVE_METRICS, PLANT_METRICS, Metric
 from generator.words import say, side, table
 
 HEADS = {"kind": Text("kind", "类型"), "labels": Text("labels", "标签")}
@@ -14,14 +14,21 @@ KINDS = {"counter": Text("counter", "计数"), "gauge": Text("gauge", "瞬时值
 
 def parts(language: str) -> dict[str, str]:
     """The generated parts of ``docs/reference/metrics.md``."""
-    return {name: _table(some, language) for name, some in (("plant", PLANT), ("buses", BUS), ("drives", DRIVE))}
+    return {
+        name: _table(some, language)
+        for name, some in (("plant", PLANT_METRICS), ("buses", BUS_METRICS), ("drives", DRIVE_METRICS))
+    }
 
 
 def _table(metrics: Sequence[Metric], language: str) -> str:
     heads = [say("name", language), side(HEADS["kind"], language), side(HEADS["labels"], language)]
     rows = [
-        (f"`{one.full}`", side(KINDS[one.kind], language), " ".join(f"`{label}`" for label in one.labels),
-         one.text(language))
+        (
+            f"`{one.full_name}`",
+            side(KINDS[one.kind], language),
+            " ".join(f"`{label}`" for label in one.labels),
+            one.text(language),
+        )
         for one in metrics
-    ]  # fmt: skip
+    ]
     return table([*heads, say("meaning", language)], rows)

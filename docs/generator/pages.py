@@ -44,11 +44,11 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         readme = root / f"README{suffix}.md"
         yield readme, _filled(readme, {"drives": drives.table(language)})
         proof = root / "docs" / "explanation" / f"what-we-prove{suffix}.md"
-        yield proof, _filled(proof, {"campaigns": campaigns.table(root / "docs" / "reports", language)})
+        yield proof, _filled(proof, {"campaigns": campaigns.campaign_table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
-        yield page, _filled(page, matrix.parts(root, language))
+        yield page, _filled(page, matrix.page_parts(root, language))
         page = root / "docs" / "explanation" / f"timing{suffix}.md"
-        yield page, _filled(page, {"arithmetic": arithmetic.page(language)})
+        yield page, _filled(page, {"arithmetic": arithmetic.bus_load_page(language)})
         page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
         yield page, _filled(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
         reference = root / "docs" / "reference"
@@ -71,9 +71,9 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
 
 def _parts(root: Path, model: str, language: str) -> dict[str, str]:
     profile = profiles.load(model)
-    vectors = frames.load(root / "vectors" / f"{model}.jsonl")
+    vectors = frames.load_vectors(root / "vectors" / f"{model}.jsonl")
     parts = {name: make(profile, language) for name, make in PARTS.items()}
-    return parts | {"frames": frames.tables(vectors, language), "errata": frames.errata(vectors, language)}
+    return parts | {"frames": frames.frame_tables(vectors, language), "errata": frames.errata_table(vectors, language)}
 
 
 def _filled(page: Path, parts: dict[str, str]) -> str:

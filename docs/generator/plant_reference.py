@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from drivebus import i18n
-from drivebus.plant import config
-from drivebus.plant.config.schema import PlantFile
-from drivebus.plant.evaluation import UNITS
-from drivebus.plant.expression import WORDS
 from drivebus.profiles.model import Text
+from drivebus.service import config
+from drivebus.service.config.schema import PlantFile
+from drivebus.service.interlocks.evaluation import UNIT_MEASURES
+from drivebus.service.interlocks.expression import STATE_WORDS
 from generator.words import colon, say, side, table
 
 _SCHEMA = PlantFile.model_json_schema()
@@ -35,8 +35,8 @@ def page(language: str) -> dict[str, str]:
     return {
         "keys": "\n".join(_tables(language)),
         "sample": f"```toml\n{sample.read_text(encoding='utf-8')}```\n",
-        "units": ", ".join(f"`{unit}`" for unit in UNITS if unit) + "\n",
-        "states": ", ".join(f"`{word}`" for word in WORDS) + "\n",
+        "units": ", ".join(f"`{unit}`" for unit in UNIT_MEASURES if unit) + "\n",
+        "states": ", ".join(f"`{word}`" for word in STATE_WORDS) + "\n",
     }
 
 

@@ -18,7 +18,7 @@ def line(profile: DriveProfile, language: str) -> str:
 def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str]]:
     where = {name: evidence(found, language) for name, found in profile.evidence.items()}
     low, high = profile.addresses
-    timing, lines = profile.timing, profile.line
+    timing, lines = profile.timing, profile.serial
     broadcast = str(profile.broadcast) if profile.broadcast is not None else say("none", language)
     gap = f"{timing.gap_characters:g} {say('characters', language)}"
     if timing.gap_floor_s:
@@ -27,7 +27,7 @@ def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str
     if timing.reply_delay_characters:
         reply += f"{' + ' if reply else ''}{timing.reply_delay_characters:g} {say('characters', language)}"
     limits = f"{profile.limits.minimum_hz:g}–{profile.limits.maximum_hz:g} Hz"
-    writes = say("ram_and_eeprom" if profile.write_rule.ram else "eeprom_only", language)
+    writes = say("ram_and_eeprom" if profile.write_support.ram else "eeprom_only", language)
     loss = profile.comm_loss
     lost = ", ".join(
         f"{say(word, language)} {notation}"
@@ -43,7 +43,7 @@ def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str
         (say("formats", language), _marked(lines.formats, lines.format), where["line"]),
         (say("gap", language), gap, where["timing"]),
         (say("reply", language), reply, where["timing"]),
-        (say("lateness", language), f"{timing.lateness_s * 1000:g} ms", where["timing"]),
+        (say("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
         (say("setpoint", language), f"{profile.setpoint_scale.factor:g} Hz", where["setpoint"]),
         (say("limits", language), limits, where["limits"]),
         (say("writes", language), writes, where["write"]),

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from drivebus import i18n
-from drivebus.gateways.rest.described import ANSWERS, ERRORS
-from drivebus.gateways.rest.table import PREFIX, ROUTES, Route
 from drivebus.profiles.model import Text
-from drivebus.web.rights import TABLE
+from drivebus.web.api.descriptions import RESPONSE_MODELS, STATUS_MEANINGS
+from drivebus.web.api.table import API_PREFIX, API_ROUTES, ApiRoute
+from drivebus.web.route_policy import ROUTE_POLICIES
 from generator.words import side, table
 
 Json = dict[str, Any]
@@ -53,25 +53,29 @@ def parts(language: str) -> dict[str, str]:
 
 
 def _errors(language: str) -> str:
-    said = ERRORS if language == "en" else MEANINGS
-    return table(_heads("status", "meaning", language=language), [[code, said[code]] for code in ERRORS])
+    said = STATUS_MEANINGS if language == "en" else MEANINGS
+    return table(_heads("status", "meaning", language=language), [[code, said[code]] for code in STATUS_MEANINGS])
 
 
 def _account(language: str) -> str:
     """What the door itself answers: who is it, users, tokens."""
-    ours = {(route.method, PREFIX + route.path) for route in ROUTES}
-    rows = [(f"`{one.method} {one.path}`", f"`{one.need}`") for one in TABLE if (one.method, one.path) not in ours]
+    ours = {(route.method, API_PREFIX + route.path) for route in API_ROUTES}
+    rows = [
+        (f"`{one.method} {one.path}`", f"`{one.access}`")
+        for one in ROUTE_POLICIES
+        if (one.method, one.path) not in ours
+    ]
     return table(_heads("address", "needs", language=language), rows)
 
 
 def _operations(language: str) -> str:
-    return "\n".join(part for route in ROUTES for part in _route(route, language))
+    return "\n".join(part for route in API_ROUTES for part in _route(route, language))
 
 
-def _route(route: Route, language: str) -> Iterator[str]:
-    yield f"### `{route.method} {PREFIX}{route.path}`\n"
+def _route(route: ApiRoute, language: str) -> Iterator[str]:
+    yield f"### `{route.method} {API_PREFIX}{route.path}`\n"
     right = side(RIGHT, language).format(right=route.operation.right)
-    audited = side(AUDITED, language) if route.operation.changes else ""
+    audited = side(AUDITED, language) if route.operation.mutates else ""
     stop = "." if language == "en" else "。"
     blank = " " if language == "en" else ""
     said = f"{i18n.text(f'api.{route.name}', language)}{stop}{blank}{right}{audited}{blank}{_answer(route, language)}"
@@ -81,21 +85,21 @@ def _route(route: Route, language: str) -> Iterator[str]:
         yield table(_heads("parameter", "in", "value", "must", language=language), rows)
 
 
-def _answer(route: Route, language: str) -> str:
+def _answer(route: ApiRoute, language: str) -> str:
     if route.name == "history.export":
         return side(FILE, language)
-    model = ANSWERS.get(route.name)
+    model = RESPONSE_MODELS.get(route.name)
     keys = [f"`{name}`" for name in model.model_fields] if model is not None else []
     return side(ANSWER, language).format(keys=", ".join(keys)) if keys else ""
 
 
-def _rows(route: Route, language: str) -> Iterator[list[str]]:
+def _rows(route: ApiRoute, language: str) -> Iterator[list[str]]:
     schemas = route.operation.params.model_json_schema().get("properties", {})
-    required = route.required()
-    for name in route.places:
+    required = route.required_params()
+    for name in route.path_params:
         yield [f"`{name}`", side(PLACES["path"], language), _value(schemas[name]), side(YES, language)]
     where = side(PLACES["body" if route.has_body else "query"], language)
-    for name, schema in route.fields().items():
+    for name, schema in route.param_schemas().items():
         must = side(YES if name in required else NO, language)
         yield [f"`{name}`", where, _value(schema), must]
 

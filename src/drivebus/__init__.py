@@ -30,15 +30,15 @@ if TYPE_CHECKING:
         Fault,
         FileStore,
         Outcome,
-        OutcomeWord,
+        OutcomeStatus,
         StopReport,
-        bus_stop,
+        stop_bus,
     )
     from drivebus.errors import DrivebusError
-    from drivebus.line import LineSettings
-    from drivebus.reading import Quality, Reading
+    from drivebus.serial_settings import SerialSettings
+    from drivebus.values import Quality, Reading
 
-_HOMES = {
+_MODULE_OF = {
     "Bus": "bus",
     "Poll": "bus",
     "Direction": "drives",
@@ -49,11 +49,11 @@ _HOMES = {
     "Fault": "drives",
     "FileStore": "drives",
     "Outcome": "drives",
-    "OutcomeWord": "drives",
+    "OutcomeStatus": "drives",
     "StopReport": "drives",
-    "bus_stop": "drives",
+    "stop_bus": "drives",
     "DrivebusError": "errors",
-    "LineSettings": "line",
+    "SerialSettings": "line",
     "Quality": "reading",
     "Reading": "reading",
 }
@@ -68,33 +68,33 @@ __all__ = [
     "DrivebusError",
     "Fault",
     "FileStore",
-    "LineSettings",
     "Outcome",
-    "OutcomeWord",
+    "OutcomeStatus",
     "Poll",
     "Quality",
     "Reading",
+    "SerialSettings",
     "StopReport",
-    "bus_stop",
     "open_bus",
+    "stop_bus",
 ]
 
 
-def open_bus(link: str, *, baud: int | None = None, format: str | None = None) -> Bus:
+def open_bus(url: str, *, baud: int | None = None, format: str | None = None) -> Bus:
     """A bus on a LINK (``/dev/ttyUSB0``, ``tcp://host:port``, ``sim://c320@1``), opened by ``async with`` or ``open``.
 
-    Raises LinkError for a LINK that can't be understood; opening raises PortUnavailable with why and what to do.
+    Raises PortUrlError for a LINK that can't be understood; opening raises PortUnavailable with why and what to do.
     """
     from drivebus.bus import Bus
     from drivebus.ports import open_port
 
-    return Bus(open_port(link, baud=baud, format=format))
+    return Bus(open_port(url, baud=baud, format=format))
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
 
 
 def __dir__() -> list[str]:

@@ -22,17 +22,17 @@ from typing import Any, TypeVar
 
 from drivebus import drives
 from drivebus.bus import Bus as AsyncBus
-from drivebus.bus import BusStatistics, Health
-from drivebus.drives.commloss import CommLossReport
-from drivebus.drives.identity import Identity
-from drivebus.drives.lease import JogLease
-from drivebus.drives.memory import DriveLimits, Preflight
-from drivebus.drives.proofs import KEYPAD_HZ, CodingFound
+from drivebus.bus import BusStatistics, StationHealth
+from drivebus.drives.context import DriveLimits, Preflight
+from drivebus.drives.jog_session import JogSession
+from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
+from drivebus.drives.operations.comm_loss import CommLossReport
+from drivebus.drives.operations.identity import Identity
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
-from drivebus.reading import Reading
+from drivebus.values import Reading
 
-__all__ = ["Bus", "Drive", "Lease", "Monitor", "bus_stop", "open_bus"]
+__all__ = ["Bus", "Drive", "Lease", "Monitor", "open_bus", "stop_bus"]
 
 T = TypeVar("T")
 
@@ -40,26 +40,26 @@ T = TypeVar("T")
 class Bus:
     """One bus on a thread of its own. Made by ``open_bus``; a context manager."""
 
-    def __init__(self, make: Callable[[], AsyncBus]) -> None:
+    def __init__(self, factory: Callable[[], AsyncBus]) -> None:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="drivebus", daemon=True)
         self._thread.start()
         try:
-            self.bus = self.call(_opened, make)
+            self.bus = self.call(_open, factory)
         except BaseException:
-            self._end()
+            self._stop_thread()
             raise
 
-    def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine on the bus's loop to its end. An interrupt cancels it: nothing more of it is sent."""
-        future = self.begin(coroutine)
+        future = self.start(coroutine)
         try:
             return future.result()
         except BaseException:
             future.cancel()
             raise
 
-    def begin(self, coroutine: Coroutine[Any, Any, T]) -> futures.Future[T]:
+    def start(self, coroutine: Coroutine[Any, Any, T]) -> futures.Future[T]:
         """Start a coroutine on the bus's loop; whoever asked may cancel it or wait for its end."""
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
@@ -70,38 +70,38 @@ class Bus:
             found = function(*arguments)
             return await found if asyncio.iscoroutine(found) else found
 
-        return self.wait(there())
+        return self.run(there())
 
     def statistics(self) -> BusStatistics:
         """Load, rates, reply times and errors."""
         found: BusStatistics = self.call(self.bus.statistics)
         return found
 
-    def health(self, address: int) -> Health:
+    def health(self, address: int) -> StationHealth:
         """Presence, error rate, foreign master, duplicate address. Raises KeyError for an address without a drive."""
-        found: Health = self.call(self.bus.health, address)
+        found: StationHealth = self.call(self.bus.health, address)
         return found
 
-    def latch(self, addresses: Iterable[int] | None = None) -> None:
+    def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
         """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
-        self.call(self.bus.latch, addresses)
+        self.call(self.bus.inhibit_start, addresses)
 
-    def release(self, addresses: Iterable[int] | None = None) -> None:
+    def release_start(self, addresses: Iterable[int] | None = None) -> None:
         """The reset after a bus stop: motion is allowed again, nothing starts by itself."""
-        self.call(self.bus.release, addresses)
+        self.call(self.bus.release_start, addresses)
 
-    def latched(self, address: int) -> bool:
+    def start_inhibited(self, address: int) -> bool:
         """Does a bus stop hold this station? Raises KeyError."""
-        return bool(self.call(self.bus.latched, address))
+        return bool(self.call(self.bus.start_inhibited, address))
 
     def close(self) -> None:
         """Close the port and end the thread. Idempotent."""
         if self._thread.is_alive():
             self.call(self.bus.close)
-            self._end()
+            self._stop_thread()
 
-    def _end(self) -> None:
-        self.wait(self._loop.shutdown_default_executor())
+    def _stop_thread(self) -> None:
+        self.run(self._loop.shutdown_default_executor())
         self._loop.call_soon_threadsafe(self._cancel_all)
         self._thread.join()
         self._loop.close()
@@ -121,30 +121,30 @@ class Bus:
         self.close()
 
 
-async def _opened(make: Callable[[], AsyncBus]) -> AsyncBus:
+async def _open(make: Callable[[], AsyncBus]) -> AsyncBus:
     bus = make()
     await bus.open()
     return bus
 
 
-def open_bus(link: str, *, baud: int | None = None, format: str | None = None) -> Bus:
+def open_bus(url: str, *, baud: int | None = None, format: str | None = None) -> Bus:
     """An open bus on a LINK such as ``/dev/ttyUSB0``, ``tcp://host:port`` or ``sim://c320@1``.
 
-    Raises LinkError, PortUnavailable.
+    Raises PortUrlError, PortUnavailable.
     """
     import drivebus
 
-    return Bus(lambda: drivebus.open_bus(link, baud=baud, format=format))
+    return Bus(lambda: drivebus.open_bus(url, baud=baud, format=format))
 
 
 class Lease:
     """``with drive.jog(5.0) as lease: ... lease.renew()``."""
 
-    def __init__(self, bus: Bus, lease: JogLease) -> None:
+    def __init__(self, bus: Bus, lease: JogSession) -> None:
         self._bus, self._lease = bus, lease
 
     def renew(self) -> None:
-        """The hand is still on the key. Raises GateError once the lease was lost."""
+        """The hand is still on the key. Raises StartInhibited once the lease was lost."""
         self._bus.call(self._lease.renew)
 
     @property
@@ -153,13 +153,13 @@ class Lease:
         return self._lease.lost
 
     def __enter__(self) -> Lease:
-        self._bus.wait(self._lease.__aenter__())
+        self._bus.run(self._lease.__aenter__())
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bus.wait(self._lease.__aexit__(kind, error, trace))
+        self._bus.run(self._lease.__aexit__(kind, error, trace))
 
 
 class Monitor:
@@ -200,7 +200,7 @@ class Drive:
         self.drive: drives.Drive = bus.call(lambda: drives.Drive(bus.bus, profile, address, **options))
 
     def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
-        return self._bus.wait(self.drive.status(signals))
+        return self._bus.run(self.drive.status(signals))
 
     def monitor(
         self,
@@ -219,10 +219,10 @@ class Drive:
         timeout_s: float | None = None,
         wished_at: float | None = None,
     ) -> Outcome:
-        return self._bus.wait(self.drive.run(frequency_hz, direction, wait, timeout_s, wished_at))
+        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, wished_at))
 
     def set_frequency(self, frequency_hz: float, wished_at: float | None = None) -> Outcome:
-        return self._bus.wait(self.drive.set_frequency(frequency_hz, wished_at))
+        return self._bus.run(self.drive.set_frequency(frequency_hz, wished_at))
 
     def jog(
         self,
@@ -234,13 +234,13 @@ class Drive:
         return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s, wished_at))
 
     def stop(self, wait: bool = True) -> Outcome:
-        return self._bus.wait(self.drive.stop(wait))
+        return self._bus.run(self.drive.stop(wait))
 
     def coast(self, wait: bool = True) -> Outcome:
-        return self._bus.wait(self.drive.coast(wait))
+        return self._bus.run(self.drive.coast(wait))
 
     def quick_stop(self, wait: bool = True) -> Outcome:
-        return self._bus.wait(self.drive.quick_stop(wait))
+        return self._bus.run(self.drive.quick_stop(wait))
 
     @property
     def stop_pending(self) -> bool:
@@ -253,7 +253,7 @@ class Drive:
         return self.drive.stopping
 
     def stop_among(self, drives: int) -> Outcome:
-        return self._bus.wait(self.drive.stop_among(drives))
+        return self._bus.run(self.drive.stop_concurrently(drives))
 
     @property
     def limits(self) -> DriveLimits:
@@ -280,31 +280,31 @@ class Drive:
 
     def repace(self, profile: DriveProfile) -> None:
         """The same model with other periods: for the monitors that follow."""
-        self._bus.call(lambda: self.drive.repace(profile))
+        self._bus.call(lambda: self.drive.set_poll_periods(profile))
 
     def reset_fault(self) -> Outcome:
-        return self._bus.wait(self.drive.reset_fault())
+        return self._bus.run(self.drive.reset_fault())
 
     def read(self, names: Iterable[str]) -> dict[str, Reading]:
-        return self._bus.wait(self.drive.read(names))
+        return self._bus.run(self.drive.read(names))
 
     def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
-        return self._bus.wait(self.drive.write(values, save))
+        return self._bus.run(self.drive.write(values, save))
 
     def identify(self) -> Identity:
-        return self._bus.wait(self.drive.identify())
+        return self._bus.run(self.drive.identify())
 
     def preflight(self) -> Preflight:
-        return self._bus.wait(self.drive.preflight())
+        return self._bus.run(self.drive.preflight())
 
     def if_host_dies(self) -> CommLossReport:
-        return self._bus.wait(self.drive.if_host_dies())
+        return self._bus.run(self.drive.comm_loss_behaviour())
 
-    def prove_query_coding(self, keypad_hz: float = KEYPAD_HZ) -> CodingFound:
-        return self._bus.wait(self.drive.prove_query_coding(keypad_hz))
+    def prove_query_coding(self, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> ScalingResult:
+        return self._bus.run(self.drive.calibrate_query_coding(keypad_hz))
 
-    def prove_setpoint_coding(self, direction: Direction | str | None = None) -> CodingFound:
-        return self._bus.wait(self.drive.prove_setpoint_coding(direction))
+    def prove_setpoint_coding(self, direction: Direction | str | None = None) -> ScalingResult:
+        return self._bus.run(self.drive.calibrate_setpoint_coding(direction))
 
     def prove_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
         """One jog; then ``watched`` is called on the caller's own thread (it may ask with ``input``)."""
@@ -315,7 +315,7 @@ class Drive:
             jogged.set_result(None)
             return await asyncio.wrap_future(seen)
 
-        proof = self._bus.begin(self.drive.prove_direction(frequency_hz, asked))
+        proof = self._bus.start(self.drive.calibrate_direction(frequency_hz, asked))
         ends: tuple[futures.Future[Any], ...] = (jogged, proof)
         try:
             futures.wait(ends, return_when=futures.FIRST_COMPLETED)
@@ -331,6 +331,6 @@ class Drive:
         self._bus.call(self.drive.close)
 
 
-def bus_stop(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
-    """Stop every drive of a bus; see ``drivebus.bus_stop``."""
-    return bus.wait(drives.bus_stop(bus.bus, [one.drive for one in stopped]))
+def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
+    """Stop every drive of a bus; see ``drivebus.stop_bus``."""
+    return bus.run(drives.stop_bus(bus.bus, [one.drive for one in stopped]))

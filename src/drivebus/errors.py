@@ -3,13 +3,13 @@
     DrivebusError
     ├── ConfigurationError      a file, a link or an argument is wrong (exit 2)
     │   ├── ProfileError
-    │   └── LinkError
+    │   └── PortUrlError
     ├── ProtocolError           these bytes are not the frame that was expected (exit 3)
     │   ├── LengthError · HeaderError · AddressError · EchoError · AlphabetError · CodeError
     │   └── ChecksumError · TerminatorError · TrailingError
     ├── BusError
     │   ├── NoReply             nothing (or nothing whole) came before the deadline
-    │   ├── LineFault           parity or framing marks, collision
+    │   ├── LineError           parity or framing marks, collision
     │   ├── Expired             the command was too old to send
     │   ├── NotPermitted        a frame that may act had no valid permit
     │   ├── Superseded          a newer stop removed it from the queue
@@ -21,19 +21,19 @@
     │   ├── CapabilityError     this family or model can't do that: refused before sending
     │   ├── LimitError          outside the drive's limits: refused before sending
     │   ├── PreflightError      the drive does not listen to the bus: what to set on the keypad
-    │   ├── GateError           not now: stale status, foreign master, bad link, no ownership
-    │   ├── NotReached          the drive reported something else than was asked for
+    │   ├── StartInhibited           not now: stale status, foreign master, bad link, no ownership
+    │   ├── TargetNotReached          the drive reported something else than was asked for
     │   ├── OutcomeUnknown      sent, and nobody can say whether it was done (exit 4)
     │   ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
     │   └── WearBudget          too many EEPROM writes of that parameter today
-    └── PlantError              the service that owns the buses said no; nothing was sent
+    └── ServiceError              the service that owns the buses said no; nothing was sent
         ├── NotFound            no such operation, drive, group, bus, alarm or case
-        ├── ParamsError         wrong parameters: each with its path, found and expected
+        ├── InvalidParameters         wrong parameters: each with its path, found and expected
         ├── Forbidden           the right is missing
-        ├── NotOwner            somebody else commands this drive now
-        ├── ArmNeeded           a start from afar takes two steps
+        ├── ControlNotHeld            somebody else commands this drive now
+        ├── ArmRequired           a start from afar takes two steps
         ├── Interlocked         an interlock forbids the start
-        ├── WaiverNeeded        the drive would run on when this host dies, and nobody has allowed that
+        ├── WaiverRequired        the drive would run on when this host dies, and nobody has allowed that
         ├── AuditUnavailable    the start can't be written into the audit trail
         └── ServiceUnavailable  the plant does not answer
 
@@ -48,7 +48,7 @@ from typing import Any, ClassVar
 from drivebus import i18n
 
 
-class Scope(StrEnum):
+class ErrorScope(StrEnum):
     """What an error spoils: this request only, the station, or the whole port."""
 
     REQUEST = "request"
@@ -60,7 +60,7 @@ class Scope(StrEnum):
 class DrivebusError(Exception):
     """Base of all errors of drivebus."""
 
-    scope: ClassVar[Scope] = Scope.REQUEST
+    scope: ClassVar[ErrorScope] = ErrorScope.REQUEST
     retryable: ClassVar[bool] = False
     outcome: Any = None
     """The ``drives.state.Outcome`` of a command that ended in this error: its word and its evidence."""
@@ -81,14 +81,14 @@ class DrivebusError(Exception):
 class ConfigurationError(DrivebusError):
     """A file, link or argument is wrong; names file, line, key, found, expected, remedy where known."""
 
-    scope = Scope.CONFIGURATION
+    scope = ErrorScope.CONFIGURATION
 
 
 class ProfileError(ConfigurationError):
     """A profile file is refused."""
 
 
-class LinkError(ConfigurationError):
+class PortUrlError(ConfigurationError):
     """A LINK or its options can't be understood."""
 
 
@@ -148,11 +148,11 @@ class BusError(DrivebusError):
 class NoReply(BusError):
     """Nothing, or nothing whole, came before the deadline."""
 
-    scope = Scope.STATION
+    scope = ErrorScope.STATION
     retryable = True
 
 
-class LineFault(BusError):
+class LineError(BusError):
     """Parity or framing marks, or a collision on the wire."""
 
     retryable = True
@@ -173,7 +173,7 @@ class Superseded(BusError):
 class PortError(BusError):
     """The port itself failed."""
 
-    scope = Scope.PORT
+    scope = ErrorScope.PORT
 
 
 class PortUnavailable(PortError):
@@ -187,10 +187,10 @@ class PortLost(PortError):
 class DriveError(DrivebusError):
     """The drive, or its rules, said no."""
 
-    scope = Scope.STATION
+    scope = ErrorScope.STATION
 
 
-class Refused(DriveError):
+class DriveRejected(DriveError):
     """The drive answered with its own error code (``params["code"]``)."""
 
 
@@ -206,11 +206,11 @@ class PreflightError(DriveError):
     """The drive is not set to listen to the bus; names the parameters and keypad steps."""
 
 
-class GateError(DriveError):
+class StartInhibited(DriveError):
     """A moving frame is not allowed now; nothing was sent."""
 
 
-class NotReached(DriveError):
+class TargetNotReached(DriveError):
     """The drive reported something else than was asked for."""
 
 
@@ -222,49 +222,49 @@ class StopUnconfirmed(DriveError):
     """The stop was sent and the drive did not report stopped."""
 
 
-class WearBudget(DriveError):
+class EepromBudgetExceeded(DriveError):
     """The EEPROM write budget of this parameter is used up."""
 
 
-class PlantError(DrivebusError):
+class ServiceError(DrivebusError):
     """The service that owns the buses said no; nothing was sent."""
 
 
-class NotFound(PlantError):
+class NotFound(ServiceError):
     """No such operation, drive, group, bus, alarm or case."""
 
 
-class ParamsError(PlantError):
+class InvalidParameters(ServiceError):
     """Wrong parameters. ``params["faults"]`` lists each with ``path``, ``found`` and ``expected``."""
 
 
-class Forbidden(PlantError):
+class PermissionDenied(ServiceError):
     """The actor lacks the right that the operation needs."""
 
 
-class NotOwner(PlantError):
+class ControlNotHeld(ServiceError):
     """Somebody else holds the drive's lease, or nobody does and the command needs one."""
 
 
-class ArmNeeded(PlantError):
+class ArmRequired(ServiceError):
     """A start from afar takes two steps: arm, then start within ten seconds, once."""
 
 
-class Interlocked(PlantError):
+class Interlocked(ServiceError):
     """An interlock forbids the start."""
 
 
-class WaiverNeeded(PlantError):
+class WaiverRequired(ServiceError):
     """The drive does not certainly stop when this host dies, and nobody has recorded that it may start all the same."""
 
 
-class AuditUnavailable(PlantError):
+class AuditUnavailable(ServiceError):
     """The audit trail can't be written: no start (G14)."""
 
     retryable = True
 
 
-class ServiceUnavailable(PlantError):
+class ServiceUnavailable(ServiceError):
     """The plant does not answer."""
 
     retryable = True

@@ -11,14 +11,14 @@ import sys
 from functools import cache
 from typing import Any
 
-MONOTONIC, BOOTTIME = 1, 7
+CLOCK_MONOTONIC, CLOCK_BOOTTIME = 1, 7
 """Kernel clock ids (time(7)). BOOTTIME goes on while the system is suspended, MONOTONIC stands still."""
-_FLAGS = 0o2000000 | 0o4000
+_CREATE_FLAGS = 0o2000000 | 0o4000
 """TFD_CLOEXEC | TFD_NONBLOCK."""
-_ABSOLUTE = 1
+_TFD_TIMER_ABSTIME = 1
 
 
-class _Spec(ctypes.Structure):
+class _ItimerSpec(ctypes.Structure):
     """struct itimerspec: interval, then value, each seconds and nanoseconds."""
 
     _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "at_s", "at_ns")]
@@ -31,7 +31,7 @@ def _libc() -> Any:
     return libc
 
 
-def _failed() -> OSError:
+def _os_error() -> OSError:
     code = ctypes.get_errno()
     return OSError(code, os.strerror(code))
 
@@ -44,13 +44,13 @@ class TimerFd:
 
     __slots__ = ("_address", "_settime", "_spec", "fd")
 
-    def __init__(self, clock: int = MONOTONIC) -> None:
+    def __init__(self, clock: int = CLOCK_MONOTONIC) -> None:
         if sys.platform != "linux":
             raise OSError("timerfd is Linux only")
-        self.fd: int = _libc().timerfd_create(clock, _FLAGS)
+        self.fd: int = _libc().timerfd_create(clock, _CREATE_FLAGS)
         if self.fd < 0:
-            raise _failed()
-        self._spec = _Spec()
+            raise _os_error()
+        self._spec = _ItimerSpec()
         self._address = ctypes.byref(self._spec)
         self._settime = _libc().timerfd_settime
 
@@ -59,10 +59,10 @@ class TimerFd:
         seconds = int(when)
         self._spec.at_s = seconds
         self._spec.at_ns = int((when - seconds) * 1e9) + (1 if when else 0)
-        if self._settime(self.fd, _ABSOLUTE, self._address, None) != 0:
-            raise _failed()
+        if self._settime(self.fd, _TFD_TIMER_ABSTIME, self._address, None) != 0:
+            raise _os_error()
 
-    def expired(self) -> bool:
+    def consume_expiry(self) -> bool:
         """Has it expired since it was set? Asking takes the expiry back."""
         try:
             os.read(self.fd, 8)

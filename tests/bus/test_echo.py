@@ -7,21 +7,31 @@ from collections.abc import Iterable
 
 import pytest
 
-from buskit import TIMING, C, Station, ask_read, ask_write, byte_by_byte, core, whole, wire
 from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoState
-from drivebus.errors import LineFault, PortLost
-from drivebus.line import LineSettings
-from drivebus.message import Ask, Effect, Lane, Permit, StationLink, WriteClass
-from drivebus.protocols import sifang
-from drivebus.testing.playbook import Playbook, Wire
+from drivebus.errors import LineError, PortLost
+from drivebus.protocols import sunfar
+from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy, StationConfig
+from drivebus.serial_settings import SerialSettings
+from drivebus.testing.bus_script import BusScript, Wire
+from fixtures.bus import (
+    CHARACTER_S,
+    TIMING,
+    FakeStation,
+    byte_by_byte,
+    make_core,
+    read_request,
+    whole,
+    wire_to,
+    write_request,
+)
 
 
 def echoing(inner: Wire, late_s: float = 0.0, pieces: bool = True) -> Wire:
     """An adapter that gives back every byte as it leaves, or in one batch a little later."""
 
     def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
-        begins = ended_at - len(frame) * C
+        begins = ended_at - len(frame) * CHARACTER_S
         yield from (byte_by_byte if pieces else whole)(frame, begins + late_s)
         yield from inner(frame, ended_at)
 
@@ -31,29 +41,29 @@ def echoing(inner: Wire, late_s: float = 0.0, pieces: bool = True) -> Wire:
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("pieces", [True, False])
 def test_an_echo_is_detected_and_removed(paced: bool, pieces: bool) -> None:
-    play = Playbook(core(1, paced=paced, echo="detect"), echoing(wire(Station()), pieces=pieces))
+    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), echoing(wire_to(FakeStation()), pieces=pieces))
     for number in range(5):
-        play.ask(ask_read(), number)
-        assert play.answer(number).reply.values == (number + 1,) * 4
+        play.submit(read_request(), number)
+        assert play.result(number).reply.values == (number + 1,) * 4
     assert play.core.echo.state is EchoState.ON
-    assert play.core.echo.count == 5
-    play.ask(ask_write(play.core), "write")
-    answer = play.answer("write")
+    assert play.core.echo.echo_count == 5
+    play.submit(write_request(play.core), "write")
+    answer = play.result("write")
     assert answer.error is None and answer.received == answer.sent, "the echo is gone, the equal reply is there"
 
 
 @pytest.mark.parametrize("paced", [True, False])
 def test_no_echo_is_detected_too(paced: bool) -> None:
-    play = Playbook(core(1, paced=paced, echo="detect"), wire(Station()))
-    play.ask(ask_read())
-    assert play.answer().error is None
-    assert play.core.echo.state is EchoState.OFF and play.core.echo.proved
+    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), wire_to(FakeStation()))
+    play.submit(read_request())
+    assert play.result().error is None
+    assert play.core.echo.state is EchoState.OFF and play.core.echo.ruled_out
 
 
 def test_a_dead_drive_behind_an_echo_is_detected_as_an_echo_too() -> None:
-    play = Playbook(core(1, echo="detect"), echoing(wire()))
-    play.ask(ask_read())
-    assert play.answer().error is not None
+    play = BusScript(make_core(1, echo="detect"), echoing(wire_to()))
+    play.submit(read_request())
+    assert play.result().error is not None
     assert play.core.echo.state is EchoState.ON
 
 
@@ -65,45 +75,47 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
     """G19: set rightly or wrongly, echo at once or through a slow adapter, with another drive alive or not."""
     chance = random.Random(5)
     for alive in (True, False):
-        alone = wire(Station(2)) if alive else wire()
-        play = Playbook(core(1, 2, paced=paced, echo=setting), echoing(alone, late_s) if real else alone)
+        alone = wire_to(FakeStation(2)) if alive else wire_to()
+        play = BusScript(
+            make_core(1, 2, has_line_timing=paced, echo=setting), echoing(alone, late_s) if real else alone
+        )
         for number in range(60):
             if chance.random() < 0.5:
-                play.ask(ask_read(2), ("read", number))
-                play.until(play.now + chance.random())
-            play.ask(ask_write(play.core, 1, value=chance.randrange(0x10000), until=play.now + 60), number)
-            answer = play.answer(number)
+                play.submit(read_request(2), ("read", number))
+                play.run_until(play.now + chance.random())
+            play.submit(write_request(play.core, 1, value=chance.randrange(0x10000), until=play.now + 60), number)
+            answer = play.result(number)
             assert answer.reply is None and answer.error is not None
-            play.until(play.now + chance.random() * 2)
+            play.run_until(play.now + chance.random() * 2)
 
 
 @pytest.mark.parametrize("paced", [True, False])
-@pytest.mark.parametrize("late_s", [0.0, 1.5 * C])
+@pytest.mark.parametrize("late_s", [0.0, 1.5 * CHARACTER_S])
 def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool, late_s: float) -> None:
     """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be believed.
 
     ``late_s``: the adapter hands the echo over as a batch, so that a part of it seems to come after our last bit.
     """
-    inner, lost = wire(Station()), [True]
+    inner, lost = wire_to(FakeStation()), [True]
 
     def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
         return () if lost and lost.pop() else echoing(inner, late_s, pieces=not late_s)(frame, ended_at)
 
-    play = Playbook(core(1, paced=paced, echo="detect"), adapter)
-    play.ask(ask_read(), "lost")
-    play.answer("lost")
+    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), adapter)
+    play.submit(read_request(), "lost")
+    play.result("lost")
     for number in range(3):
-        play.ask(ask_read(), number)
-        play.answer(number)
-        play.until(play.now + 70.0)
+        play.submit(read_request(), number)
+        play.result(number)
+        play.run_until(play.now + 70.0)
     assert play.core.echo.state is EchoState.ON
-    play.ask(ask_write(play.core, until=play.now + 60), "write")
-    assert play.answer("write").error is None
+    play.submit(write_request(play.core, until=play.now + 60), "write")
+    assert play.result("write").error is None
 
 
 def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
-    station = Station()
-    inner = wire(station)
+    station = FakeStation()
+    inner = wire_to(station)
     spoil = [False]
 
     def line(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
@@ -112,74 +124,78 @@ def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
         yield ended_at, bytes(back)
         yield from inner(frame, ended_at)
 
-    play = Playbook(core(1, echo="on"), line)
-    play.ask(ask_read(), "good")
-    assert play.answer("good").error is None
+    play = BusScript(make_core(1, echo="on"), line)
+    play.submit(read_request(), "good")
+    assert play.result("good").error is None
     spoil[0] = True
-    play.ask(ask_read(), "bad")
-    error = play.answer("bad").error
-    assert isinstance(error, LineFault) and error.params["position"] == 4
-    assert play.core.counters.kinds["collision"] == 2, "and its one retry"
+    play.submit(read_request(), "bad")
+    error = play.result("bad").error
+    assert isinstance(error, LineError) and error.params["position"] == 4
+    assert play.core.counters.events["collision"] == 2, "and its one retry"
 
 
 def test_silence_and_debris_do_not_say_that_there_is_no_echo() -> None:
     """Found by `lab commands`: half an echo, on a line that loses bytes, was taken for the absence of one."""
     for heard in (b"", b"\x30\x00"):
-        play = Playbook(core(1, paced=False, echo="detect"), lambda _, at, heard=heard: whole(heard, at))
-        play.ask(ask_read())
-        assert play.answer().error is not None
+        play = BusScript(
+            make_core(1, has_line_timing=False, echo="detect"), lambda _, at, heard=heard: whole(heard, at)
+        )
+        play.submit(read_request())
+        assert play.result().error is not None
         assert play.core.echo.state is EchoState.UNKNOWN
 
 
 def test_a_line_on_which_only_fences_are_asked_finds_its_echo() -> None:
     """Found by `lab commands`: our fence passed for its mirrored answer, the answer for a late one, for ever."""
-    play = Playbook(core(1, paced=False, echo="detect"), echoing(wire(Station())))
-    play.ask(ask_write(play.core), "mirrored")
-    play.answer("mirrored")
+    play = BusScript(make_core(1, has_line_timing=False, echo="detect"), echoing(wire_to(FakeStation())))
+    play.submit(write_request(play.core), "mirrored")
+    play.result("mirrored")
     assert play.core.echo.state is not EchoState.ON
-    play.until(play.now + 1)
+    play.run_until(play.now + 1)
     assert play.core.echo.state is EchoState.ON, "it was heard once more: that was the answer"
 
 
 def test_a_new_adapter_is_listened_to_anew() -> None:
     """After reopening, another adapter may be in the old one's place."""
-    station = Station()
-    play = Playbook(core(1, echo="detect"), wire(station))
-    play.ask(ask_read(), 1)
-    play.answer(1)
-    play.lose(PortLost("ports.lost"))
-    play.until(play.now + 1)
-    play.wire = echoing(wire(station))
+    station = FakeStation()
+    play = BusScript(make_core(1, echo="detect"), wire_to(station))
+    play.submit(read_request(), 1)
+    play.result(1)
+    play.lose_port(PortLost("ports.lost"))
+    play.run_until(play.now + 1)
+    play.wire = echoing(wire_to(station))
     play.reopen()
-    play.ask(ask_read(), 2)
-    assert play.answer(2).error is None
+    play.submit(read_request(), 2)
+    assert play.result(2).error is None
     assert play.core.echo.state is EchoState.ON
 
 
 def test_a_detected_echo_that_stays_away_is_doubted() -> None:
-    station = Station()
-    play = Playbook(core(1, echo="detect"), echoing(wire(station)))
-    play.ask(ask_read(), "with")
-    play.answer("with")
-    play.wire = wire(station)
+    station = FakeStation()
+    play = BusScript(make_core(1, echo="detect"), echoing(wire_to(station)))
+    play.submit(read_request(), "with")
+    play.result("with")
+    play.wire = wire_to(station)
     for number in range(8):
-        play.ask(ask_read(), number)
-        play.answer(number)
-        play.until(play.now + 1)
-    assert play.answers[7][0].error is None
+        play.submit(read_request(), number)
+        play.result(number)
+        play.run_until(play.now + 1)
+    assert play.results[7][0].error is None
     assert play.core.echo.state is EchoState.OFF
 
 
 def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
     """T21: it has the length and the sum of a reply (response 3, state 00). Behind a wrongly set adapter it is void."""
-    codec = sifang.SifangCodec()
-    request = sifang.WriteParameter(1, 0, 1, 5000)
-    link = StationLink(1, codec, TIMING, lambda frame: Effect.SETTING, lambda n: sifang.ReadParameter(1, 1 + n % 9, 0))
-    bus = BusCore(LineSettings(9600, parity="E"), paced=False, echo="off")
-    bus.add(link)
-    play = Playbook(bus, echoing(wire(), 0.004))
+    codec = sunfar.SunfarCodec()
+    request = sunfar.SunfarWriteParameter(1, 0, 1, 5000)
+    link = StationConfig(
+        1, codec, TIMING, lambda frame: Effect.SETTING, lambda n: sunfar.SunfarReadParameter(1, 1 + n % 9, 0)
+    )
+    bus = BusCore(SerialSettings(9600, parity="E"), has_line_timing=False, echo="off")
+    bus.add_station(link)
+    play = BusScript(bus, echoing(wire_to(), 0.004))
     for number in range(5):
-        permit = Permit(1, Effect.SETTING, WriteClass.EEPROM, 1e9, 0)
-        play.ask(Ask(1, request, Lane.PARAMETER, WriteClass.EEPROM, permit), number)
-        answer = play.answer(number)
+        permit = Permit(1, Effect.SETTING, RetryPolicy.EEPROM, 1e9, 0)
+        play.submit(BusRequest(1, request, RequestPriority.PARAMETER, RetryPolicy.EEPROM, permit), number)
+        answer = play.result(number)
         assert answer.reply is None and answer.error is not None

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from buskit import LINE, Station, ask_read, ask_stop, link, wire
 from drivebus.bus import Bus
 from drivebus.errors import PortUnavailable
-from drivebus.ports.port import Receiver
-from drivebus.testing.playbook import ScriptedPort
-from drivebus.testing.virtual import run
+from drivebus.ports.base import Receiver
+from drivebus.testing.bus_script import ScriptedPort
+from drivebus.testing.virtual_time import run
+from fixtures.bus import SETTINGS, FakeStation, read_request, station_config, stop_request, wire_to
 
 
 class Failing(ScriptedPort):
@@ -50,16 +50,16 @@ def heard_complaints() -> list[Any]:
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("nobody foresaw this")])
 def test_g12_an_unforeseen_error_of_an_opening_port_is_told_as_a_port_that_can_not_be_opened(error: Exception) -> None:
     async def told() -> None:
-        port = Failing(wire(Station()), LINE)
+        port = Failing(wire_to(FakeStation()), SETTINGS)
         port.opening = error
         bus = Bus(port)
         with pytest.raises(PortUnavailable) as caught:
             await bus.open()
         assert caught.value.__cause__ is error and "scripted://" in str(caught.value)
         assert (getattr(error, "strerror", None) or str(error)) in str(caught.value)
-        bus.add(link())
+        bus.add_station(station_config())
         await bus.open()
-        assert (await bus.transact(ask_read())).error is None
+        assert (await bus.transact(read_request())).error is None
         await bus.close()
 
     run(told())
@@ -67,7 +67,7 @@ def test_g12_an_unforeseen_error_of_an_opening_port_is_told_as_a_port_that_can_n
 
 def test_g12_a_cancelled_opening_stays_cancelled() -> None:
     async def told() -> None:
-        port = Failing(wire(Station()), LINE)
+        port = Failing(wire_to(FakeStation()), SETTINGS)
         port.opening = asyncio.CancelledError()  # type: ignore[assignment]
         with pytest.raises(asyncio.CancelledError):
             await Bus(port).open()
@@ -78,16 +78,16 @@ def test_g12_a_cancelled_opening_stays_cancelled() -> None:
 def test_g12_a_port_that_fails_to_close_is_complained_of_and_nobody_else_fails() -> None:
     async def told() -> None:
         complaints = heard_complaints()
-        port = Failing(wire(Station()), LINE)
+        port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
-        bus.add(link())
+        bus.add_station(station_config())
         await bus.open()
         port.closing = OSError(5, "Input/output error")
         await bus.close()
         assert [one["exception"] for one in complaints] == [port.closing] and bus.is_closed
         port.closing = None
         await bus.open()
-        assert (await bus.transact(ask_read())).error is None
+        assert (await bus.transact(read_request())).error is None
         await bus.close()
 
     run(told())
@@ -96,16 +96,16 @@ def test_g12_a_port_that_fails_to_close_is_complained_of_and_nobody_else_fails()
 def test_g12_a_lost_port_whose_old_opening_can_not_be_closed_is_opened_again_all_the_same() -> None:
     async def told() -> None:
         complaints = heard_complaints()
-        port = Failing(wire(Station()), LINE)
+        port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
-        bus.add(link())
+        bus.add_station(station_config())
         await bus.open()
         port.closing = OSError(5, "Input/output error")
         port.unplug()
         port.plugged = True
         await asyncio.sleep(1.0)
         assert bus.is_open and len(complaints) == 1
-        assert (await bus.transact(ask_read())).error is None
+        assert (await bus.transact(read_request())).error is None
         await bus.close()
 
     run(told())
@@ -116,17 +116,17 @@ def test_i6_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_bef
 
     async def told() -> None:
         heard_complaints()
-        port = Failing(wire(Station()), LINE)
+        port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
-        bus.add(link())
+        bus.add_station(station_config())
         await bus.open()
         port.writing = OSError(5, "Input/output error")
-        await bus.transact(ask_read())
+        await bus.transact(read_request())
         await asyncio.sleep(0)
         assert bus.is_open
-        await bus.transact(ask_stop())
+        await bus.transact(stop_request())
         (first, frame), (second, _) = port.sent[:2]
-        assert second - first >= LINE.seconds(len(frame)) + 3.5 * LINE.character_s - 1e-9
+        assert second - first >= SETTINGS.seconds(len(frame)) + 3.5 * SETTINGS.character_s - 1e-9
         await bus.close()
 
     run(told())

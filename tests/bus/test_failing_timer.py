@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from buskit import LINE, Station, ask_read, link, wire
 from drivebus.bus import Bus
 from drivebus.bus import timer as timers
-from drivebus.sim.alarm import Alarm
-from drivebus.testing.playbook import ScriptedPort
-from drivebus.testing.virtual import VirtualLoop, run
+from drivebus.simulator.timer import LoopTimer
+from drivebus.testing.bus_script import ScriptedPort
+from drivebus.testing.virtual_time import VirtualLoop, run
 from drivebus.timerfd import TimerFd
+from fixtures.bus import SETTINGS, FakeStation, read_request, station_config, wire_to
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has timerfd")
 
@@ -53,7 +53,7 @@ def test_g12_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_ope
             timer = timers.acquire(loop)
         assert not timer.precise and open_files() == before
         rang = asyncio.Event()
-        timer.alarm(rang.set).set(timer.now() + 0.01)
+        timer.create_timer(rang.set).set(timer.now() + 0.01)
         await asyncio.wait_for(rang.wait(), 5)
         timers.release(loop)
 
@@ -67,10 +67,10 @@ def test_g12_the_simulations_alarm_rings_without_a_kernel_timer_too(monkeypatch:
         before, loop, rang = open_files(), asyncio.get_running_loop(), asyncio.Event()
         with monkeypatch.context() as context:
             if what == "timer":
-                context.setattr("drivebus.sim.alarm.TimerFd", Scarce(TimerFd, 1))
+                context.setattr("drivebus.simulator.timer.TimerFd", Scarce(TimerFd, 1))
             else:
                 context.setattr(loop, "add_reader", Scarce(loop.add_reader, 1))
-            alarm = Alarm(loop, rang.set)
+            alarm = LoopTimer(loop, rang.set)
         assert open_files() == before
         alarm.set(loop.time() + 0.01)
         await asyncio.wait_for(rang.wait(), 5)
@@ -92,13 +92,13 @@ def test_g12_a_bus_whose_clock_stands_still_holds_up_nobody_else_and_goes_on_wit
             assert turns < 20_000, "asks for the time again and again, and nobody else gets a turn"
             return loop.time() if not 1.0 < loop.time() < 6.0 else 1.0
 
-        bus = Bus(ScriptedPort(wire(Station()), LINE), clock=clock)
-        bus.add(link())
+        bus = Bus(ScriptedPort(wire_to(FakeStation()), SETTINGS), clock=clock)
+        bus.add_station(station_config())
         await bus.open()
         await asyncio.sleep(0.99)
-        await asyncio.wait_for(bus.transact(ask_read()), 10)  # believed or not: nobody can tell when it came
+        await asyncio.wait_for(bus.transact(read_request()), 10)  # believed or not: nobody can tell when it came
         assert 5.9 < loop.time() < 6.5
-        assert (await bus.transact(ask_read())).error is None
+        assert (await bus.transact(read_request())).error is None
         await bus.close()
 
     run(told())

@@ -9,10 +9,10 @@ import pytest
 
 from drivebus import profiles
 from drivebus.bus import Bus, Poll, Presence
-from drivebus.drives.make import make_dialect
-from drivebus.message import Answer
+from drivebus.drives.dialects.create import create_dialect
 from drivebus.ports import open_port
-from drivebus.testing.virtual import run
+from drivebus.protocols.codec import BusResult
+from drivebus.testing.virtual_time import run
 
 MODELS = ("c320", "dzb100", "vc660", "df800")
 WEATHERS = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
@@ -31,13 +31,13 @@ def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> No
         profile = profiles.load(model)
         port = open_port(f"sim://{model}@1-3?weather={weather}&seed=5&echo=detect")
         bus = Bus(port)
-        seen: dict[int, list[Answer]] = {}
+        seen: dict[int, list[BusResult]] = {}
         async with bus:
             for address in (1, 2, 3):
-                dialect = make_dialect(profile, address)
-                bus.add(dialect.link)
+                dialect = create_dialect(profile, address)
+                bus.add_station(dialect.station_config)
                 polls = [Poll(request, 1.0) for request in reads(dialect)]
-                bus.watch(address, polls, seen.setdefault(address, []).append)
+                bus.start_polling(address, polls, seen.setdefault(address, []).append)
             await asyncio.sleep(60)
             statistics = bus.statistics()
             for address in (1, 2, 3):

@@ -9,98 +9,100 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from buskit import (
-    COMMAND,
-    LINES,
-    STOP,
-    C,
-    Station,
-    ask_read,
-    ask_start,
-    ask_stop,
-    ask_write,
-    core,
-    read,
-    wire,
-)  # fmt: skip
 from drivebus.bus import Poll
 from drivebus.bus.core import BusCore
 from drivebus.errors import DrivebusError, PortLost
-from drivebus.message import Ask
 from drivebus.protocols import modbus
-from drivebus.testing.playbook import Playbook
+from drivebus.protocols.codec import BusRequest
+from drivebus.testing.bus_script import BusScript
+from fixtures.bus import (
+    CHARACTER_S,
+    COMMAND,
+    DELIVERIES,
+    STOP,
+    FakeStation,
+    make_core,
+    read,
+    read_request,
+    start_request,
+    stop_request,
+    wire_to,
+    write_request,
+)
 
-GAP = 3.5 * C
+GAP = 3.5 * CHARACTER_S
 
 
-class Watchful(Playbook):
+class Watchful(BusScript):
     """Asserts the invariants at every frame."""
 
     quiet_since = 0.0
 
     def _send(self, frame: bytes) -> None:
-        flight = self.core.flight
-        assert flight is not None and flight.job.data == frame, "I6: the frame on the wire is the one in flight"
+        flight = self.core.transaction
+        assert flight is not None and flight.prepared.data == frame, "I6: the frame on the wire is the one in flight"
         if self.sent:
             before_at, before = self.sent[-1]
-            assert self.now >= before_at + len(before) * C, "I6: never into our own frame"
-        effect = flight.job.effect
+            assert self.now >= before_at + len(before) * CHARACTER_S, "I6: never into our own frame"
+        effect = flight.prepared.effect
         if effect.value in ("motion", "setting"):
-            permit = flight.job.permit
+            permit = flight.prepared.permit
             assert permit is not None and permit.expires_at >= self.now, "I1"
-            assert permit.generation == flight.job.station.generation, "I1: no stop since"
-        if flight.job.lane != 0:
+            assert permit.stop_epoch == flight.prepared.station.stop_epoch, "I1: no stop since"
+        if flight.prepared.priority != 0:
             assert self.now >= self.quiet_since + GAP - 1e-9, "F08"
-            assert not any(job.lane == 0 for job in self.core.scheduler.lanes[0]), "I3"
+            assert not any(job.priority == 0 for job in self.core.scheduler.queues[0]), "I3"
         super()._send(frame)
-        self.quiet_since = self.now + len(frame) * C
+        self.quiet_since = self.now + len(frame) * CHARACTER_S
 
     def _step(self, at: float) -> None:
-        if self._coming and self._coming[0][0] <= max(self.now, at):
+        if self._incoming and self._incoming[0][0] <= max(self.now, at):
             self.quiet_since = max(self.quiet_since, at)
         super()._step(at)
-        jobs = [job for lane in self.core.scheduler.lanes for job in lane]
+        jobs = [job for lane in self.core.scheduler.queues for job in lane]
         assert len(jobs) == len({id(job) for job in jobs})
 
 
 def run_story(seed: int, line: str, paced: bool) -> Watchful:
     chance = random.Random(seed)
-    stations = [Station(address) for address in (1, 2, 3)]
-    play = Watchful(core(1, 2, 3, paced=paced, echo="detect"), wire(*stations, deliver=LINES[line]()))
+    stations = [FakeStation(address) for address in (1, 2, 3)]
+    play = Watchful(
+        make_core(1, 2, 3, has_line_timing=paced, echo="detect"), wire_to(*stations, deliver=DELIVERIES[line]())
+    )
     for address in (1, 2):
-        play.watch(address, [Poll(read(address), chance.choice([0.0, 0.1, 1.0]))], f"w{address}")
+        play.start_polling(address, [Poll(read(address), chance.choice([0.0, 0.1, 1.0]))], f"w{address}")
     for number in range(250):
-        play.until(play.now + chance.random() * 0.2)
+        play.run_until(play.now + chance.random() * 0.2)
         address = chance.choice((1, 2, 3))
         match chance.randrange(12):
             case 0 | 1 | 2:
-                play.ask(ask_read(address), number)
+                play.submit(read_request(address), number)
             case 3 | 4:
-                play.ask(ask_write(play.core, address, until=play.now + chance.random()), number)
+                play.submit(write_request(play.core, address, until=play.now + chance.random()), number)
             case 5 | 6:
-                play.ask(ask_start(play.core, address, until=play.now + chance.random()), number)
+                play.submit(start_request(play.core, address, until=play.now + chance.random()), number)
             case 7:
-                play.ask(ask_stop(address), number)
+                play.submit(stop_request(address), number)
             case 8:
                 stations[address - 1].alive ^= True
             case 9:
-                play.hear(chance.randbytes(chance.randrange(1, 30)), marks=chance.randrange(2))
+                play.receive(chance.randbytes(chance.randrange(1, 30)), line_errors=chance.randrange(2))
             case 10:
-                play.ask(Ask(0, modbus.WriteRegister(0, COMMAND, STOP)), number)
+                play.submit(BusRequest(0, modbus.WriteRegister(0, COMMAND, STOP)), number)
             case 11 if chance.random() < 0.2:
-                play.lose(PortLost("ports.lost"))
-                play.until(play.now + chance.random())
+                play.lose_port(PortLost("ports.lost"))
+                play.run_until(play.now + chance.random())
                 play.reopen()
-    play.until(play.now + 200)
+    play.run_until(play.now + 200)
     return play
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", DELIVERIES)
 @pytest.mark.parametrize("paced", [True, False])
 def test_the_invariants_hold_in_random_stories(line: str, paced: bool) -> None:
     for seed in range(5):
         play = run_story(seed, line, paced)
-        for token, answers in play.answers.items():
+        for token, answers in play.results.items():
             assert isinstance(token, str) or len(answers) == 1, "each ask is answered exactly once"
             for answer in answers:
                 assert answer.error is None or isinstance(answer.error, DrivebusError), "I8"
@@ -117,33 +119,33 @@ def test_the_same_story_is_the_same_to_the_last_bit() -> None:
 @settings(max_examples=60, deadline=None)
 def test_no_bytes_ever_raise_or_stop_the_bus(pieces: list[tuple[bytes, float, int]]) -> None:
     """I8 for the whole bus: garbage, then the bus works as before."""
-    station = Station()
-    play = Playbook(core(1, echo="detect"), wire(station))
-    play.watch(1, [Poll(read(), 0.2)])
+    station = FakeStation()
+    play = BusScript(make_core(1, echo="detect"), wire_to(station))
+    play.start_polling(1, [Poll(read(), 0.2)])
     at = 0.0
     for data, pause, marks in pieces:
         at += pause
-        play.hear(data, at=at, marks=marks)
-    play.until(at + 70)
-    assert play.answers["watch"][-1].error is None
+        play.receive(data, at=at, line_errors=marks)
+    play.run_until(at + 70)
+    assert play.results["watch"][-1].error is None
 
 
 def test_a_million_virtual_seconds_of_a_silent_bus_need_no_memory() -> None:
     """I12: nothing grows while nothing happens."""
-    play = Playbook(core(1, 2))
-    play.keep = False
-    play.watch(1, [Poll(read(), 1.0)])
-    play.until(100_000)
+    play = BusScript(make_core(1, 2))
+    play.recording = False
+    play.start_polling(1, [Poll(read(), 1.0)])
+    play.run_until(100_000)
     bus: BusCore = play.core
-    assert len(bus.scheduler) == 0 and len(bus.scheduler.plan) + len(bus.stations[1].parked) == 1
-    assert len(bus.scheduler.doubted) == 1
+    assert len(bus.scheduler) == 0 and len(bus.scheduler.poll_schedule) + len(bus.stations[1].suspended_polls) == 1
+    assert len(bus.scheduler.untrusted_stations) == 1
 
 
 def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> None:
     """G05 in small: 10 % loss each way, edges never repeated, no stop lost."""
     chance = random.Random(11)
-    station = Station()
-    inner = wire(station)
+    station = FakeStation()
+    inner = wire_to(station)
 
     def lossy(frame: bytes, ended_at: float) -> Any:
         if chance.random() < 0.1:
@@ -151,16 +153,16 @@ def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> Non
         replies = list(inner(frame, ended_at))
         return [] if chance.random() < 0.1 else replies
 
-    play = Playbook(core(1), lossy)
+    play = BusScript(make_core(1), lossy)
     asked = 0
     for number in range(1500):
-        play.ask(ask_start(play.core, until=play.now + 2), ("start", number))
-        before = station.started
-        answer = play.answer(("start", number))
+        play.submit(start_request(play.core, until=play.now + 2), ("start", number))
+        before = station.start_count
+        answer = play.result(("start", number))
         asked += 1
-        assert station.started - before <= 1
+        assert station.start_count - before <= 1
         if answer.sent == b"":
-            assert station.started == before
-        play.ask(ask_stop(), ("stop", number))
-        play.answer(("stop", number))
-    assert station.started <= asked
+            assert station.start_count == before
+        play.submit(stop_request(), ("stop", number))
+        play.result(("stop", number))
+    assert station.start_count <= asked

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from buskit import Station, ask_read, ask_start, link, wire
 from drivebus.bus import Bus
 from drivebus.errors import Expired
-from drivebus.testing.playbook import ScriptedPort
+from drivebus.testing.bus_script import ScriptedPort
+from fixtures.bus import FakeStation, read_request, start_request, station_config, wire_to
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a clock that goes on during suspend")
 
@@ -26,26 +26,26 @@ async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch:
         return kernel(which) + (slept_s if which == time.CLOCK_BOOTTIME else 0.0)
 
     monkeypatch.setattr(time, "clock_gettime", clock)
-    station = Station()
-    port = ScriptedPort(wire(station))
+    station = FakeStation()
+    port = ScriptedPort(wire_to(station))
     bus = Bus(port)
-    bus.add(link())
+    bus.add_station(station_config())
     async with bus:
         sent = asyncio.Event()
         bus.trace(lambda _: sent.set())
-        reading = asyncio.create_task(bus.transact(ask_read()))
+        reading = asyncio.create_task(bus.transact(read_request()))
         await sent.wait()
-        starting = asyncio.create_task(bus.transact(ask_start(bus.core, until=bus.now() + 2.0)))
+        starting = asyncio.create_task(bus.transact(start_request(bus.core, until=bus.now() + 2.0)))
         await asyncio.sleep(0)
         slept_s = 3600.0
         answer = await asyncio.wait_for(starting, 5)
         reading.cancel()
     assert isinstance(answer.error, Expired) and answer.error.params["late_ms"] > 3_590_000
-    assert answer.sent == b"" and len(port.sent) == 1 and station.started == 0
+    assert answer.sent == b"" and len(port.sent) == 1 and station.start_count == 0
 
 
 async def test_a_bus_that_is_not_open_tells_the_same_time_and_keeps_nothing_open() -> None:
-    bus, files = Bus(ScriptedPort(wire())), open_files()
+    bus, files = Bus(ScriptedPort(wire_to())), open_files()
     before = bus.now()
     assert 0 <= time.clock_gettime(time.CLOCK_BOOTTIME) - before < 1 and before < bus.now()
     assert open_files() == files
@@ -58,7 +58,7 @@ def open_files() -> set[Path]:
 AFTER_A_SLEEP = """
 import asyncio, time
 from drivebus.bus import Bus, Poll
-from drivebus.testing.playbook import ScriptedPort
+from drivebus.testing.bus_script import ScriptedPort
 from buskit import Station, ask_read, link, read, wire
 
 async def story():

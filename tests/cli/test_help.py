@@ -13,9 +13,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from drivebus.cli.command import LazyGroup, Verb
-from drivebus.cli.layout import width
+from drivebus.cli.click_ext import CliCommand, LazyGroup
 from drivebus.cli.root import cli
+from drivebus.cli.text_layout import width
 
 
 def commands(group: LazyGroup = cli, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
@@ -48,8 +48,8 @@ def test_every_verb_has_help_with_an_example_in_both_languages(
     assert ("示例" in result.output) == (language == "zh")
 
 
-@pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if isinstance(c, Verb)])
-def test_every_example_is_a_command_line_that_parses(path: tuple[str, ...], command: Verb) -> None:
+@pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if isinstance(c, CliCommand)])
+def test_every_example_is_a_command_line_that_parses(path: tuple[str, ...], command: CliCommand) -> None:
     for example in command.examples:
         words = shlex.split(example.partition(" >")[0])
         assert words[: len(path) + 1] == ["drivebus", *path]
@@ -59,7 +59,7 @@ def test_every_example_is_a_command_line_that_parses(path: tuple[str, ...], comm
 SENDING = [
     (command, example)
     for _, command in TREE
-    if isinstance(command, Verb) and any(param.name == "dry_run" for param in command.params)
+    if isinstance(command, CliCommand) and any(param.name == "dry_run" for param in command.params)
     for example in command.examples
     if ".dbcap --speed" not in example and "--service" not in example
 ]
@@ -131,7 +131,7 @@ def test_help_imports_nothing_that_costs_time() -> None:
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "print('LOADED', [m for m in sys.modules if m.partition('.')[0] in "
         "('asyncio','rich','textual','pydantic','serialx','tomllib') or m.startswith(('drivebus.drives',"
-        "'drivebus.bus','drivebus.ports','drivebus.sim','drivebus.profiles','drivebus.cli.verbs.'))])"
+        "'drivebus.bus','drivebus.ports','drivebus.simulator','drivebus.profiles','drivebus.cli.commands.'))])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.rstrip().endswith("LOADED []")

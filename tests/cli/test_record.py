@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from drivebus.capture import Bytes, Event, read_capture
+from drivebus.capture.dbcap import BytesRecord, EventRecord, read_capture
 from drivebus.cli.root import cli
-from drivebus.sim.port import forget_benches
+from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("--model", "c320", "--address", "1")
 
@@ -19,7 +19,7 @@ C320 = ("--model", "c320", "--address", "1")
 @pytest.fixture(autouse=True)
 def benches() -> Any:
     yield
-    forget_benches()
+    clear_simulated_buses()
 
 
 def invoke(*words: str) -> Result:
@@ -27,7 +27,7 @@ def invoke(*words: str) -> Result:
 
 
 def sent(file: Path) -> list[str]:
-    records = [one for one in read_capture(file).records if isinstance(one, Bytes)]
+    records = [one for one in read_capture(file).records if isinstance(one, BytesRecord)]
     return [one.data.hex(" ").upper() for one in records if one.direction == "tx"]
 
 
@@ -36,7 +36,7 @@ def test_a_capture_holds_every_frame_of_the_verb(tmp_path: Path, verb: tuple[str
     file = tmp_path / "one.dbcap"
     result = invoke(verb[0], "sim://c320@1", *verb[1:], *C320, "--record", str(file))
     assert result.exit_code == 0, result.output
-    heard = [one for one in read_capture(file).records if isinstance(one, Bytes) and one.direction == "rx"]
+    heard = [one for one in read_capture(file).records if isinstance(one, BytesRecord) and one.direction == "rx"]
     assert sent(file) and heard
     assert f"drivebus monitor {file}" in result.stderr
 
@@ -63,7 +63,7 @@ def test_one_capture_holds_a_whole_scan_with_the_settings_that_each_part_was_ask
     words = ("scan", "sim://vc660@1?drives=19200-8N1", "--models", "vc660", "--addresses", "1-2", "--formats", "8N1")
     result = invoke(*words, "--bauds", "9600,19200", "--listen", "0.1", "--record", str(file), "--json")
     assert result.exit_code == 0, result.output
-    opened = [one for one in read_capture(file).records if isinstance(one, Event) and one.name == "opened"]
+    opened = [one for one in read_capture(file).records if isinstance(one, EventRecord) and one.name == "opened"]
     assert [one.details["baud"] for one in opened] == [9600, 9600, 19200], "listened first, then both settings"
     assert json.loads(result.stdout)["found"][0]["sent"] in sent(file)
     assert f"drivebus monitor {file}" in result.stderr

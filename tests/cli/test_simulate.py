@@ -65,8 +65,11 @@ def test_a_path_that_is_no_link_is_not_replaced(tmp_path: Path) -> None:
     mine.write_text("precious")
     done = subprocess.run(
         [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--link", str(mine)],
-        capture_output=True, text=True, timeout=20, env=os.environ | {"DRIVEBUS_LANG": "en"},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=20,
+        env=os.environ | {"DRIVEBUS_LANG": "en"},
+    )
     assert done.returncode == 1
     assert str(mine) in done.stderr
     assert mine.read_text() == "precious"

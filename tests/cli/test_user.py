@@ -9,20 +9,20 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from doorkit import PASSWORD, QUICK
 from drivebus.cli.root import cli
-from drivebus.plant.access.access import Access
-from drivebus.plant.access.passwords import Passwords
-from drivebus.plant.access.rights import Right, Role
-from drivebus.testing.virtual import run
-from plantkit import SHOP_FILE
+from drivebus.service.auth.passwords import Passwords
+from drivebus.service.auth.rights import Right, Role
+from drivebus.service.auth.service import AuthService
+from drivebus.testing.virtual_time import run
+from fixtures.service import SHOP_FILE
+from fixtures.web_app import FAST_HASHER, PASSWORD
 
 
 @pytest.fixture
 def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A plant's file; hashing is quick here, what is used in earnest is tested elsewhere."""
-    made = Passwords(QUICK)
-    monkeypatch.setattr("drivebus.plant.access.passwords.Passwords", lambda: made)
+    made = Passwords(FAST_HASHER)
+    monkeypatch.setattr("drivebus.service.auth.passwords.Passwords", lambda: made)
     path = tmp_path / "plant.toml"
     path.write_text(SHOP_FILE)
     return path
@@ -32,8 +32,8 @@ def user(plant: Path, verb: str, *words: str, typed: str = "") -> Result:
     return CliRunner().invoke(cli, ["user", verb, str(plant), *words, "--lang", "en"], input=typed)
 
 
-def access(plant: Path) -> Access:
-    return Access(plant.parent / "state", passwords=Passwords(QUICK))
+def access(plant: Path) -> AuthService:
+    return AuthService(plant.parent / "state", passwords=Passwords(FAST_HASHER))
 
 
 def records(plant: Path) -> list[tuple[str, str, str]]:
@@ -62,30 +62,30 @@ def test_a_weak_password_and_a_taken_name_are_refused_with_the_reason(plant: Pat
     taken = user(plant, "add", "ANN", "--role", "administrator", typed=PASSWORD + "\n")
     assert taken.exit_code == 1 and "already" in taken.output
     assert records(plant)[-1] == ("user.add", "ANN", "access.name_taken")
-    assert access(plant).register.user("ann").role is Role.VIEWER
+    assert access(plant).database.user("ann").role is Role.VIEWER
 
 
 def test_a_user_is_kept_out_let_in_again_renamed_a_password_and_removed(plant: Path) -> None:
     for name, role in (("ann", "administrator"), ("bob", "operator")):
         user(plant, "add", name, "--role", role, typed=PASSWORD + "\n")
     door = access(plant)
-    visitor = door.by_cookie(run(door.login("bob", PASSWORD, "local")).secret)
+    visitor = door.session_credential(run(door.login("bob", PASSWORD, "local")).secret)
     assert visitor is not None
     assert user(plant, "disable", "bob").exit_code == 0
-    assert visitor.why_over == "rights", "an open session sees it"
+    assert visitor.end_reason == "rights", "an open session sees it"
     assert user(plant, "enable", "bob").exit_code == 0
     assert user(plant, "passwd", "bob", typed="another pass phrase\n").exit_code == 0
     run(door.login("bob", "another pass phrase", "local"))
     assert user(plant, "remove", "ann").exit_code == 1, "the last administrator"
     assert user(plant, "remove", "bob").exit_code == 0
-    assert [one.name for one in door.register.users] == ["ann"]
+    assert [one.name for one in door.database.users] == ["ann"]
 
 
 def test_a_token_is_shown_once_and_may_what_was_asked_for(plant: Path) -> None:
     user(plant, "add", "bob", "--role", "operator", typed=PASSWORD + "\n")
     done = user(plant, "token", "bob", "--right", "view", "--right", "stop", "--days", "30", "--json")
     secret = json.loads(done.stdout)["token"]
-    visitor = access(plant).by_token(secret, "local")
+    visitor = access(plant).token_credential(secret, "local")
     assert visitor is not None and visitor.actor.rights == {Right.VIEW, Right.STOP}
     assert secret not in (plant.parent / "state" / "access.json").read_text()
     beyond = user(plant, "token", "bob", "--right", "tune")

@@ -10,13 +10,13 @@ import pytest
 from drivebus import ports, profiles
 from drivebus.bus import Bus
 from drivebus.commissioning import scan, scan_plan
-from drivebus.commissioning.scan import Found, Progress
-from drivebus.commissioning.scan_plan import Pass
-from drivebus.drives.make import make_dialect
-from drivebus.line import LineSettings
-from drivebus.message import Effect
-from drivebus.sim.port import find_bench, forget_benches
-from drivebus.testing import virtual
+from drivebus.commissioning.scan import DetectedDrive, ScanProgress
+from drivebus.commissioning.scan_plan import ScanPass
+from drivebus.drives.dialects.create import create_dialect
+from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.testing import virtual_time
 
 ALL = ("c320", "dzb100", "vc660", "df800")
 
@@ -24,21 +24,21 @@ ALL = ("c320", "dzb100", "vc660", "df800")
 @pytest.fixture(autouse=True)
 def benches() -> Any:
     yield
-    forget_benches()
+    clear_simulated_buses()
 
 
-def plan(*models: str, **options: Any) -> list[Pass]:
-    return scan_plan.plan([profiles.load(model) for model in models or ALL], **options)
+def plan(*models: str, **options: Any) -> list[ScanPass]:
+    return scan_plan.plan_scan([profiles.load(model) for model in models or ALL], **options)
 
 
-def walk(link: str, passes: list[Pass], **options: Any) -> tuple[list[Found], Progress]:
+def walk(link: str, passes: list[ScanPass], **options: Any) -> tuple[list[DetectedDrive], ScanProgress]:
     """Scan a simulated line in virtual time."""
-    progress = Progress(sum(one.seconds for one in passes))
+    progress = ScanProgress(sum(one.duration_s for one in passes))
 
-    def open_port(settings: LineSettings) -> ports.Port:
+    def open_port(settings: SerialSettings) -> ports.Port:
         return ports.open_port(link, baud=settings.baud, format=settings.format)
 
-    return virtual.run(scan.scan(passes, open_port, progress, **options)), progress
+    return virtual_time.run(scan.scan(passes, open_port, progress, **options)), progress
 
 
 @pytest.mark.parametrize(
@@ -82,11 +82,11 @@ def test_an_empty_line_takes_as_long_as_the_plan_said() -> None:
     async def timed() -> float:
         begun = asyncio.get_running_loop().time()
         port = "sim://c320@30?name=a&drives=9600-8E1"
-        progress = Progress(0.0)
+        progress = ScanProgress(0.0)
         await scan.scan(passes, lambda s: ports.open_port(port, baud=s.baud, format=s.format), progress)
         return asyncio.get_running_loop().time() - begun
 
-    assert virtual.run(timed()) == pytest.approx(sum(one.seconds for one in passes), rel=0.1)
+    assert virtual_time.run(timed()) == pytest.approx(sum(one.duration_s for one in passes), rel=0.1)
 
 
 def test_once_somebody_answered_other_line_settings_are_not_tried() -> None:
@@ -100,9 +100,9 @@ def test_once_somebody_answered_other_line_settings_are_not_tried() -> None:
 
 def test_factory_settings_are_tried_first() -> None:
     passes = plan("c320", "vc660")
-    factory = [one.factory for one in passes]
+    factory = [one.has_factory_settings for one in passes]
     assert factory == sorted(factory, reverse=True)
-    assert {str(one.settings) for one in passes if one.factory} == {"9600 8E1", "9600 8N1"}
+    assert {str(one.settings) for one in passes if one.has_factory_settings} == {"9600 8E1", "9600 8N1"}
 
 
 def test_the_broadcast_address_is_never_asked() -> None:
@@ -115,8 +115,13 @@ def test_the_broadcast_address_is_never_asked() -> None:
 def test_the_question_is_a_pure_read_of_every_model_in_every_encoding(model: str) -> None:
     profile = profiles.load(model)
     for encoding in profile.encodings:
-        dialect = make_dialect(profile, max(1, profile.addresses[0]), encoding=encoding)
-        assert dialect.link.effect(dialect.link.codec.encode_request(scan_plan.probe(dialect))) is Effect.NONE
+        dialect = create_dialect(profile, max(1, profile.addresses[0]), encoding=encoding)
+        assert (
+            dialect.station_config.effect_of(
+                dialect.station_config.codec.encode_request(scan_plan.probe_request(dialect))
+            )
+            is Effect.NONE
+        )
 
 
 def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
@@ -126,23 +131,23 @@ def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
     async def go() -> list[tuple[int, int]]:
         port = ports.open_port(link, baud=9600, format="8E1")
         async with Bus(port):
-            for station in find_bench("quiet").stations:
+            for station in find_simulated_bus("quiet").stations:
                 station.press_run(20.0)
-        before = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_bench("quiet").stations]
+        before = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_simulated_bus("quiet").stations]
         passes = plan(addresses=range(1, 4))
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
-        await scan.scan(passes, opener, Progress(0.0), keep_going=True)
-        after = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_bench("quiet").stations]
+        await scan.scan(passes, opener, ScanProgress(0.0), keep_going=True)
+        after = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_simulated_bus("quiet").stations]
         assert after == before
         return after
 
-    assert virtual.run(go()) == [(1, 0), (1, 0)]
+    assert virtual_time.run(go()) == [(1, 0), (1, 0)]
 
 
 def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
     link = "sim://c320@1?name=a&drives=9600-8E1"
     passes = plan("c320", encodings=("ascii",), bauds=(9600,), formats=("8E1",))
-    progress = Progress(sum(one.seconds for one in passes))
+    progress = ScanProgress(sum(one.duration_s for one in passes))
 
     async def aborted() -> None:
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
@@ -152,7 +157,7 @@ def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
         with pytest.raises(asyncio.CancelledError):
             await task
 
-    virtual.run(aborted())
+    virtual_time.run(aborted())
     assert [one.address for one in progress.found] == [1]
     assert progress.left_s > 0
 
@@ -163,22 +168,22 @@ def test_another_master_is_heard_before_anything_is_said() -> None:
     async def go() -> tuple[int, int]:
         other = ports.open_port(link, baud=9600, format="8E1")
         async with Bus(other) as bus:
-            dialect = make_dialect(profiles.load("c320"), 1)
-            bus.add(dialect.link)
+            dialect = create_dialect(profiles.load("c320"), 1)
+            bus.add_station(dialect.station_config)
             from drivebus.bus import Poll
 
-            bus.watch(1, [Poll(dialect.state_reads()[0], 0.2)], lambda answer: None)
+            bus.start_polling(1, [Poll(dialect.state_reads()[0], 0.2)], lambda answer: None)
             mine = ports.open_port(link, baud=9600, format="8E1")
-            heard = await scan.listen(mine, 2.0)
+            heard = await scan.sniff(mine, 2.0)
             return heard.count, len(heard.first)
 
-    count, first = virtual.run(go())
+    count, first = virtual_time.run(go())
     assert count >= 10 * (14 + 18)
     assert 64 >= first > 0
 
 
 def test_silence_is_told_as_silence() -> None:
     async def go() -> int:
-        return (await scan.listen(ports.open_port("sim://c320@1?name=a"), 2.0)).count
+        return (await scan.sniff(ports.open_port("sim://c320@1?name=a"), 2.0)).count
 
-    assert virtual.run(go()) == 0
+    assert virtual_time.run(go()) == 0

@@ -11,8 +11,8 @@ import pytest
 import drivebus
 from drivebus import blocking
 from drivebus.drives import Monitor
-from drivebus.drives.state import Direction, OutcomeWord
-from drivebus.errors import GateError, NotReached
+from drivebus.drives.state import Direction, OutcomeStatus
+from drivebus.errors import StartInhibited, TargetNotReached
 
 LOOP_ONLY = {"add", "remove", "submit", "transact", "watch", "trace", "now", "generation", "presence", "line", "open"}
 LOOP_ONLY |= {"is_open", "is_closed", "data_received", "port_lost", "late_s"}
@@ -58,12 +58,12 @@ def test_after_a_bus_stop_the_bus_is_latched_until_somebody_releases_it() -> Non
     with blocking.open_bus("sim://vc660@1?baud=38400&ramp=1") as bus:
         drive = blocking.Drive(bus, "vc660", 1)
         drive.run(5.0)
-        assert blocking.bus_stop(bus, [drive]).confirmed
-        assert bus.latched(1) and not drive.stop_pending
-        with pytest.raises(GateError):
+        assert blocking.stop_bus(bus, [drive]).confirmed
+        assert bus.start_inhibited(1) and not drive.stop_pending
+        with pytest.raises(StartInhibited):
             drive.run(5.0)
-        bus.release()
-        assert drive.run(5.0).word is OutcomeWord.CONFIRMED
+        bus.release_start()
+        assert drive.run(5.0).word is OutcomeStatus.CONFIRMED
         drive.stop()
         assert bus.health(1).presence == "online"
         drive.close()
@@ -80,15 +80,15 @@ def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
 
     with blocking.open_bus("sim://df800@1") as bus:
         drive = blocking.Drive(bus, "df800", 1)
-        assert drive.prove_direction(5.0, watched).word is OutcomeWord.ACKNOWLEDGED
+        assert drive.calibrate_direction(5.0, watched).word is OutcomeStatus.ACKNOWLEDGED
         assert asked_on == [threading.main_thread()]
-        assert drive.run(10.0, "reverse").word is OutcomeWord.ACKNOWLEDGED
+        assert drive.run(10.0, "reverse").word is OutcomeStatus.ACKNOWLEDGED
         drive.stop()
 
 
 def test_a_proof_that_is_refused_asks_nobody() -> None:
     with blocking.open_bus("sim://vc660@1?baud=38400") as bus, pytest.raises(drivebus.DrivebusError):
-        blocking.Drive(bus, "vc660", 1).prove_direction(5.0, lambda: pytest.fail("asked"))
+        blocking.Drive(bus, "vc660", 1).calibrate_direction(5.0, lambda: pytest.fail("asked"))
 
 
 def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
@@ -98,8 +98,8 @@ def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
     with blocking.open_bus("sim://df800@1") as bus:
         drive = blocking.Drive(bus, "df800", 1)
         with pytest.raises(KeyboardInterrupt):
-            drive.prove_direction(5.0, away)
-        with pytest.raises(GateError):
+            drive.calibrate_direction(5.0, away)
+        with pytest.raises(StartInhibited):
             drive.run(10.0, "reverse")
 
 
@@ -107,7 +107,7 @@ def test_a_coding_that_the_drive_does_not_show_is_not_settled() -> None:
     """The keypad of this drive stands at 0 Hz, whoever says 12.3."""
     with blocking.open_bus("sim://dzb100@1?baud=9600") as bus:
         drive = blocking.Drive(bus, "dzb100", 1)
-        with pytest.raises(NotReached):
-            drive.prove_query_coding(12.3)
-        with pytest.raises(GateError):
-            drive.prove_setpoint_coding()
+        with pytest.raises(TargetNotReached):
+            drive.calibrate_query_coding(12.3)
+        with pytest.raises(StartInhibited):
+            drive.calibrate_setpoint_coding()

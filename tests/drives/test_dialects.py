@@ -9,92 +9,107 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import make_dialect
-from drivebus.drives.book import Book
-from drivebus.drives.dialect import UNNAMED, Dialect, Stop, fault_of
-from drivebus.drives.dzb import DzbDialect
-from drivebus.drives.dzb_coding import CODINGS, candidates, cap_word, decoded, within_cap
-from drivebus.drives.state import Direction, DriveState, Verdict
+from drivebus.drives import create_dialect
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, fault_from_code
+from drivebus.drives.dialects.dzb100 import Dzb100Dialect
+from drivebus.drives.dialects.dzb100_scaling import (
+    CODINGS,
+    decode_or_none,
+    highest_safe_word,
+    is_within_cap,
+    possible_codings,
+)
+from drivebus.drives.readings import ReadingPairs
+from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import ConfigurationError, LimitError
-from drivebus.protocols import dzb, modbus, sifang
-from drivebus.reading import Quality
-from drivekit import MODELS, dialect_of
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.values import Quality
+from fixtures.drives import MODELS, dialect_for
 
 # --- helpers ------------------------------------------------------------------------------------------------------
 
 
-def book_of(dialect: Dialect, *replies: tuple[Any, Any]) -> Book:
-    book = Book()
+def book_of(dialect: Dialect, *replies: tuple[Any, Any]) -> ReadingPairs:
+    book = ReadingPairs()
     for at, (request, reply) in enumerate(replies):
-        book.note(dialect.facts(request, reply, float(at)))
+        book.add(dialect.decode_readings(request, reply, float(at)))
     return book
 
 
-def c320_reply(state: sifang.State, item: int | None = 0, data: int = 0, fault: int | None = None) -> sifang.Reply:
-    return sifang.Reply(1, sifang.Response.OK, state, 0, None if fault is not None else item, data, fault)
+def c320_reply(
+    state: sunfar.SunfarState, item: int | None = 0, data: int = 0, fault: int | None = None
+) -> sunfar.SunfarReply:
+    return sunfar.SunfarReply(1, sunfar.SunfarResponse.OK, state, 0, None if fault is not None else item, data, fault)
 
 
-def judged_320(*states: sifang.State) -> Verdict | None:
-    dialect = dialect_of("c320")
-    replies = [(sifang.ReadMonitor(1, 0), c320_reply(s, fault=7 if s == sifang.State.FAULT else None)) for s in states]
-    return dialect.judge(book_of(dialect, *replies))
-
-
-def judged_vc660(*words: int, faults: tuple[int, int] = (0, 0)) -> Verdict | None:
-    dialect = dialect_of("vc660")
-    replies: list[tuple[Any, Any]] = [
-        (modbus.ReadRegisters(1, 0x3000, 1), modbus.Registers(1, 3, (word,))) for word in words
+def judged_320(*states: sunfar.SunfarState) -> DerivedState | None:
+    dialect = dialect_for("c320")
+    replies = [
+        (sunfar.ReadMonitor(1, 0), c320_reply(s, fault=7 if s == sunfar.SunfarState.FAULT else None)) for s in states
     ]
-    replies += [(modbus.ReadRegisters(1, 0x3016, 2), modbus.Registers(1, 3, faults))] * 2
-    return dialect.judge(book_of(dialect, *replies))
+    return dialect.derive_state(book_of(dialect, *replies))
 
 
-def judged_dzb(outputs: tuple[int, int], words: tuple[int, int] = (0, 0), **settings: Any) -> Verdict | None:
-    dialect = dialect_of("dzb100", **settings)
+def judged_vc660(*words: int, faults: tuple[int, int] = (0, 0)) -> DerivedState | None:
+    dialect = dialect_for("vc660")
+    replies: list[tuple[Any, Any]] = [
+        (modbus.ReadRegisters(1, 0x3000, 1), modbus.RegisterValues(1, 3, (word,))) for word in words
+    ]
+    replies += [(modbus.ReadRegisters(1, 0x3016, 2), modbus.RegisterValues(1, 3, faults))] * 2
+    return dialect.derive_state(book_of(dialect, *replies))
+
+
+def judged_dzb(outputs: tuple[int, int], words: tuple[int, int] = (0, 0), **settings: Any) -> DerivedState | None:
+    dialect = dialect_for("dzb100", **settings)
     replies: list[tuple[Any, Any]] = []
     for output, word in zip(outputs, words, strict=True):
-        replies.append((dzb.Query(1, 1), dzb.Reply("Q", 1, 1, output, True)))
-        replies.append((dzb.Query(1, 3), dzb.Reply("Q", 1, 3, word, True)))
-    return dialect.judge(book_of(dialect, *replies))
+        replies.append((dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, output, True)))
+        replies.append((dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply("Q", 1, 3, word, True)))
+    return dialect.derive_state(book_of(dialect, *replies))
 
 
 # --- states -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("state", [s for s in sifang.State if s != sifang.State.FAULT])
-def test_every_c320_state_that_two_reads_agree_on_has_a_name(state: sifang.State) -> None:
+@pytest.mark.parametrize("state", [s for s in sunfar.SunfarState if s != sunfar.SunfarState.FAULT])
+def test_every_c320_state_that_two_reads_agree_on_has_a_name(state: sunfar.SunfarState) -> None:
     verdict = judged_320(state, state)
     assert verdict is not None and verdict.state is not DriveState.UNKNOWN
     assert (verdict.direction is Direction.REVERSE) is state.name.endswith("REVERSE")
 
 
 def test_one_read_decides_nothing() -> None:
-    assert judged_320(sifang.State.STOPPED) is None
+    assert judged_320(sunfar.SunfarState.STOPPED) is None
     assert judged_vc660(0x0001) is None
 
 
 def test_a_state_change_needs_two_reads_but_a_ramp_does_not_hide_that_it_turns() -> None:
-    assert judged_320(sifang.State.RUNNING_FORWARD, sifang.State.STOPPED) is None
-    verdict = judged_320(sifang.State.ACCELERATING_FORWARD, sifang.State.RUNNING_FORWARD)
+    assert judged_320(sunfar.SunfarState.RUNNING_FORWARD, sunfar.SunfarState.STOPPED) is None
+    verdict = judged_320(sunfar.SunfarState.ACCELERATING_FORWARD, sunfar.SunfarState.RUNNING_FORWARD)
     assert verdict is not None and verdict.state is DriveState.RUNNING
 
 
 def test_t05_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
-    verdict = judged_320(sifang.State.FAULT, sifang.State.FAULT)
-    assert verdict == Verdict(DriveState.FAULT, None, 7)
-    fault = fault_of(profiles.load("c320"), 7)
+    verdict = judged_320(sunfar.SunfarState.FAULT, sunfar.SunfarState.FAULT)
+    assert verdict == DerivedState(DriveState.FAULT, None, 7)
+    fault = fault_from_code(profiles.load("c320"), 7)
     assert (fault.code, fault.label) == (7, "Fu.7")
 
 
 def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
     """Class 4: the data are those of the monitor that F6.12 selects; unknown, they are not published (T04)."""
-    plain = dialect_of("c320")
-    stop = plain.stop(Stop.STOP)
+    plain = dialect_for("c320")
+    stop = plain.stop(StopMode.STOP)
     assert stop[0].expected_item is None
-    assert plain.facts(stop[0], sifang.Reply(1, sifang.Response.OK, sifang.State.STOPPED, 0), 1.0) == {}
-    known = dialect_of("c320", class4_item=0)
+    assert (
+        plain.decode_readings(
+            stop[0], sunfar.SunfarReply(1, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 0), 1.0
+        )
+        == {}
+    )
+    known = dialect_for("c320", class4_item=0)
     request = known.reset()[0].request
-    facts = known.facts(request, c320_reply(sifang.State.STOPPED, 0, 1234), 1.0)
+    facts = known.decode_readings(request, c320_reply(sunfar.SunfarState.STOPPED, 0, 1234), 1.0)
     assert {name: reading.value for name, reading in facts.items()} == {"output_frequency": 12.34}
 
 
@@ -126,78 +141,80 @@ def test_vc660_direction_is_what_the_output_does() -> None:
 
 @pytest.mark.parametrize("bit", range(9, 14))
 def test_a_status_word_with_a_reserved_bit_is_not_believed(bit: int) -> None:
-    dialect = dialect_of("vc660")
-    reply = modbus.Registers(1, 3, (0x0001 | 1 << bit,))
-    facts = dialect.facts(modbus.ReadRegisters(1, 0x3000, 1), reply, 1.0)
+    dialect = dialect_for("vc660")
+    reply = modbus.RegisterValues(1, 3, (0x0001 | 1 << bit,))
+    facts = dialect.decode_readings(modbus.ReadRegisters(1, 0x3000, 1), reply, 1.0)
     assert (facts["state"].quality, facts["state"].reason) == (Quality.BAD, "drives.reserved_bits")
     assert judged_vc660(0x0001 | 1 << bit, 0x0001 | 1 << bit) is None
 
 
 def test_vc660_names_its_lowest_fault_bit_and_says_so_where_it_names_none() -> None:
-    assert judged_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == Verdict(DriveState.FAULT, None, 0)
-    assert judged_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == Verdict(DriveState.FAULT, None, 18)
-    assert judged_vc660(0x0002, 0x0002) == Verdict(DriveState.FAULT, None, UNNAMED)
-    assert fault_of(profiles.load("vc660"), UNNAMED).text.zh == "变频器未指明的故障"
+    assert judged_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == DerivedState(DriveState.FAULT, None, 0)
+    assert judged_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
+    assert judged_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
+    assert fault_from_code(profiles.load("vc660"), UNNAMED_FAULT_CODE).text.zh == "变频器未指明的故障"
 
 
 def test_dzb100_is_stopped_only_when_q01_reads_zero_twice() -> None:
-    assert judged_dzb((0, 0)) == Verdict(DriveState.STOPPED)
+    assert judged_dzb((0, 0)) == DerivedState(DriveState.STOPPED)
     assert judged_dzb((5, 0)) is None
     assert judged_dzb((0, 5)) is None
-    assert judged_dzb((5, 6)) == Verdict(DriveState.RUNNING)
+    assert judged_dzb((5, 6)) == DerivedState(DriveState.RUNNING)
 
 
 def test_dzb100_fault_needs_two_equal_codes() -> None:
-    assert judged_dzb((0, 0), (0x0014, 0x0014)) == Verdict(DriveState.FAULT, None, 14)
+    assert judged_dzb((0, 0), (0x0014, 0x0014)) == DerivedState(DriveState.FAULT, None, 14)
     assert judged_dzb((0, 0), (0x0000, 0x0014)) is None
-    assert judged_dzb((0, 0), (0x000E, 0x000E), fault_coding="hex") == Verdict(DriveState.FAULT, None, 14)
+    assert judged_dzb((0, 0), (0x000E, 0x000E), fault_coding="hex") == DerivedState(DriveState.FAULT, None, 14)
 
 
 def test_dzb100_never_takes_the_command_echo_for_the_state() -> None:
     """T20: Q03's A says "run forward"; the output is 0, so it stands."""
-    assert judged_dzb((0, 0), (0x1000, 0x1000)) == Verdict(DriveState.STOPPED)
+    assert judged_dzb((0, 0), (0x1000, 0x1000)) == DerivedState(DriveState.STOPPED)
 
 
 def test_an_undocumented_fault_code_is_not_believed() -> None:
-    dialect = dialect_of("dzb100")
-    facts = dialect.facts(dzb.Query(1, 3), dzb.Reply("Q", 1, 3, 0x0099, True), 1.0)
+    dialect = dialect_for("dzb100")
+    facts = dialect.decode_readings(dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply("Q", 1, 3, 0x0099, True), 1.0)
     assert facts["fault"].quality is Quality.BAD
     assert judged_dzb((0, 0), (0x0099, 0x0099)) is None
 
 
 def test_t17_df800_has_no_state_to_judge() -> None:
-    dialect = dialect_of("df800")
-    assert not dialect.can_tell
+    dialect = dialect_for("df800")
+    assert not dialect.reports_run_state
     assert dialect.state_reads() == ()
-    assert dialect.judge(Book()) is None
+    assert dialect.derive_state(ReadingPairs()) is None
 
 
 # --- readings -----------------------------------------------------------------------------------------------------
 
 
 def test_a_value_outside_its_range_is_uncertain() -> None:
-    dialect = dialect_of("vc660")
-    facts = dialect.facts(modbus.ReadRegisters(1, 0x3006, 1), modbus.Registers(1, 3, (1300,)), 1.0)
+    dialect = dialect_for("vc660")
+    facts = dialect.decode_readings(modbus.ReadRegisters(1, 0x3006, 1), modbus.RegisterValues(1, 3, (1300,)), 1.0)
     assert (facts["dc_bus_voltage"].value, facts["dc_bus_voltage"].reason) == (1300.0, "drives.implausible")
 
 
 def test_an_unpublished_scale_makes_a_reading_uncertain() -> None:
-    dialect = dialect_of("c320")
-    facts = dialect.facts(sifang.ReadMonitor(1, 1), c320_reply(sifang.State.STOPPED, 1, 380), 1.0)
+    dialect = dialect_for("c320")
+    facts = dialect.decode_readings(sunfar.ReadMonitor(1, 1), c320_reply(sunfar.SunfarState.STOPPED, 1, 380), 1.0)
     assert facts["output_voltage"].quality is Quality.UNCERTAIN
 
 
 def test_t05_in_a_fault_nobody_repeats_which_monitor_this_is() -> None:
-    dialect = dialect_of("c320")
-    facts = dialect.facts(sifang.ReadMonitor(1, 0), c320_reply(sifang.State.FAULT, data=500, fault=2), 1.0)
+    dialect = dialect_for("c320")
+    facts = dialect.decode_readings(
+        sunfar.ReadMonitor(1, 0), c320_reply(sunfar.SunfarState.FAULT, data=500, fault=2), 1.0
+    )
     reading = facts["output_frequency"]
     assert (reading.value, reading.quality, reading.reason) == (5.0, Quality.UNCERTAIN, "drives.item_not_echoed")
 
 
 def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
-    dialect = dialect_of("c320")
-    reply = sifang.Reply(1, sifang.Response.RESERVED, sifang.State.STOPPED, 0, 37, 0)
-    facts = dialect.facts(sifang.ReadMonitor(1, 37), reply, 1.0)
+    dialect = dialect_for("c320")
+    reply = sunfar.SunfarReply(1, sunfar.SunfarResponse.RESERVED, sunfar.SunfarState.STOPPED, 0, 37, 0)
+    facts = dialect.decode_readings(sunfar.ReadMonitor(1, 37), reply, 1.0)
     assert facts["last_fault_temperature"].value is None
     assert facts["last_fault_temperature"].reason == "drives.refused_read"
     assert "state" in facts
@@ -207,20 +224,26 @@ def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
     ("coding", "word", "hz"), [("hex-0.1", 0x7B, 12.3), ("hex-0.01", 0x4CE, 12.3), ("decimal-0.1", 0x123, 12.3)]
 )
 def test_dzb100_reads_frequencies_by_its_query_coding(coding: str, word: int, hz: float) -> None:
-    dialect = dialect_of("dzb100", query_coding=coding)
-    reading = dialect.facts(dzb.Query(1, 1), dzb.Reply("Q", 1, 1, word, True), 1.0)["output_frequency"]
+    dialect = dialect_for("dzb100", query_coding=coding)
+    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, word, True), 1.0)[
+        "output_frequency"
+    ]
     assert (reading.value, reading.quality) == (hz, Quality.GOOD)
 
 
 def test_dzb100_readings_are_uncertain_until_the_coding_is_settled() -> None:
-    dialect = dialect_of("dzb100")
-    reading = dialect.facts(dzb.Query(1, 1), dzb.Reply("Q", 1, 1, 0x7B, True), 1.0)["output_frequency"]
+    dialect = dialect_for("dzb100")
+    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
+        "output_frequency"
+    ]
     assert (reading.value, reading.quality, reading.reason) == (12.3, Quality.UNCERTAIN, "drives.coding_unsettled")
 
 
 def test_a_decimal_word_with_a_hexadecimal_digit_is_bad() -> None:
-    dialect = dialect_of("dzb100", query_coding="decimal-0.1")
-    reading = dialect.facts(dzb.Query(1, 1), dzb.Reply("Q", 1, 1, 0x7B, True), 1.0)["output_frequency"]
+    dialect = dialect_for("dzb100", query_coding="decimal-0.1")
+    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
+        "output_frequency"
+    ]
     assert (reading.value, reading.reason) == (None, "drives.not_decimal")
 
 
@@ -228,7 +251,7 @@ def test_a_decimal_word_with_a_hexadecimal_digit_is_bad() -> None:
     ("coding", "raw", "seconds"), [("hex-0.1", 0x96, 15.0), ("decimal-0.1", 0x150, 15.0), ("hex-0.01", 0x5DC, 15.0)]
 )
 def test_dzb100_parameters_have_a_coding_of_their_own(coding: str, raw: int, seconds: float) -> None:
-    dialect = dialect_of("dzb100", parameter_coding=coding)
+    dialect = dialect_for("dzb100", parameter_coding=coding)
     parameter = dialect.profile.parameters["10"]
     assert dialect.parameter_reading(parameter, raw, None).value == seconds
     assert dialect.parameter_word(parameter, seconds) == raw
@@ -241,27 +264,27 @@ def test_t08_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() ->
     """Every word, every set of codings that may be left."""
     for count in range(1, 1 << len(CODINGS)):
         left = tuple(c for place, c in enumerate(CODINGS) if count >> place & 1)
-        for word in range(cap_word(left) + 1):
-            if within_cap(word, left):
-                assert all((decoded(word, c) or 0.0) <= 5.0 for c in left)
-        assert not within_cap(cap_word(left) + 1, left) or cap_word(left) == 4000
+        for word in range(highest_safe_word(left) + 1):
+            if is_within_cap(word, left):
+                assert all((decode_or_none(word, c) or 0.0) <= 5.0 for c in left)
+        assert not is_within_cap(highest_safe_word(left) + 1, left) or highest_safe_word(left) == 4000
 
 
 def test_t08_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
-    assert cap_word(CODINGS) == 5
-    assert cap_word(("hex-0.1", "hex-0.01", "decimal-0.1")) == 0x32
-    assert cap_word(("hex-0.1",)) == 50
+    assert highest_safe_word(CODINGS) == 5
+    assert highest_safe_word(("hex-0.1", "hex-0.01", "decimal-0.1")) == 0x32
+    assert highest_safe_word(("hex-0.1",)) == 50
 
 
 @pytest.mark.parametrize(("hz", "word"), [(0.1, 1), (0.5, 5)])
 def test_an_unsettled_dzb100_takes_what_is_below_the_cap(hz: float, word: int) -> None:
-    assert dialect_of("dzb100").setpoint_word(hz) == word
+    assert dialect_for("dzb100").setpoint_word(hz) == word
 
 
 @pytest.mark.parametrize("hz", [0.6, 5.0, 10.0, 50.0])
 def test_an_unsettled_dzb100_refuses_what_is_above_the_cap(hz: float) -> None:
     with pytest.raises(LimitError) as caught:
-        dialect_of("dzb100").setpoint_word(hz)
+        dialect_for("dzb100").setpoint_word(hz)
     assert caught.value.params["cap"] == "0005H"
 
 
@@ -269,10 +292,10 @@ def test_an_unsettled_dzb100_refuses_what_is_above_the_cap(hz: float) -> None:
     ("coding", "word"), [("hex-0.1", 0x64), ("hex-0.01", 0x3E8), ("decimal-0.1", 0x100), ("hex-1", 0x0A)]
 )
 def test_a_settled_dzb100_is_sent_ten_hertz_as_its_own_word(coding: str, word: int) -> None:
-    dialect = dialect_of("dzb100", setpoint_coding=coding)
+    dialect = dialect_for("dzb100", setpoint_coding=coding)
     assert dialect.setpoint_word(10.0) == word
-    assert dialect.frequency_of(word) == 10.0
-    assert isinstance(dialect, DzbDialect) and candidates(dialect.settings) == (coding,)
+    assert dialect.setpoint_frequency(word) == 10.0
+    assert isinstance(dialect, Dzb100Dialect) and possible_codings(dialect.settings) == (coding,)
 
 
 # --- polls --------------------------------------------------------------------------------------------------------
@@ -283,7 +306,7 @@ def registers_of(polls: Any) -> set[int]:
 
 
 def test_f22_vc660_reads_what_was_asked_for_and_never_more_than_four_at_once() -> None:
-    dialect = dialect_of("vc660")
+    dialect = dialect_for("vc660")
     polls = dialect.polls(tuple(dialect.profile.signals))
     assert registers_of(polls) == {signal.locator[1] for signal in dialect.profile.signals.values()}
     assert max(request.count for request, _ in polls) == 4
@@ -292,33 +315,33 @@ def test_f22_vc660_reads_what_was_asked_for_and_never_more_than_four_at_once() -
 
 
 def test_touching_registers_share_one_read() -> None:
-    dialect = dialect_of("vc660")
+    dialect = dialect_for("vc660")
     polls = dialect.polls(("set_frequency", "output_frequency", "output_current"))
     assert [(request.register, request.count) for request, _ in polls] == [(0x3000, 4)]
 
 
 def test_a_register_wanted_every_ten_seconds_is_not_read_twice_a_second() -> None:
-    dialect = dialect_of("vc660")
+    dialect = dialect_for("vc660")
     periods = {request.register: period for request, period in dialect.polls(("output_current", "input_terminals"))}
     assert periods[0x3007] == 10.0
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_polls_only_read(model: str) -> None:
-    from drivebus.message import Effect
+    from drivebus.protocols.codec import Effect
 
-    dialect = dialect_of(model)
+    dialect = dialect_for(model)
     for request, period in dialect.polls(tuple(dialect.profile.signals)):
-        assert dialect.link.effect(dialect.codec.encode_request(request)) is Effect.NONE
+        assert dialect.station_config.effect_of(dialect.codec.encode_request(request)) is Effect.NONE
         assert period > 0
 
 
 @pytest.mark.parametrize(("index", "item"), [("binary", 37), ("bcd", 0x37)])
 def test_the_number_of_a_c320_monitor_goes_as_its_setting_says(index: str, item: int) -> None:
-    dialect = dialect_of("c320", monitor_index=index)
+    dialect = dialect_for("c320", monitor_index=index)
     request = dialect.polls(("last_fault_temperature",))[0][0]
     assert request.item == item
-    facts = dialect.facts(request, c320_reply(sifang.State.STOPPED, item, 60), 1.0)
+    facts = dialect.decode_readings(request, c320_reply(sunfar.SunfarState.STOPPED, item, 60), 1.0)
     assert facts["last_fault_temperature"].value == 60
 
 
@@ -326,66 +349,66 @@ def test_the_number_of_a_c320_monitor_goes_as_its_setting_says(index: str, item:
 
 
 def bus_fences(dialect: Dialect, count: int) -> list[Any]:
-    return [dialect.link.fence(n) for n in range(count)]
+    return [dialect.station_config.sync_request(n) for n in range(count)]
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_fences_only_read(model: str) -> None:
-    from drivebus.message import Effect
+    from drivebus.protocols.codec import Effect
 
-    dialect = dialect_of(model)
-    for fence in [*bus_fences(dialect, 100), *(dialect.fence() for _ in range(100))]:
-        assert dialect.link.effect(dialect.codec.encode_request(fence)) is Effect.NONE
+    dialect = dialect_for(model)
+    for fence in [*bus_fences(dialect, 100), *(dialect.sync_request() for _ in range(100))]:
+        assert dialect.station_config.effect_of(dialect.codec.encode_request(fence)) is Effect.NONE
 
 
 def test_a_c320_fence_is_a_parameter_of_another_group_than_0_and_neighbours_differ_in_group() -> None:
-    dialect = dialect_of("c320")
-    for fences in (bus_fences(dialect, 9), [dialect.fence() for _ in range(9)]):
-        assert all(isinstance(f, sifang.ReadParameter) and f.group != 0 for f in fences)
+    dialect = dialect_for("c320")
+    for fences in (bus_fences(dialect, 9), [dialect.sync_request() for _ in range(9)]):
+        assert all(isinstance(f, sunfar.SunfarReadParameter) and f.group != 0 for f in fences)
         assert all(a.group != b.group for a, b in itertools.pairwise(fences))
 
 
 def test_bus_and_conversations_never_use_the_same_fence_on_c320_and_dzb100() -> None:
     for model in ("c320", "dzb100"):
-        dialect = dialect_of(model)
-        ours = {dialect.fence() for _ in range(200)}
+        dialect = dialect_for(model)
+        ours = {dialect.sync_request() for _ in range(200)}
         assert not ours & set(bus_fences(dialect, 200))
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100"])
 def test_a_fence_is_never_like_the_read_that_it_guards(model: str) -> None:
-    dialect = dialect_of(model)
+    dialect = dialect_for(model)
     for parameter in dialect.profile.parameters.values():
         request = dialect.read_parameter(parameter)
-        dialect.noted(request)
+        dialect.on_sent(request)
         for _ in range(50):
-            assert dialect.fence(avoid=request) != request
+            assert dialect.sync_request(avoid=request) != request
         assert request not in bus_fences(dialect, 100)
 
 
 def test_a_dzb100_fence_comes_again_only_after_the_longest_lateness() -> None:
     """40 tags, each a transaction of 22 characters of 11 bits at 4800 baud at least: 2 s, lateness is 0.5 s."""
-    dialect = dialect_of("dzb100")
-    fences = [dialect.fence().parameter for _ in range(200)]
+    dialect = dialect_for("dzb100")
+    fences = [dialect.sync_request().parameter for _ in range(200)]
     apart = min(
         later - first
         for first in range(len(fences))
         for later in range(first + 1, len(fences))
         if fences[first] == fences[later]
     )
-    assert apart * 22 * 11 / 4800 > dialect.profile.timing.lateness_s
+    assert apart * 22 * 11 / 4800 > dialect.profile.timing.max_reply_lateness_s
     assert all(0 <= number <= 80 for number in fences)
 
 
 def test_vc660_fences_carry_a_nonce_that_does_not_come_again() -> None:
-    dialect = dialect_of("vc660")
-    nonces = [f.data for f in [*bus_fences(dialect, 5000), *(dialect.fence() for _ in range(5000))]]
+    dialect = dialect_for("vc660")
+    nonces = [f.data for f in [*bus_fences(dialect, 5000), *(dialect.sync_request() for _ in range(5000))]]
     assert len(set(nonces)) == len(nonces)
 
 
 def test_df800_fences_read_two_registers_that_are_wanted_anyway_and_nothing_else_does() -> None:
-    dialect = dialect_of("df800")
-    fences = [*bus_fences(dialect, 20), *(dialect.fence() for _ in range(20))]
+    dialect = dialect_for("df800")
+    fences = [*bus_fences(dialect, 20), *(dialect.sync_request() for _ in range(20))]
     assert {(f.register, f.count) for f in fences} == {(100, 2), (107, 2)}
     reads = [request for request, _ in dialect.polls(tuple(dialect.profile.signals))]
     reads += [dialect.read_parameter(p) for p in dialect.profile.parameters.values()]
@@ -397,16 +420,16 @@ def test_two_touching_registers_are_read_apart_where_two_at_once_mean_a_fence() 
     current = profile.signals["output_current"]
     beside = replace(current, name="beside", locator=("holding", current.locator[1] + 1))
     third = replace(current, name="third", locator=("holding", current.locator[1] + 2))
-    two = make_dialect(replace(profile, signals={"output_current": current, "beside": beside}), 1)
+    two = create_dialect(replace(profile, signals={"output_current": current, "beside": beside}), 1)
     assert [r.count for r, _ in two.polls(("output_current", "beside"))] == [1, 1]
     signals = {"output_current": current, "beside": beside, "third": third}
-    three = make_dialect(replace(profile, signals=signals), 1)
+    three = create_dialect(replace(profile, signals=signals), 1)
     assert [r.count for r, _ in three.polls(tuple(signals))] == [3]
 
 
 def test_an_answer_that_echoes_too_little_proves_nothing() -> None:
-    assert not dialect_of("c320").proves(sifang.Reply(1, sifang.Response.BAD_CODE))
-    assert not dialect_of("vc660").proves(modbus.ErrorReply(1, 8, 1))
+    assert not dialect_for("c320").is_valid_sync_reply(sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE))
+    assert not dialect_for("vc660").is_valid_sync_reply(modbus.ExceptionReply(1, 8, 1))
 
 
 # --- making one ---------------------------------------------------------------------------------------------------
@@ -415,7 +438,7 @@ def test_an_answer_that_echoes_too_little_proves_nothing() -> None:
 @pytest.mark.parametrize(("model", "address"), [("c320", 31), ("dzb100", 0), ("vc660", 0)])
 def test_t10_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        make_dialect(profiles.load(model), address)
+        create_dialect(profiles.load(model), address)
     assert caught.value.key == "drives.address_broadcast"
 
 
@@ -425,25 +448,25 @@ def test_t10_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: 
 )
 def test_an_address_encoding_or_setting_that_the_model_has_not_is_refused(model: str, options: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):
-        make_dialect(profiles.load(model), **({"address": 1} | options))
+        create_dialect(profiles.load(model), **({"address": 1} | options))
 
 
 @pytest.mark.parametrize("model", profiles.models())
 def test_every_profile_that_comes_with_drivebus_makes_a_dialect(model: str) -> None:
     profile = profiles.load(model)
     for encoding in profile.encodings:
-        dialect = make_dialect(profile, profile.addresses[0] or 1, encoding=encoding)
+        dialect = create_dialect(profile, profile.addresses[0] or 1, encoding=encoding)
         assert dialect.codec.encoding == encoding
-        assert dialect.codec.encode_request(dialect.link.fence(0))
+        assert dialect.codec.encode_request(dialect.station_config.sync_request(0))
 
 
 def test_an_emergency_stop_of_c320_that_still_shows_a_frequency_is_no_standstill() -> None:
     """Manual 2.4.6 does not say that the output is off in it (found by `lab commands`)."""
-    dialect = dialect_of("c320")
+    dialect = dialect_for("c320")
     for state, data, seen in (
-        (sifang.State.EMERGENCY_STOP, 300, False),
-        (sifang.State.EMERGENCY_STOP, 0, True),
-        (sifang.State.STOPPED, 0, True),
+        (sunfar.SunfarState.EMERGENCY_STOP, 300, False),
+        (sunfar.SunfarState.EMERGENCY_STOP, 0, True),
+        (sunfar.SunfarState.STOPPED, 0, True),
     ):
-        shown = (sifang.ReadMonitor(1, 0), c320_reply(state, data=data))
-        assert dialect.stop_seen(book_of(dialect, shown, shown)) is seen
+        shown = (sunfar.ReadMonitor(1, 0), c320_reply(state, data=data))
+        assert dialect.confirms_stop(book_of(dialect, shown, shown)) is seen

@@ -9,32 +9,32 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import make_dialect
-from drivebus.drives.command_word import MOVING, CommandWord
-from drivebus.drives.dialect import Stop
-from drivebus.drives.modbus import ModbusDialect
+from drivebus.drives import create_dialect
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.command_word import MOTION_BITS, CommandWord
+from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ProtocolError
-from drivebus.message import Effect
-from drivebus.protocols import dzb, modbus, sifang
-from drivekit import dialect_of
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import Effect
+from fixtures.drives import dialect_for
 
 VECTORS = Path(__file__).resolve().parents[2] / "vectors"
 
 
 def frame(model: str, request: Any, **settings: Any) -> tuple[Any, bytes]:
-    dialect = dialect_of(model, **settings)
+    dialect = dialect_for(model, **settings)
     return dialect, dialect.codec.encode_request(request)
 
 
 def effect(model: str, request: Any, **settings: Any) -> Effect:
     dialect, data = frame(model, request, **settings)
-    return dialect.link.effect(data)
+    return dialect.station_config.effect_of(data)
 
 
 def lawful(model: str, request: Any) -> bool:
     dialect, data = frame(model, request)
-    found: bool = dialect.lawful(data)
+    found: bool = dialect.is_allowed(data)
     return found
 
 
@@ -50,10 +50,10 @@ STARTS = [v for v in PRINTED if v["fields"]["operation"] in (1, 2, 4, 5, 0x11, 0
 def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
     """Only a control frame (class 4) that starts may be sent at all."""
     data, moves = bytes.fromhex(entry["hex"]), entry in STARTS
-    dialect = make_dialect(profiles.load("c320"), 1, encoding=entry["encoding"])
-    assert (dialect.link.effect(data) is Effect.MOTION) is moves
+    dialect = create_dialect(profiles.load("c320"), 1, encoding=entry["encoding"])
+    assert (dialect.station_config.effect_of(data) is Effect.MOTION) is moves
     if moves and entry["fields"]["class"] != 4:
-        assert not dialect.lawful(data)
+        assert not dialect.is_allowed(data)
 
 
 def test_t01_the_manual_starts_the_motor_in_every_example_of_its_chapter_4() -> None:
@@ -64,43 +64,43 @@ def test_t01_the_manual_starts_the_motor_in_every_example_of_its_chapter_4() -> 
 @pytest.mark.parametrize("group", range(16))
 def test_t07_reads_and_writes_of_c320_never_carry_an_operation(group: int) -> None:
     for item in range(0, 256, 17):
-        assert effect("c320", sifang.ReadParameter(1, group, item)) is Effect.NONE
-        assert effect("c320", sifang.WriteParameter(1, group, item, 0x1234)) is Effect.SETTING
-        assert effect("c320", sifang.ReadMonitor(1, item)) is Effect.NONE
+        assert effect("c320", sunfar.SunfarReadParameter(1, group, item)) is Effect.NONE
+        assert effect("c320", sunfar.SunfarWriteParameter(1, group, item, 0x1234)) is Effect.SETTING
+        assert effect("c320", sunfar.ReadMonitor(1, item)) is Effect.NONE
 
 
-@pytest.mark.parametrize("operation", list(sifang.Operation))
-def test_c320_operations_have_the_effect_that_the_manual_gives_them(operation: sifang.Operation) -> None:
+@pytest.mark.parametrize("operation", list(sunfar.SunfarOperation))
+def test_c320_operations_have_the_effect_that_the_manual_gives_them(operation: sunfar.SunfarOperation) -> None:
     name = operation.name
     moves = name.startswith(("RUN_", "JOG_FORWARD", "JOG_REVERSE"))
     stops = name in ("STOP", "JOG_STOP", "EMERGENCY_STOP")
     expected = Effect.MOTION if moves else Effect.STOP if stops else Effect.SETTING
-    assert effect("c320", sifang.Control(1, operation)) is expected
+    assert effect("c320", sunfar.SunfarControl(1, operation)) is expected
 
 
 def test_a_c320_stop_that_carries_data_is_not_exempt_from_permits() -> None:
-    dialect = dialect_of("c320")
-    plain = dialect.codec.encode_request(sifang.Control(1, sifang.Operation.STOP))
+    dialect = dialect_for("c320")
+    plain = dialect.codec.encode_request(sunfar.SunfarControl(1, sunfar.SunfarOperation.STOP))
     spoiled = bytearray(plain)
     spoiled[6:10] = b"03E8"
     spoiled[10:14] = f"{sum(spoiled[1:10]):04X}".encode()
-    assert dialect.link.effect(plain) is Effect.STOP
-    assert dialect.link.effect(bytes(spoiled)) in (Effect.SETTING, Effect.MOTION)
+    assert dialect.station_config.effect_of(plain) is Effect.STOP
+    assert dialect.station_config.effect_of(bytes(spoiled)) in (Effect.SETTING, Effect.MOTION)
 
 
 def test_t11_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
-    assert effect("dzb100", dzb.Control(1, dzb.Command.STOP, 0)) is Effect.STOP
-    dialect = dialect_of("dzb100")
-    for request in dialect.stop(Stop.STOP):
+    assert effect("dzb100", dzb100.Dzb100Control(1, dzb100.Dzb100Command.STOP, 0)) is Effect.STOP
+    dialect = dialect_for("dzb100")
+    for request in dialect.stop(StopMode.STOP):
         assert request.data == 0
-    data = bytearray(dialect.codec.encode_request(dzb.Control(1, dzb.Command.STOP, 0)))
+    data = bytearray(dialect.codec.encode_request(dzb100.Dzb100Control(1, dzb100.Dzb100Command.STOP, 0)))
     data[7:11] = b"03E8"
-    assert dialect.link.effect(bytes(data)) is Effect.MOTION
+    assert dialect.station_config.effect_of(bytes(data)) is Effect.MOTION
 
 
 def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() -> None:
-    dialect = dialect_of("dzb100")
-    plain = dialect.codec.encode_request(dialect.stop(Stop.STOP)[0])
+    dialect = dialect_for("dzb100")
+    plain = dialect.codec.encode_request(dialect.stop(StopMode.STOP)[0])
     for place in range(len(plain)):
         for bit in range(8):
             spoiled = bytearray(plain)
@@ -110,27 +110,27 @@ def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() ->
             except ProtocolError:
                 continue
             request = getattr(found, "message", None)
-            if isinstance(request, dzb.Control) and not request.command.stops:
+            if isinstance(request, dzb100.Dzb100Control) and not request.command.is_stop:
                 assert request.data == 0
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
 def test_i7_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_with_a_permit(model: str) -> None:
     """Exempt and lawful is one whole request, and nothing else."""
-    dialect = dialect_of(model)
-    plain = dialect.codec.encode_request(dialect.stop(Stop.STOP)[0])
-    assert dialect.link.effect(plain) is Effect.STOP and dialect.lawful(plain)
+    dialect = dialect_for(model)
+    plain = dialect.codec.encode_request(dialect.stop(StopMode.STOP)[0])
+    assert dialect.station_config.effect_of(plain) is Effect.STOP and dialect.is_allowed(plain)
     for data in (b"", plain[:1], plain[:-1], plain + b"\x00", plain + plain):
-        assert dialect.link.effect(data) is Effect.MOTION
-        assert not dialect.lawful(data)
+        assert dialect.station_config.effect_of(data) is Effect.MOTION
+        assert not dialect.is_allowed(data)
 
 
 def test_t09_an_unlisted_dzb100_parameter_is_never_written() -> None:
-    assert effect("dzb100", dzb.WriteParameter(1, 80, 1)) is Effect.SETTING
-    dialect = dialect_of("dzb100")
-    data = dialect.codec.encode_request(dzb.WriteParameter(1, 80, 1)).replace(b"80", b"81", 1)
-    assert dialect.link.effect(data) is Effect.MOTION
-    assert not dialect.lawful(data)
+    assert effect("dzb100", dzb100.Dzb100WriteParameter(1, 80, 1)) is Effect.SETTING
+    dialect = dialect_for("dzb100")
+    data = dialect.codec.encode_request(dzb100.Dzb100WriteParameter(1, 80, 1)).replace(b"80", b"81", 1)
+    assert dialect.station_config.effect_of(data) is Effect.MOTION
+    assert not dialect.is_allowed(data)
 
 
 def test_t12_register_200b_of_vc660_is_never_written() -> None:
@@ -155,27 +155,27 @@ def test_i7_an_unknown_register_is_never_written(model: str, register: int) -> N
 @pytest.mark.parametrize("model", ["vc660", "df800"])
 def test_every_command_word_that_can_move_a_motor_is_motion(model: str) -> None:
     """All 65,536 words: what starts or jogs, or what no table names, is MOTION; a STOP has none of those bits."""
-    dialect = dialect_of(model)
-    assert isinstance(dialect, ModbusDialect) and dialect.word is not None
+    dialect = dialect_for(model)
+    assert isinstance(dialect, ModbusDialect) and dialect.command_word is not None
     moving = {"vc660": 0x0019, "df800": 0x0002}[model]
     unnamed = {"vc660": 0xFC00, "df800": 0xFFE0}[model]
     for word in range(0x10000):
-        found = dialect.word.effect(word)
+        found = dialect.command_word.effect(word)
         if word & moving or word & unnamed:
             assert found is Effect.MOTION, hex(word)
         if found is Effect.STOP:
             assert not word & moving
         if word & unnamed:
-            assert not dialect.word.known(word)
+            assert not dialect.command_word.is_mapped(word)
 
 
 def test_t16_the_toggle_of_df800_is_known_to_nobody() -> None:
     for field in ("b3b2", "b2b3"):
-        dialect = dialect_of("df800", direction_field=field)
-        assert isinstance(dialect, ModbusDialect) and dialect.word is not None
+        dialect = dialect_for("df800", direction_field=field)
+        assert isinstance(dialect, ModbusDialect) and dialect.command_word is not None
         for run in (0, 1, 2):
-            assert not dialect.word.known(0x000C | run)
-            assert dialect.word.effect(0x000C | run) is Effect.MOTION
+            assert not dialect.command_word.is_mapped(0x000C | run)
+            assert dialect.command_word.effect(0x000C | run) is Effect.MOTION
 
 
 def test_delta_start_12h_is_motion_on_df800() -> None:
@@ -183,81 +183,81 @@ def test_delta_start_12h_is_motion_on_df800() -> None:
 
 
 def test_df800_starts_without_a_direction_and_stops_with_nothing_else() -> None:
-    dialect = dialect_of("df800")
+    dialect = dialect_for("df800")
     assert [f.request.value for f in dialect.start(None, 0)] == [0x0002]
-    assert [r.value for r in dialect.stop(Stop.STOP)] == [0x0001]
+    assert [r.value for r in dialect.stop(StopMode.STOP)] == [0x0001]
     assert [f.request.value for f in dialect.reset()] == [0x0010]
 
 
 @pytest.mark.parametrize(("field", "forward", "reverse"), [("b3b2", 0x0A, 0x06), ("b2b3", 0x06, 0x0A)])
 def test_a_proved_df800_starts_in_the_direction_that_its_field_says(field: str, forward: int, reverse: int) -> None:
-    dialect = dialect_of("df800", direction_field=field, direction_proved=True)
+    dialect = dialect_for("df800", direction_field=field, direction_proved=True)
     assert dialect.start(Direction.FORWARD, 0)[0].request.value == forward
     assert dialect.start(Direction.REVERSE, 0)[0].request.value == reverse
 
 
 def test_vc660_levels_are_kept_in_a_shadow_and_sent_with_each_pulse() -> None:
-    dialect = dialect_of("vc660")
+    dialect = dialect_for("vc660")
     words = [f.request.value for f in dialect.start(Direction.REVERSE, 0)]
     assert words == [0x0005, 0x0004]
     for value in words:
-        dialect.noted(modbus.WriteRegister(1, 0x2000, value))
-    assert [r.value for r in dialect.stop(Stop.STOP)] == [0x0006, 0x0004]
-    assert [r.value for r in dialect.stop(Stop.COAST)] == [0x0024, 0x0004]
+        dialect.on_sent(modbus.WriteRegister(1, 0x2000, value))
+    assert [r.value for r in dialect.stop(StopMode.STOP)] == [0x0006, 0x0004]
+    assert [r.value for r in dialect.stop(StopMode.COAST)] == [0x0024, 0x0004]
     assert [f.request.value for f in dialect.reset()] == [0x0204, 0x0004]
 
 
 def test_a_level_word_that_would_turn_a_running_motor_round_is_motion() -> None:
-    dialect = dialect_of("vc660")
-    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0001))
-    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0000))
+    dialect = dialect_for("vc660")
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0001))
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0000))
     turned = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0x0004))
-    assert dialect.link.effect(turned) is Effect.MOTION
+    assert dialect.station_config.effect_of(turned) is Effect.MOTION
 
 
 def test_the_levels_after_a_start_are_a_setting_and_after_a_stop_a_stop() -> None:
     """A stop effect takes queued commands away; what completes a start must not do that to its own start."""
-    dialect = dialect_of("vc660")
+    dialect = dialect_for("vc660")
     levels = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0))
-    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0001))
-    assert dialect.link.effect(levels) is Effect.SETTING
-    dialect.noted(modbus.WriteRegister(1, 0x2000, 0x0002))
-    assert dialect.link.effect(levels) is Effect.STOP
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0001))
+    assert dialect.station_config.effect_of(levels) is Effect.SETTING
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0002))
+    assert dialect.station_config.effect_of(levels) is Effect.STOP
 
 
 def test_a_jog_released_is_a_stop() -> None:
-    dialect = dialect_of("vc660")
-    dialect.noted(modbus.WriteRegister(1, 0x2000, dialect.jog(Direction.FORWARD, None)[0].request.value))
-    released = dialect.stop(Stop.JOG_STOP)
+    dialect = dialect_for("vc660")
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, dialect.jog(Direction.FORWARD, None)[0].request.value))
+    released = dialect.stop(StopMode.JOG_STOP)
     assert [r.value for r in released] == [0]
-    assert dialect.link.effect(dialect.codec.encode_request(released[0])) is Effect.STOP
+    assert dialect.station_config.effect_of(dialect.codec.encode_request(released[0])) is Effect.STOP
 
 
 def test_the_words_that_vc660_composes_are_all_known_and_none_pauses_or_holds() -> None:
-    dialect = dialect_of("vc660")
-    assert isinstance(dialect, ModbusDialect) and isinstance(dialect.word, CommandWord)
-    word = dialect.word
+    dialect = dialect_for("vc660")
+    assert isinstance(dialect, ModbusDialect) and isinstance(dialect.command_word, CommandWord)
+    word = dialect.command_word
     composed = [*word.start(None), *word.start(Direction.REVERSE), *word.jog(Direction.REVERSE), *word.reset("vc660")]
-    for how in Stop:
+    for how in StopMode:
         composed += word.stop(how, "vc660")
     for value in composed:
-        assert word.known(value)
+        assert word.is_mapped(value)
         assert not value & 0x0180
-        assert len(word.names(value) & MOVING) <= 1
+        assert len(word.active_names(value) & MOTION_BITS) <= 1
 
 
-@pytest.mark.parametrize("how", [Stop.COAST, Stop.QUICK_STOP])
-def test_a_stop_that_a_model_lacks_is_refused_before_sending(how: Stop) -> None:
+@pytest.mark.parametrize("how", [StopMode.COAST, StopMode.QUICK_STOP])
+def test_a_stop_that_a_model_lacks_is_refused_before_sending(how: StopMode) -> None:
     with pytest.raises(CapabilityError):
-        dialect_of("dzb100").stop(how)
+        dialect_for("dzb100").stop(how)
     with pytest.raises(CapabilityError):
-        dialect_of("df800").stop(how)
+        dialect_for("df800").stop(how)
 
 
 @pytest.mark.parametrize(
     ("model", "request_"),
     [
-        ("c320", sifang.Control(31, sifang.Operation.SET_FREQUENCY, 100)),
+        ("c320", sunfar.SunfarControl(31, sunfar.SunfarOperation.SET_FREQUENCY, 100)),
         ("vc660", modbus.WriteRegister(0, 2, 4000)),
         ("vc660", modbus.WriteRegister(0, 0x2000, 1)),
     ],
@@ -269,20 +269,20 @@ def test_nothing_but_a_stop_is_lawful_to_everybody(model: str, request_: Any) ->
 
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
 def test_the_broadcast_stop_is_a_stop(model: str) -> None:
-    dialect = dialect_of(model)
-    requests = dialect.stop_everyone()
+    dialect = dialect_for(model)
+    requests = dialect.broadcast_stop()
     assert requests
     for request in requests:
-        assert dialect.link.effect(dialect.codec.encode_request(request)) is Effect.STOP
+        assert dialect.station_config.effect_of(dialect.codec.encode_request(request)) is Effect.STOP
         assert dialect.codec.address_of(request) == dialect.codec.broadcast_address
 
 
 def test_df800_has_no_broadcast_until_a_profile_says_so() -> None:
-    assert dialect_of("df800").stop_everyone() == ()
+    assert dialect_for("df800").broadcast_stop() == ()
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100", "df800"])
 def test_bytes_that_are_no_request_may_move(model: str) -> None:
-    dialect = dialect_of(model)
+    dialect = dialect_for(model)
     for data in (b"", b"\x00", b"*0", b"\x01\x06\x20\x00\x00\x02\x00\x00", bytes(11)):
-        assert dialect.link.effect(data) is Effect.MOTION
+        assert dialect.station_config.effect_of(data) is Effect.MOTION

@@ -8,24 +8,24 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, bus_stop
+from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
 from drivebus.drives.state import Direction, Outcome
 from drivebus.errors import (
     CapabilityError,
     DrivebusError,
     DriveError,
-    GateError,
     LimitError,
     NoReply,
-    NotReached,
     OutcomeUnknown,
     PreflightError,
+    StartInhibited,
     StopUnconfirmed,
     Superseded,
+    TargetNotReached,
 )
-from drivebus.reading import Quality
-from drivebus.sim.motor import Trip
-from drivekit import MODELS, SAFE_HZ, Bench, story
+from drivebus.simulator.motor import Trip
+from drivebus.values import Quality
+from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
 
 TELLING = ("c320", "vc660", "dzb100")
 LINES = ("clean", "bytes", "batches", "late", "lossy")
@@ -34,7 +34,7 @@ LINES = ("clean", "bytes", "batches", "late", "lossy")
 @pytest.mark.parametrize("model", MODELS)
 def test_a_drive_runs_and_stops(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive, station = bench.drive(), bench.station()
             started = await drive.run(SAFE_HZ[model])
             assert started.word == ("acknowledged" if model == "df800" else "confirmed")
@@ -46,7 +46,7 @@ def test_a_drive_runs_and_stops(model: str) -> None:
             assert bench.station().motor.output_hz == 0.0
             assert station.gap_violations == 0 or model == "dzb100"  # its manual gives no gap: sim and profile differ
 
-    story(tale())
+    run_virtual(tale())
 
 
 async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcome:
@@ -64,7 +64,7 @@ async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcom
 @pytest.mark.parametrize("model", MODELS)
 def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
     async def tale() -> None:
-        async with Bench(model, query=f"weather={weather}&seed=7") as bench:
+        async with SimulatedDrives(model, query=f"weather={weather}&seed=7") as bench:
             drive, clean = bench.drive(), weather not in ("late", "lossy")
             ran = await again(lambda: drive.run(SAFE_HZ[model]), 1 if clean else 8)
             assert ran.done and bench.station().running
@@ -72,51 +72,51 @@ def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
             await asyncio.sleep(20 if model == "df800" else 0)
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_reverse_is_what_the_motor_does(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(10.0, Direction.REVERSE, wait=True)
             assert bench.station().motor.output_hz == pytest.approx(-10.0, abs=0.06)
             assert (await drive.status()).direction is Direction.REVERSE
-            with pytest.raises(GateError):
+            with pytest.raises(StartInhibited):
                 await drive.run(10.0, Direction.FORWARD)
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_waiting_ends_when_the_drive_reports_the_frequency(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             outcome = await drive.run(25.0, wait=True)
             assert outcome.key == "drives.running_at"
             assert bench.station().motor.output_hz == pytest.approx(25.0, abs=0.15)
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_waiting_for_a_frequency_that_is_not_reached_says_what_was_reported() -> None:
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
-            with pytest.raises(NotReached) as caught:
+            with pytest.raises(TargetNotReached) as caught:
                 await drive.run(40.0, wait=True, timeout_s=1.0)
             assert 0.0 < caught.value.params["found_hz"] < 40.0
             assert caught.value.params["state"] == "accelerating"
             assert caught.value.outcome.word == "failed"
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_trip_while_waiting_ends_the_waiting() -> None:
     async def tale() -> None:
-        async with Bench("vc660") as bench:
+        async with SimulatedDrives("vc660") as bench:
             drive = bench.drive()
 
             async def trips() -> None:
@@ -124,18 +124,18 @@ def test_a_trip_while_waiting_ends_the_waiting() -> None:
                 bench.station().trip(Trip.OVERVOLTAGE)
 
             task = asyncio.ensure_future(trips())
-            with pytest.raises(NotReached) as caught:
+            with pytest.raises(TargetNotReached) as caught:
                 await drive.run(40.0, wait=True)
             await task
             assert caught.value.params["state"] == "fault"
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_status_names_everything_and_gives_reasons_for_what_is_missing(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             status = await drive.status()
             assert status.state is (DriveState.UNKNOWN if model == "df800" else DriveState.STOPPED)
@@ -145,31 +145,31 @@ def test_status_names_everything_and_gives_reasons_for_what_is_missing(model: st
                 assert reading.quality is Quality.GOOD or reading.reason
             assert (status.reason == "drives.no_run_status") is (model == "df800")
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
 def test_a_fault_is_named_and_reset(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             bench.station().trip(Trip.OVERVOLTAGE)
             status = await drive.status()
             assert status.state is DriveState.FAULT
             assert status.fault is not None and status.fault.code == bench.station().trip_code(Trip.OVERVOLTAGE)
-            with pytest.raises(GateError):
+            with pytest.raises(StartInhibited):
                 await drive.run(SAFE_HZ[model])
             assert (await drive.reset_fault()).key == "drives.reset_confirmed"
             assert (await drive.status()).fault is None
             assert (await drive.reset_fault()).key == "drives.no_fault"
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_a_set_frequency_changes_the_run(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(20.0, wait=True)
             outcome = await drive.set_frequency(10.0)
@@ -177,20 +177,20 @@ def test_a_set_frequency_changes_the_run(model: str) -> None:
             await asyncio.sleep(10)
             assert bench.station().motor.output_hz == pytest.approx(10.0, abs=0.05)
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
     async def tale() -> None:
-        async with Bench("dzb100") as bench:
+        async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive()
-            with pytest.raises(GateError):
+            with pytest.raises(StartInhibited):
                 await drive.set_frequency(0.3)
             await drive.run(0.5)
             await drive.set_frequency(0.3)
             assert (await drive.status()).readings["set_frequency"].value == 0.3
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
 )
 def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int]) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             for key, value in keys.items():
                 bench.station().press_set(key[0] << 8 | key[1] if isinstance(key, tuple) else key, value)
             with pytest.raises(PreflightError) as caught:
@@ -206,13 +206,13 @@ def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int])
             assert caught.value.params["parameters"]
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
             bench.station().faults.silent = True
@@ -224,7 +224,7 @@ def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(mode
             assert caught.value.outcome.word == "unknown"
             assert drive.stop_pending
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
@@ -232,7 +232,7 @@ def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) 
     """Matrix 6.4: resend for ever, with an alarm."""
 
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(SAFE_HZ[model])
             bench.station().faults.silent = True
@@ -245,7 +245,7 @@ def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) 
             assert not bench.station().running
             assert not drive.stop_pending
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
@@ -253,7 +253,7 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
     """I2: the reply is lost, the motor runs; the outcome is never "failed" and no second start leaves."""
 
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
             told = watch(bench)
@@ -265,7 +265,7 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
             assert caught.value.outcome.word == "unknown"
             assert len(told) == 1
 
-    story(tale())
+    run_virtual(tale())
 
 
 async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
@@ -277,7 +277,7 @@ async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
     raise AssertionError("never came true")
 
 
-def watch(bench: Bench) -> list[float]:
+def watch(bench: SimulatedDrives) -> list[float]:
     """Every frequency that the motor is told, from now on."""
     motor = bench.station().motor
     told: list[float] = []
@@ -299,7 +299,7 @@ def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: st
     """10 % of all frames are lost each way."""
 
     async def tale() -> None:
-        async with Bench(model, query=f"weather=loss=0.1&seed={seed}") as bench:
+        async with SimulatedDrives(model, query=f"weather=loss=0.1&seed={seed}") as bench:
             drive = bench.drive()
             for _ in range(4):
                 told = watch(bench)
@@ -316,13 +316,13 @@ def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: st
                     await until(lambda: not drive.stop_pending, 1.0)
                 assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
             bench.station().faults.slow_s = 0.0
@@ -335,12 +335,12 @@ def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> Non
             await asyncio.sleep(5)
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_cancelled_run_sends_nothing_more() -> None:
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             task = asyncio.ensure_future(drive.run(20.0))
             await asyncio.sleep(0.05)
@@ -351,7 +351,7 @@ def test_a_cancelled_run_sends_nothing_more() -> None:
             assert bench.station().frames == frames
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- jog ----------------------------------------------------------------------------------------------------------
@@ -362,7 +362,7 @@ JOG_HZ = {"c320": 5.0, "vc660": None, "dzb100": 0.5}
 @pytest.mark.parametrize("model", TELLING)
 def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             async with drive.jog(JOG_HZ[model]) as lease:
                 for _ in range(10):
@@ -373,13 +373,13 @@ def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
             assert lease.ended is not None and lease.ended.word == "confirmed"
             assert not lease.lost
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             async with drive.jog(JOG_HZ[model], lease_s=0.3) as lease:
                 await asyncio.sleep(0.25)
@@ -387,31 +387,31 @@ def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
                 await asyncio.sleep(0.25)
                 assert lease.lost
                 assert bench.station().motor.stopping or not bench.station().running
-                with pytest.raises(GateError):
+                with pytest.raises(StartInhibited):
                     lease.renew()
                 await asyncio.sleep(3)
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_lease_longer_than_half_a_second_is_refused() -> None:
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             with pytest.raises(LimitError):
                 bench.drive().jog(5.0, lease_s=0.6)
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_jog_frequency_that_the_bus_can_not_set_is_refused() -> None:
     async def tale() -> None:
-        async with Bench("vc660") as bench:
+        async with SimulatedDrives("vc660") as bench:
             with pytest.raises(CapabilityError):
                 async with bench.drive().jog(5.0):
                     pass
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- parameters ---------------------------------------------------------------------------------------------------
@@ -419,12 +419,18 @@ def test_a_jog_frequency_that_the_bus_can_not_set_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("model", "name", "value", "save"),
-    [("c320", "F0.2", 30.0, False), ("c320", "F0.2", 30.0, True), ("vc660", "F00.02", 30.0, False),
-     ("vc660", "F00.02", 30.0, True), ("dzb100", "10", 15.0, True), ("df800", "F1.07", 20.0, True)],
-)  # fmt: skip
+    [
+        ("c320", "F0.2", 30.0, False),
+        ("c320", "F0.2", 30.0, True),
+        ("vc660", "F00.02", 30.0, False),
+        ("vc660", "F00.02", 30.0, True),
+        ("dzb100", "10", 15.0, True),
+        ("df800", "F1.07", 20.0, True),
+    ],
+)
 def test_parameters_are_written_where_they_were_meant_to_go(model: str, name: str, value: float, save: bool) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive, memory = bench.drive(), bench.station().memory
             before = sum(memory.eeprom_writes.values())
             outcome = await drive.write({name: value}, save=save)
@@ -434,20 +440,20 @@ def test_parameters_are_written_where_they_were_meant_to_go(model: str, name: st
             again = await drive.write({name: value}, save=True)
             assert (again.key == "drives.write_skipped") is save
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(20.0)
             for step in range(50):
                 await drive.set_frequency(20.0 + step / 10)
             assert not bench.station().memory.eeprom_writes
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- bus stop -----------------------------------------------------------------------------------------------------
@@ -456,11 +462,11 @@ def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> No
 @pytest.mark.parametrize("model", MODELS)
 def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model, "1-3") as bench:
+        async with SimulatedDrives(model, "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
             for drive in drives:
                 await drive.run(SAFE_HZ[model])
-            report = await bus_stop(bench.bus, drives)
+            report = await stop_bus(bench.bus, drives)
             if model == "df800":
                 assert report.unconfirmed == (1, 2, 3)
                 assert not report.broadcasts
@@ -469,30 +475,30 @@ def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
                 assert report.confirmed
                 assert len(report.broadcasts) >= 2
             assert not any(bench.station(address).running for address in (1, 2, 3))
-            with pytest.raises(GateError) as caught:
+            with pytest.raises(StartInhibited) as caught:
                 await drives[0].run(SAFE_HZ[model])
             assert caught.value.key == "drives.latched" and not bench.station(1).running
-            bench.bus.release()
+            bench.bus.release_start()
             await drives[0].run(SAFE_HZ[model])
             assert bench.station(1).running
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
     async def tale() -> None:
-        async with Bench("c320", "1-3") as bench:
+        async with SimulatedDrives("c320", "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
             for drive in drives:
                 await drive.run(20.0)
             bench.station(2).faults.silent = True
-            report = await bus_stop(bench.bus, drives)
+            report = await stop_bus(bench.bus, drives)
             assert report.unconfirmed == (2,)
             assert not bench.station(1).running and not bench.station(3).running
             assert all(exchange.sent for exchange in report.broadcasts)
-            assert report.ended_at > report.begun_at
+            assert report.ended_at > report.started_at
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- monitor ------------------------------------------------------------------------------------------------------
@@ -501,7 +507,7 @@ def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
 @pytest.mark.parametrize("model", TELLING)
 def test_g17_a_monitored_value_is_good_until_three_periods_and_then_never(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             with drive.monitor(["output_frequency"]) as monitor:
                 await asyncio.sleep(5)
@@ -516,13 +522,13 @@ def test_g17_a_monitored_value_is_good_until_three_periods_and_then_never(model:
                 await asyncio.sleep(60)
                 assert monitor.status().state is DriveState.STOPPED
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_monitor_follows_the_drive(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             seen: set[str] = set()
             with drive.monitor(on_change=lambda status: seen.add(str(status.state))) as monitor:
@@ -536,7 +542,7 @@ def test_a_monitor_follows_the_drive(model: str) -> None:
                 assert fault is not None and fault.code == bench.station().trip_code(Trip.OVERVOLTAGE)
             assert {"stopped", "fault"} <= seen
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", TELLING)
@@ -544,7 +550,7 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
     """The polls come every minute: outcome and state beside it are one all the same."""
 
     async def tale() -> None:
-        async with Bench(model) as bench:
+        async with SimulatedDrives(model) as bench:
             drive, seen = bench.drive(), list[str]()
             with drive.monitor(on_change=lambda status: seen.append(str(status.state)), period_s=60.0) as monitor:
                 await asyncio.sleep(125)
@@ -559,14 +565,14 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
             await drive.run(SAFE_HZ[model])
             await asyncio.sleep(0)
             assert len(seen) == told, "a closed monitor hears nothing"
-            assert not drive._readers, "and nobody holds it (I12)"
+            assert not drive._read_listeners, "and nobody holds it (I12)"
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             drive, complaints = bench.drive(), list[object]()
             asyncio.get_running_loop().set_exception_handler(lambda _loop, context: complaints.append(context))
             with drive.monitor(on_change=lambda _status: 1 / 0, period_s=60.0):
@@ -576,14 +582,14 @@ def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
                 assert (await drive.stop()).word == "confirmed"
             assert len(complaints) > polls
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
     """Else a value read once would stand there for ever, as old; and what was read before a poll is not the newest."""
 
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             with drive.monitor(["output_frequency"], period_s=60.0) as monitor:
                 await asyncio.sleep(65)
@@ -594,7 +600,7 @@ def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_curre
                 age_s = readings["output_frequency"].age_s(drive.bus.now())
                 assert age_s is not None and age_s < 1.0
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- proofs -------------------------------------------------------------------------------------------------------
@@ -605,16 +611,18 @@ def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_curre
 def test_t08_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, setpoint: str) -> None:
     async def tale() -> None:
         store = MemoryStore()
-        async with Bench("dzb100", query=f"query_coding={query}&setpoint_coding={setpoint}", store=store) as bench:
+        async with SimulatedDrives(
+            "dzb100", query=f"query_coding={query}&setpoint_coding={setpoint}", store=store
+        ) as bench:
             drive = bench.drive()
             bench.station().setpoint_hz = 12.3
             told = watch(bench)
-            assert (await drive.prove_query_coding()).settled == query
+            assert (await drive.calibrate_query_coding()).coding == query
             if setpoint == "hex-0.01" and query != "hex-0.01":
                 await nothing_is_proved(drive)
                 return
-            found = await drive.prove_setpoint_coding()
-            assert found.settled == setpoint
+            found = await drive.calibrate_setpoint_coding()
+            assert found.coding == setpoint
             assert max(told) <= 5.0
             assert not bench.station().running
             await drive.run(20.0)
@@ -623,13 +631,13 @@ def test_t08_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str
             drive.close()
             assert bench.drive().dialect.settings["setpoint_coding"] == setpoint
 
-    story(tale())
+    run_virtual(tale())
 
 
 async def nothing_is_proved(drive: Drive) -> None:
     """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is settled."""
-    with pytest.raises(NotReached):
-        await drive.prove_setpoint_coding()
+    with pytest.raises(TargetNotReached):
+        await drive.calibrate_setpoint_coding()
     assert drive.dialect.settings["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
@@ -637,42 +645,44 @@ async def nothing_is_proved(drive: Drive) -> None:
 
 def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
     async def tale() -> None:
-        async with Bench("dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}) as bench:
+        async with SimulatedDrives(
+            "dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}
+        ) as bench:
             with pytest.raises(LimitError):
-                await bench.drive().prove_setpoint_coding()
+                await bench.drive().calibrate_setpoint_coding()
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:
     async def tale() -> None:
-        async with Bench("dzb100") as bench:
-            with pytest.raises(GateError):
-                await bench.drive().prove_setpoint_coding()
+        async with SimulatedDrives("dzb100") as bench:
+            with pytest.raises(StartInhibited):
+                await bench.drive().calibrate_setpoint_coding()
             assert not bench.station().running
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("field", ["b3b2", "b2b3"])
 def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None:
     async def tale() -> None:
         store = MemoryStore()
-        async with Bench("df800", query=f"direction_field={field}", store=store) as bench:
+        async with SimulatedDrives("df800", query=f"direction_field={field}", store=store) as bench:
             drive = bench.drive()
             seen = watch(bench)
 
             async def person() -> Direction:
                 return Direction.FORWARD if seen[-1] > 0 else Direction.REVERSE
 
-            with pytest.raises(GateError):
+            with pytest.raises(StartInhibited):
                 await drive.run(10.0, Direction.FORWARD)
             for hz in (0.0, 5.01):
                 with pytest.raises(LimitError):
-                    await drive.prove_direction(hz, person)
+                    await drive.calibrate_direction(hz, person)
             assert not seen
-            await drive.prove_direction(5.0, person)
+            await drive.calibrate_direction(5.0, person)
             assert drive.dialect.settings["direction_field"] == field
             assert all(abs(hz) <= 5.0 for hz in seen)
             await asyncio.sleep(10)
@@ -683,7 +693,7 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
                 await drive.stop()
                 await asyncio.sleep(20)
 
-    story(tale())
+    run_virtual(tale())
 
 
 # --- who is it ----------------------------------------------------------------------------------------------------
@@ -691,21 +701,21 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
 
 def test_c320_tells_who_it_is_and_the_others_only_that_they_answer() -> None:
     async def tale() -> None:
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             found = await bench.drive().identify()
             assert (found.voltage_class_v, found.power_kw, found.reported) == (380, 2.2, True)
-        async with Bench("vc660") as bench:
+        async with SimulatedDrives("vc660") as bench:
             assert not (await bench.drive().identify()).reported
 
-    story(tale())
+    run_virtual(tale())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_what_happens_when_the_host_dies_is_never_promised_where_nobody_published_it(model: str) -> None:
     async def tale() -> None:
-        async with Bench(model) as bench:
-            report = await bench.drive().if_host_dies()
-            assert report.trips is not True
+        async with SimulatedDrives(model) as bench:
+            report = await bench.drive().comm_loss_behaviour()
+            assert report.stops_on_comm_loss is not True
             assert report.text("zh") != report.text("en")
 
-    story(tale())
+    run_virtual(tale())

@@ -12,59 +12,59 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives.commloss import if_host_dies
-from drivebus.drives.memory import DriveLimits, Memory
-from drivebus.drives.operation import Talk
-from drivebus.drives.parameters import read, write
-from drivebus.drives.preflight import preflight
-from drivebus.drives.state import Outcome, OutcomeWord
+from drivebus.drives.context import DriveContext, DriveLimits
+from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.operations.comm_loss import comm_loss_behaviour
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.parameters import read_values, write_values
+from drivebus.drives.operations.preflight import read_preflight
+from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.drives.store import FileStore, MemoryStore
-from drivebus.drives.wear import Wear
 from drivebus.errors import (
     CapabilityError,
     ConfigurationError,
+    EepromBudgetExceeded,
     LimitError,
     NotPermitted,
     PreflightError,
     ProfileError,
-    WearBudget,
 )
-from drivebus.protocols import modbus, sifang
-from drivebus.reading import Reading
-from drivekit import Bench, PaperC320, PaperModbus, World, dialect_of, story
+from drivebus.protocols import modbus, sunfar
+from drivebus.values import Reading
+from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dialect_for, run_virtual
 
 
 class Desk:
     """A drive on paper, its world and its store; ``write`` and ``read`` as a user calls them."""
 
     def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
-        self.dialect = dialect_of(model)
+        self.dialect = dialect_for(model)
         self.store = store if store is not None else MemoryStore()
-        self.world = World(self.dialect, station, store=self.store)
-        self.memory = Memory(self.dialect, Wear(self.store, "port/1", budget))
+        self.world = PureBus(self.dialect, station, store=self.store)
+        self.memory = DriveContext(self.dialect, EepromBudget(self.store, "port/1", budget))
 
     def write(self, values: dict[str, float], save: bool = False) -> Outcome:
-        return self.world.play(write(Talk(self.memory), values, save))
+        return self.world.run(write_values(OperationContext(self.memory), values, save))
 
     def read(self, *names: str) -> dict[str, Reading]:
-        return self.world.play(read(Talk(self.memory), names))
+        return self.world.run(read_values(OperationContext(self.memory), names))
 
     def writes(self) -> list[Any]:
-        return self.world.sent(sifang.WriteParameter) + self.world.sent(modbus.WriteRegister)
+        return self.world.sent(sunfar.SunfarWriteParameter) + self.world.sent(modbus.WriteRegister)
 
 
 def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
-    desk = Desk("c320", PaperC320())
+    desk = Desk("c320", FakeC320())
     outcome = desk.write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key) == (OutcomeWord.CONFIRMED, "drives.write_confirmed")
-    written, fence, back = [ask.request for ask in desk.world.asks]
-    assert written == sifang.WriteParameter(1, 0, 2, 3000, save=False)
-    assert isinstance(fence, sifang.ReadParameter) and fence.group != 0
-    assert back == sifang.ReadParameter(1, 0, 2)
+    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
+    written, fence, back = [ask.request for ask in desk.world.requests]
+    assert written == sunfar.SunfarWriteParameter(1, 0, 2, 3000, save=False)
+    assert isinstance(fence, sunfar.SunfarReadParameter) and fence.group != 0
+    assert back == sunfar.SunfarReadParameter(1, 0, 2)
 
 
 def test_t14_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
-    desk = Desk("vc660", PaperModbus())
+    desk = Desk("vc660", FakeModbus())
     desk.write({"F00.02": 30.0})
     desk.write({"F00.02": 31.0}, save=True)
     assert [(r.register, r.value) for r in desk.writes()] == [(0x0002, 3000), (0x8002, 3100)]
@@ -72,26 +72,26 @@ def test_t14_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
 
 @pytest.mark.parametrize("model", ["dzb100", "df800"])
 def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
-    desk = Desk(model, PaperModbus())
+    desk = Desk(model, FakeModbus())
     with pytest.raises(CapabilityError) as caught:
         desk.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
     assert caught.value.key == "drives.save_needed"
-    assert not desk.world.asks
+    assert not desk.world.requests
 
 
 def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
-    desk = Desk("c320", PaperC320(parameters={(0, 1): 2, (0, 2): 3000}))
+    desk = Desk("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
     outcome = desk.write({"F0.2": 30.0}, save=True)
-    assert (outcome.word, outcome.key) == (OutcomeWord.CONFIRMED, "drives.write_skipped")
+    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
     assert not desk.writes()
 
 
 def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
     """RAM says 30 Hz already; what EEPROM says nobody knows, and reading back RAM does not tell."""
-    desk = Desk("c320", PaperC320())
+    desk = Desk("c320", FakeC320())
     desk.write({"F0.2": 30.0})
     outcome = desk.write({"F0.2": 30.0}, save=True)
-    assert (outcome.word, outcome.key) == (OutcomeWord.ACKNOWLEDGED, "drives.save_acknowledged")
+    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.save_acknowledged")
     assert [r.save for r in desk.writes()] == [False, True]
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
@@ -99,17 +99,17 @@ def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
 @pytest.mark.parametrize("lost", [None, NotPermitted("bus.latched", station=1)])
 def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
     """Nor is the next one skipped: the EEPROM may still hold the old value."""
-    paper = PaperC320()
+    paper = FakeC320()
 
     def losing(request: Any) -> Any:
-        return lost if isinstance(request, sifang.WriteParameter) and request.save else paper(request)
+        return lost if isinstance(request, sunfar.SunfarWriteParameter) and request.save else paper(request)
 
     desk = Desk("c320", paper)
     desk.write({"F0.2": 30.0})
     desk.world.station = losing
     if lost is None:
         outcome = desk.write({"F0.2": 30.0}, save=True)
-        assert (outcome.word, outcome.key) == (OutcomeWord.UNKNOWN, "drives.save_unknown")
+        assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.save_unknown")
     else:
         with pytest.raises(NotPermitted):
             desk.write({"F0.2": 30.0}, save=True)
@@ -119,43 +119,43 @@ def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_b
 
 
 def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
-    desk = Desk("c320", PaperC320(), budget=3)
+    desk = Desk("c320", FakeC320(), budget=3)
     for number in range(3):
         desk.write({"F0.2": 10.0 + number}, save=True)
-    with pytest.raises(WearBudget) as caught:
+    with pytest.raises(EepromBudgetExceeded) as caught:
         desk.write({"F0.2": 40.0}, save=True)
     params = caught.value.params
     assert (caught.value.key, params["count"], params["budget"]) == ("drives.wear_budget", 3, 3)
     assert len(desk.writes()) == 3
-    desk.world.around = replace(desk.world.around, day="2026-01-03")
+    desk.world.conditions = replace(desk.world.conditions, day="2026-01-03")
     assert desk.write({"F0.2": 40.0}, save=True).done
 
 
 def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
-    desk = Desk("c320", PaperC320(), budget=1)
+    desk = Desk("c320", FakeC320(), budget=1)
     desk.write({"F0.2": 10.0}, save=True)
-    desk.world.around = replace(desk.world.around, day="2025-12-31")
-    with pytest.raises(WearBudget) as caught:
+    desk.world.conditions = replace(desk.world.conditions, day="2025-12-31")
+    with pytest.raises(EepromBudgetExceeded) as caught:
         desk.write({"F0.2": 11.0}, save=True)
     assert (caught.value.key, caught.value.params["day"]) == ("drives.wear_clock", "2026-01-02")
     assert "2026-01-02" in caught.value.text("en") and "2026-01-02" in caught.value.text("zh")
 
 
 def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
-    desk = Desk("c320", PaperC320(), budget=2)
+    desk = Desk("c320", FakeC320(), budget=2)
     for number, day in enumerate(("2026-01-02", "2025-12-31")):
-        desk.world.around = replace(desk.world.around, day=day)
+        desk.world.conditions = replace(desk.world.conditions, day=day)
         desk.write({"F0.2": 10.0 + number}, save=True)
-    desk.world.around = replace(desk.world.around, day="2026-01-02")
-    with pytest.raises(WearBudget):
+    desk.world.conditions = replace(desk.world.conditions, day="2026-01-02")
+    with pytest.raises(EepromBudgetExceeded):
         desk.write({"F0.2": 40.0}, save=True)
 
 
 def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
     for number in range(2):
-        Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
-    with pytest.raises(WearBudget):
-        Desk("c320", PaperC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
+        Desk("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
+    with pytest.raises(EepromBudgetExceeded):
+        Desk("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
 
 
 @pytest.mark.parametrize("found", [-1, 2.0, "5", True, None])
@@ -170,35 +170,35 @@ def test_g16_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
 
     async def saved(budget: int, value: float) -> bool:
         limits = DriveLimits(saves_per_day=budget)
-        async with Bench("c320") as bench:
+        async with SimulatedDrives("c320") as bench:
             drive = bench.drive(limits=limits, store=FileStore(tmp_path / "s.json"))
             try:
                 return (await drive.write({"F0.2": value}, save=True)).done
-            except WearBudget as error:
+            except EepromBudgetExceeded as error:
                 assert error.params["budget"] == budget
                 assert not bench.station().memory.eeprom_writes
                 return False
 
     tries = [(0, 10.0), (2, 11.0), (2, 12.0), (2, 13.0), (3, 14.0), (3, 15.0), (0, 16.0)]
-    assert [story(saved(*one)) for one in tries] == [False, True, True, False, True, False, False]
+    assert [run_virtual(saved(*one)) for one in tries] == [False, True, True, False, True, False, False]
 
 
 def test_a_save_is_counted_before_it_is_sent() -> None:
     """A write that may have happened counts."""
-    desk = Desk("c320", PaperC320())
-    wear = Wear(desk.store, "port/1")
+    desk = Desk("c320", FakeC320())
+    wear = EepromBudget(desk.store, "port/1")
     seen: list[int] = []
-    desk.world.on_ask = lambda ask: seen.append(wear.count("F0.2").today)
+    desk.world.on_request = lambda ask: seen.append(wear.count("F0.2").today)
     desk.write({"F0.2": 10.0}, save=True)
-    place = next(i for i, ask in enumerate(desk.world.asks) if isinstance(ask.request, sifang.WriteParameter))
+    place = next(i for i, ask in enumerate(desk.world.requests) if isinstance(ask.request, sunfar.SunfarWriteParameter))
     assert seen[place] == 1
 
 
 def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
     store = MemoryStore()
     store.put("wear/port/1/F0.2", "{broken")
-    with pytest.raises(WearBudget):
-        Desk("c320", PaperC320(), store).write({"F0.2": 10.0}, save=True)
+    with pytest.raises(EepromBudgetExceeded):
+        Desk("c320", FakeC320(), store).write({"F0.2": 10.0}, save=True)
 
 
 @pytest.mark.parametrize(
@@ -219,72 +219,72 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
 def test_i7_what_may_not_be_written_is_refused_before_sending(
     model: str, name: str, value: float, error: type[Exception]
 ) -> None:
-    desk = Desk(model, PaperModbus() if model == "vc660" else PaperC320())
+    desk = Desk(model, FakeModbus() if model == "vc660" else FakeC320())
     with pytest.raises(error):
         desk.write({name: value})
-    assert not desk.world.asks
+    assert not desk.world.requests
 
 
 def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
-    desk = Desk("c320", PaperC320())
+    desk = Desk("c320", FakeC320())
     with pytest.raises(LimitError):
         desk.write({"F0.2": 10.0, "F4.0": 9.0})
-    assert not desk.world.asks
+    assert not desk.world.requests
 
 
 def test_a_write_that_reads_back_differently_failed() -> None:
-    class Keeps(PaperC320):
+    class Keeps(FakeC320):
         def __call__(self, request: Any) -> Any:
             reply = super().__call__(request)
             self.parameters[0, 2] = 5000
             return reply
 
     outcome = Desk("c320", Keeps()).write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key, outcome.params["found"]) == (OutcomeWord.FAILED, "drives.write_differs", 50.0)
+    assert (outcome.word, outcome.key, outcome.params["found"]) == (OutcomeStatus.FAILED, "drives.write_differs", 50.0)
 
 
 def test_an_unanswered_write_is_decided_by_reading_it() -> None:
-    class Loses(PaperC320):
+    class Loses(FakeC320):
         def __call__(self, request: Any) -> Any:
             reply = super().__call__(request)
-            return None if isinstance(request, sifang.WriteParameter) else reply
+            return None if isinstance(request, sunfar.SunfarWriteParameter) else reply
 
-    assert Desk("c320", Loses()).write({"F0.2": 30.0}).word is OutcomeWord.CONFIRMED
+    assert Desk("c320", Loses()).write({"F0.2": 30.0}).word is OutcomeStatus.CONFIRMED
 
 
 def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
-    class Dies(PaperC320):
+    class Dies(FakeC320):
         def __call__(self, request: Any) -> Any:
             reply = super().__call__(request)
-            self.silent = self.silent or isinstance(request, sifang.WriteParameter)
+            self.silent = self.silent or isinstance(request, sunfar.SunfarWriteParameter)
             return reply
 
-    assert Desk("c320", Dies()).write({"F0.2": 30.0}).word is OutcomeWord.UNKNOWN
+    assert Desk("c320", Dies()).write({"F0.2": 30.0}).word is OutcomeStatus.UNKNOWN
 
 
 def test_a_refused_write_says_why() -> None:
-    class Locked(PaperC320):
+    class Locked(FakeC320):
         def __call__(self, request: Any) -> Any:
-            if isinstance(request, sifang.WriteParameter):
-                return sifang.Reply(1, sifang.Response.PASSWORD, sifang.State.STOPPED, 0, 2, 0)
+            if isinstance(request, sunfar.SunfarWriteParameter):
+                return sunfar.SunfarReply(1, sunfar.SunfarResponse.PASSWORD, sunfar.SunfarState.STOPPED, 0, 2, 0)
             return super().__call__(request)
 
     outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key) == (OutcomeWord.REFUSED, "drives.sifang_response_3")
+    assert (outcome.word, outcome.key) == (OutcomeStatus.REFUSED, "drives.sifang_response_3")
 
 
 def test_a_write_only_register_is_acknowledged_at_best() -> None:
-    outcome = Desk("vc660", PaperModbus()).write({"2006H": 5.0})
-    assert (outcome.word, outcome.key) == (OutcomeWord.ACKNOWLEDGED, "drives.write_acknowledged")
+    outcome = Desk("vc660", FakeModbus()).write({"2006H": 5.0})
+    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
 
 
 def test_every_written_parameter_is_named_in_the_notes() -> None:
-    outcome = Desk("c320", PaperC320()).write({"F0.2": 30.0, "F1.10": 16.0})
+    outcome = Desk("c320", FakeC320()).write({"F0.2": 30.0, "F1.10": 16.0})
     assert [params["notation"] for _, params in outcome.notes] == ["F0.2", "F1.10"]
 
 
 def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
-    desk = Desk("c320", PaperC320(output=1234, parameters={(0, 2): 3000}))
+    desk = Desk("c320", FakeC320(output=1234, parameters={(0, 2): 3000}))
     found = desk.read("F0.02", "output_frequency", "d.0", "F3.5")
     assert (found["F0.02"].value, found["F0.02"].raw) == (30.0, 3000)
     assert found["output_frequency"].value == found["d.0"].value == 12.34
@@ -293,19 +293,19 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
 
 def test_t05_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
     """The reply names neither item nor whether it was carried out."""
-    desk = Desk("c320", PaperC320(sifang.State.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
+    desk = Desk("c320", FakeC320(sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
     found = desk.read("F0.1", "F0.2")
     assert (found["F0.1"].value, found["F0.2"].value) == (None, 30.0)
 
 
 def test_a_write_only_register_is_not_read() -> None:
-    desk = Desk("vc660", PaperModbus())
+    desk = Desk("vc660", FakeModbus())
     assert desk.read("2006H")["2006H"].reason == "drives.write_only"
-    assert not desk.world.asks
+    assert not desk.world.requests
 
 
 def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
-    found = Desk("c320", PaperC320(silent=True)).read("F0.2")
+    found = Desk("c320", FakeC320(silent=True)).read("F0.2")
     assert (found["F0.2"].value, found["F0.2"].reason) == (None, "drives.no_answer")
 
 
@@ -313,24 +313,24 @@ def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
 
 
 def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read() -> None:
-    desk = Desk("vc660", PaperModbus(registers={1: 2}))
-    found = desk.world.play(preflight(Talk(desk.memory)))
-    assert [m.notation for m in found.missing] == ["F00.01"]
+    desk = Desk("vc660", FakeModbus(registers={1: 2}))
+    found = desk.world.run(read_preflight(OperationContext(desk.memory)))
+    assert [m.notation for m in found.unmet] == ["F00.01"]
     assert [notation for notation, _ in found.unreadable] == ["F01.00"]
     assert not found.passed
 
 
 def test_the_preflight_reads_the_ramps_where_the_model_tells_them() -> None:
-    desk = Desk("df800", PaperModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
-    found = desk.world.play(preflight(Talk(desk.memory)))
-    assert found.holds == ("F1.01", "F1.02")
+    desk = Desk("df800", FakeModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
+    found = desk.world.run(read_preflight(OperationContext(desk.memory)))
+    assert found.satisfied == ("F1.01", "F1.02")
     assert (desk.memory.acceleration_s, desk.memory.deceleration_s) == (15.0, 4.0)
 
 
 def test_silence_proves_nothing() -> None:
-    desk = Desk("c320", PaperC320(silent=True))
+    desk = Desk("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
-        desk.world.play(preflight(Talk(desk.memory)))
+        desk.world.run(read_preflight(OperationContext(desk.memory)))
     assert caught.value.key == "drives.preflight_silent"
 
 
@@ -389,8 +389,8 @@ def test_an_update_that_raises_changes_nothing(tmp_path: Path) -> None:
 CHARGE_MANY = """
 import sys
 from drivebus.drives.store import FileStore
-from drivebus.drives.talk import play
-from drivebus.drives.wear import Wear
+from drivebus.drives.operations.steps import play
+from drivebus.drives.eeprom_budget import Wear
 from drivebus.errors import WearBudget
 store, counted = FileStore(sys.argv[1]), 0
 for n in range(25):
@@ -413,7 +413,7 @@ def test_g16_two_programs_that_save_the_same_parameter_lose_no_count(
     command = [sys.executable, "-c", CHARGE_MANY, str(path), str(budget)]
     programs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     counted = [int(program.communicate(timeout=60)[0]) for program in programs]
-    assert sum(counted) == Wear(FileStore(path), "port/1").count("F0.2").total == expected
+    assert sum(counted) == EepromBudget(FileStore(path), "port/1").count("F0.2").total == expected
 
 
 class Msvcrt:
@@ -499,16 +499,16 @@ def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None
 def test_f18_nothing_is_promised_that_the_manual_does_not_say(
     time_raw: int, action: int, trips_values: tuple[int, ...], trips: bool | None, key: str
 ) -> None:
-    desk = Desk("c320", PaperC320(parameters={(9, 4): time_raw, (9, 3): action}))
+    desk = Desk("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
     rule = replace(desk.dialect.profile.comm_loss, trips_values=trips_values)
     desk.dialect.profile = replace(desk.dialect.profile, comm_loss=rule)
-    found = desk.world.play(if_host_dies(Talk(desk.memory)))
-    assert (found.trips, found.key) == (trips, key)
+    found = desk.world.run(comm_loss_behaviour(OperationContext(desk.memory)))
+    assert (found.stops_on_comm_loss, found.key) == (trips, key)
 
 
 def test_f18_a_timer_that_can_not_be_read_promises_nothing() -> None:
-    desk = Desk("c320", PaperC320(silent=True))
-    assert desk.world.play(if_host_dies(Talk(desk.memory))).key == "drives.host_dies_unread"
+    desk = Desk("c320", FakeC320(silent=True))
+    assert desk.world.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.host_dies_unread"
 
 
 def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

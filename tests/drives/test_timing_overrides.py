@@ -8,49 +8,49 @@ from typing import Any
 
 import pytest
 
-from drivebus import bus_stop, profiles
-from drivebus.bus.trace import Kind, TraceEvent
+from drivebus import profiles, stop_bus
+from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.errors import NoReply
-from drivebus.message import Ask, StationTiming
-from drivekit import Bench, story
+from drivebus.protocols.codec import BusRequest, StationTiming
+from fixtures.drives import SimulatedDrives, run_virtual
 
 FACTORY = profiles.load("c320").timing
 CHARACTER_S = 11 / 9600
 
 
-def watched(bench: Bench) -> list[TraceEvent]:
+def watched(bench: SimulatedDrives) -> list[TraceEvent]:
     seen: list[TraceEvent] = []
     bench.bus.trace(seen.append)
     return seen
 
 
-def ask(drive: Any) -> Ask:
-    return Ask(drive.address, drive.dialect.plain_read())
+def ask(drive: Any) -> BusRequest:
+    return BusRequest(drive.address, drive.dialect.echo_test_read())
 
 
 def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> None:
     async def tale() -> None:
-        async with Bench("c320", "1-2") as bench:
+        async with SimulatedDrives("c320", "1-2") as bench:
             plain, slow = bench.drive(1), bench.drive(2, timing=replace(FACTORY, gap_characters=40))
             for drive in (plain, slow):
                 await bench.bus.transact(ask(drive))
             seen = watched(bench)
             for drive in (plain, plain, slow, plain):
                 assert (await bench.bus.transact(ask(drive))).error is None
-            sent = [one for one in seen if one.kind is Kind.SENT]
-            heard = [one for one in seen if one.kind is Kind.REPLY]
+            sent = [one for one in seen if one.kind is TraceKind.SENT]
+            heard = [one for one in seen if one.kind is TraceKind.REPLY]
             gaps = [later.time - before.time for before, later in zip(heard, sent[1:], strict=False)]
             assert gaps == pytest.approx([5 * CHARACTER_S, 40 * CHARACTER_S, 40 * CHARACTER_S]), (
                 "its reply needs it too"
             )
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_each_drive_is_waited_for_as_long_as_it_was_given() -> None:
     async def tale() -> None:
-        async with Bench("c320", "1-2") as bench:
-            patient = replace(FACTORY, reply_delay_s=0.3, reply_delay_characters=0.0, adapter_s=0.05)
+        async with SimulatedDrives("c320", "1-2") as bench:
+            patient = replace(FACTORY, reply_delay_s=0.3, reply_delay_characters=0.0, adapter_latency_s=0.05)
             for address, timing in ((1, FACTORY), (2, patient)):
                 drive = bench.drive(address, timing=timing)
                 bench.station(address).faults.silent = True
@@ -58,27 +58,27 @@ def test_each_drive_is_waited_for_as_long_as_it_was_given() -> None:
                 answer = await bench.bus.transact(ask(drive))
                 assert isinstance(answer.error, NoReply) and answer.sent_at is not None
                 waited = bench.bus.now() - answer.sent_at - len(answer.sent) * CHARACTER_S
-                assert waited == pytest.approx(timing.timeout_s(bench.bus.line, 18))
+                assert waited == pytest.approx(timing.timeout_s(bench.bus.settings, 18))
                 assert begun <= answer.sent_at
                 await asyncio.sleep(1)
 
-    story(tale())
+    run_virtual(tale())
 
 
 def test_a_broadcast_leaves_the_turnaround_that_was_given() -> None:
     async def tale(timing: StationTiming) -> float:
-        async with Bench("c320", "1") as bench:
+        async with SimulatedDrives("c320", "1") as bench:
             drive = bench.drive(timing=timing)
             await drive.status()
             seen = watched(bench)
-            await bus_stop(bench.bus, [drive])
-            sent = [one for one in seen if one.kind is Kind.SENT]
+            await stop_bus(bench.bus, [drive])
+            sent = [one for one in seen if one.kind is TraceKind.SENT]
             first = next(n for n, one in enumerate(sent) if one.data[1:3] == b"1F")
             end = sent[first].time + len(sent[first].data) * CHARACTER_S
             return sent[first + 1].time - end
 
-    assert story(tale(replace(FACTORY, turnaround_s=0.1))) == pytest.approx(0.1)
-    assert story(tale(replace(FACTORY, turnaround_s=0.7))) == pytest.approx(0.7)
+    assert run_virtual(tale(replace(FACTORY, turnaround_s=0.1))) == pytest.approx(0.1)
+    assert run_virtual(tale(replace(FACTORY, turnaround_s=0.7))) == pytest.approx(0.7)
 
 
 def test_a_profile_file_overrides_what_it_names_and_keeps_the_rest(tmp_path: Any) -> None:

@@ -15,12 +15,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from drivebus.lab.report import commit
+from verification.report import current_commit
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 REPORT = ROOT / "docs" / "reports" / "atheris.json"
-TRIED = ("src/drivebus/protocols", "src/drivebus/message.py", "tests/fuzz")
+TRIED = ("src/drivebus/protocols", "src/drivebus/protocols/codec.py", "tests/fuzz")
 
 
 def main() -> int:
@@ -57,7 +57,7 @@ def fuzzed(script: Path, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     if crashed:
         print(done.stderr[-3000:], file=sys.stderr)
     return {
-        "commit": commit(ROOT, *TRIED),
+        "commit": current_commit(ROOT, *TRIED),
         "tool": f"atheris {version('atheris')}",
         "python": sys.version.split()[0],
         "seed": seed,

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from drivebus.errors import CodeError, ProtocolError
-from drivebus.message import Complete, CompleteIfSilent, Incomplete, Verdict
-from fuzz.harness import SEALED, Broken, check
-from fuzz.targets import TARGETS
+from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
+from fuzz.harness import SEALED_CHOICE, BrokenPromise, check_decoder
+from fuzz.targets import ATHERIS_TARGETS
 
 HERE = Path(__file__).resolve().parent
 REPORT = HERE.parents[1] / "docs" / "reports" / "atheris.json"
@@ -23,26 +23,26 @@ SCRIPTS = {path.stem.removeprefix("fuzz_").replace("_", "-"): path for path in H
 
 
 def test_every_target_has_its_harness() -> None:
-    assert SCRIPTS.keys() == TARGETS.keys()
+    assert SCRIPTS.keys() == ATHERIS_TARGETS.keys()
     for name, script in SCRIPTS.items():
         assert f'main("{name}")' in script.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", ATHERIS_TARGETS)
 def test_the_seeds_and_bytes_near_them_break_no_promise(name: str) -> None:
-    rng, target = random.Random(1), TARGETS[name]
+    rng, target = random.Random(1), ATHERIS_TARGETS[name]
     for seed in target.seeds():
-        target.one_input(seed)
+        target.run_input(seed)
         data = bytearray(seed)
         data[rng.randrange(len(data))] = rng.randrange(256)
-        data[0] |= SEALED * rng.randrange(2)
-        target.one_input(bytes(data))
+        data[0] |= SEALED_CHOICE * rng.randrange(2)
+        target.run_input(bytes(data))
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", ATHERIS_TARGETS)
 def test_sealed_bytes_come_past_the_check(name: str) -> None:
     """Else the fuzzer would see nothing but the refusal of their sum."""
-    rng, target, read = random.Random(2), TARGETS[name], 0
+    rng, target, read = random.Random(2), ATHERIS_TARGETS[name], 0
     for _ in range(3000):
         body = bytes(rng.choice((0, 0, 1, 1, 2, 3, 6, 16)) for _ in range(rng.randrange(3, 13)))
         try:
@@ -52,10 +52,10 @@ def test_sealed_bytes_come_past_the_check(name: str) -> None:
     assert read > 5
 
 
-def lying(*verdicts: Verdict | Exception) -> Any:
+def lying_decoder(*verdicts: DecodeResult | Exception) -> Any:
     """A decoder that says this for 0, 1, 2 ... bytes, and the last for all that are more."""
 
-    def decode(data: bytes) -> Verdict:
+    def decode(data: bytes) -> DecodeResult:
         verdict = verdicts[min(len(data), len(verdicts) - 1)]
         if isinstance(verdict, Exception):
             raise verdict
@@ -64,29 +64,31 @@ def lying(*verdicts: Verdict | Exception) -> Any:
     return decode
 
 
-LIES = [
-    lying(Incomplete(1), Incomplete(1)),
-    lying(Incomplete(3), Incomplete(3), Complete("early", 2)),
-    lying(Incomplete(1), Incomplete(2), Complete("longer than it is", 3)),
-    lying(Incomplete(1), Incomplete(2), Complete("nothing", 0)),
-    lying(Incomplete(1), CompleteIfSilent("a", 1, 1)),
-    lying(Incomplete(1), Incomplete(2), Complete("a", 1), Complete("b", 1)),
+LYING_DECODERS = [
+    lying_decoder(Incomplete(1), Incomplete(1)),
+    lying_decoder(Incomplete(3), Incomplete(3), Complete("early", 2)),
+    lying_decoder(Incomplete(1), Incomplete(2), Complete("longer than it is", 3)),
+    lying_decoder(Incomplete(1), Incomplete(2), Complete("nothing", 0)),
+    lying_decoder(Incomplete(1), CompleteIfSilent("a", 1, 1)),
+    lying_decoder(Incomplete(1), Incomplete(2), Complete("a", 1), Complete("b", 1)),
 ]
 
 
-@pytest.mark.parametrize("decode", LIES)
+@pytest.mark.parametrize("decode", LYING_DECODERS)
 def test_a_decoder_that_lies_is_noticed(decode: Any) -> None:
-    with pytest.raises(Broken):
-        check(decode, b"\x01\x02\x03")
+    with pytest.raises(BrokenPromise):
+        check_decoder(decode, b"\x01\x02\x03")
 
 
 def test_any_other_error_comes_out_as_it_is() -> None:
     with pytest.raises(IndexError):
-        check(lying(Incomplete(1), IndexError()), b"\x01")
+        check_decoder(lying_decoder(Incomplete(1), IndexError()), b"\x01")
 
 
 def test_a_truthful_decoder_passes() -> None:
-    check(lying(Incomplete(2), Incomplete(2), CompleteIfSilent("a", 2, 3), Complete("b", 3)), b"\x01\x02\x03\x04")
+    check_decoder(
+        lying_decoder(Incomplete(2), Incomplete(2), CompleteIfSilent("a", 2, 3), Complete("b", 3)), b"\x01\x02\x03\x04"
+    )
 
 
 @pytest.mark.parametrize("name", ["dzb100"])
@@ -101,7 +103,7 @@ def test_a_harness_runs_under_atheris(name: str) -> None:
 
 def test_the_committed_report_has_every_decoder_and_no_crash() -> None:
     found = json.loads(REPORT.read_text(encoding="utf-8"))["decoders"]
-    assert found.keys() == TARGETS.keys()
+    assert found.keys() == ATHERIS_TARGETS.keys()
     for name, one in found.items():
         assert (one["crashes"], one["runs"] >= 40_000) == (0, True), name
         assert not one["commit"].endswith("-dirty") and one["features"] >= one["edges"] > 0

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from peers import missing, need_program
+from peers import need_program, skip_missing
 
-Start = Callable[..., "subprocess.Popen[str]"]
+StartProgram = Callable[..., "subprocess.Popen[str]"]
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +22,7 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def started() -> Iterator[Start]:
+def started() -> Iterator[StartProgram]:
     """Start a program and end it with the test."""
     running: list[subprocess.Popen[str]] = []
 
@@ -50,7 +50,7 @@ def wait_for(there: Callable[[], bool], what: str, seconds: float = 10.0) -> Non
 
 
 @pytest.fixture
-def wire(started: Start, tmp_path: Path) -> Iterator[tuple[str, str]]:
+def wire(started: StartProgram, tmp_path: Path) -> Iterator[tuple[str, str]]:
     """A socat pair of ptys: our end, their end. Theirs is held open, so that it outlives a server that is killed."""
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"
     started(need_program("socat", "socat"), f"pty,raw,echo=0,link={ours}", f"pty,raw,echo=0,link={theirs}")
@@ -66,7 +66,7 @@ def libmodbus_server(tmp_path_factory: pytest.TempPathFactory) -> Path:
     asked = [need_program("pkg-config", "pkg-config"), "--cflags", "--libs", "libmodbus"]
     found = subprocess.run(asked, capture_output=True, text=True, check=False)
     if found.returncode:
-        missing("libmodbus", "apt-get install libmodbus-dev")
+        skip_missing("libmodbus", "apt-get install libmodbus-dev")
     target = tmp_path_factory.mktemp("peers") / "libmodbus_server"
     source = Path(__file__).with_name("libmodbus_server.c")
     subprocess.run([need_program("gcc", "gcc"), "-O1", "-o", target, source, *found.stdout.split()], check=True)

@@ -10,26 +10,26 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.bus import Bus
-from drivebus.drives import gate
-from drivebus.drives.state import UNKNOWN
-from drivebus.drives.talk import Surroundings
-from drivebus.line import LineSettings
-from drivebus.message import Ask, Effect, Lane, StationLink, StationTiming, WriteClass
+from drivebus.drives import permissives
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.state import STATE_NOT_READ
 from drivebus.ports import open_port
 from drivebus.protocols import modbus
+from drivebus.protocols.codec import BusRequest, Effect, RequestPriority, RetryPolicy, StationConfig, StationTiming
+from drivebus.serial_settings import SerialSettings
 
 STATION = 5
-TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.5, lateness_s=0.2)
+PEER_TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.5, max_reply_lateness_s=0.2)
 """Patient: this machine may be busy."""
-HASTY = replace(TIMING, reply_delay_s=0.1)
+SHORT_TIMING = replace(PEER_TIMING, reply_delay_s=0.1)
 """For servers that are killed on purpose."""
-LINE = LineSettings(115200)
-LOOPS = {"pymodbus": True, "libmodbus": False}
+PEER_SERIAL_SETTINGS = SerialSettings(115200)
+LOOPBACK_SUPPORT = {"pymodbus": True, "libmodbus": False}
 """Who knows function 08, so that a fence can carry a nonce."""
 
 
 @dataclass
-class Server:
+class PeerServer:
     """One peer on one wire."""
 
     name: str
@@ -49,34 +49,40 @@ class Server:
         self.process.kill()
         self.process.wait()
 
-    def bus(self, timing: StationTiming = TIMING) -> Bus:
+    def bus(self, timing: StationTiming = PEER_TIMING) -> Bus:
         """Our master on our end, with this server as its only station."""
-        bus = Bus(open_port(f"serial://{self.ours}?baud={LINE.baud}&format={LINE.format}"))
-        bus.add(link(STATION, self.encoding, loops=LOOPS[self.name], timing=timing))
+        bus = Bus(
+            open_port(f"serial://{self.ours}?baud={PEER_SERIAL_SETTINGS.baud}&format={PEER_SERIAL_SETTINGS.format}")
+        )
+        bus.add_station(peer_station(STATION, self.encoding, loops=LOOPBACK_SUPPORT[self.name], timing=timing))
         return bus
 
 
-def link(address: int, encoding: str = "rtu", *, loops: bool = True, timing: StationTiming = TIMING) -> StationLink:
+def peer_station(
+    address: int, encoding: str = "rtu", *, loops: bool = True, timing: StationTiming = PEER_TIMING
+) -> StationConfig:
     """A plain Modbus station: writes are settings. The fence is a loop-back, else a read of its own count."""
-    codec = modbus.AsciiCodec() if encoding == "ascii" else modbus.RtuCodec()
+    codec = modbus.ModbusAsciiCodec() if encoding == "ascii" else modbus.ModbusRtuCodec()
 
     def effect(frame: bytes) -> Effect:
-        return Effect.SETTING if modbus.written(frame, encoding) else Effect.NONE
+        return Effect.SETTING if modbus.registers_written(frame, encoding) else Effect.NONE
 
     def fence(n: int) -> Any:
-        return modbus.Loopback(address, n & 0xFFFF) if loops else modbus.ReadRegisters(address, 0, 100 + n % 20)
+        return modbus.Diagnostics(address, n & 0xFFFF) if loops else modbus.ReadRegisters(address, 0, 100 + n % 20)
 
-    return StationLink(address, codec, timing, effect, fence)
+    return StationConfig(address, codec, timing, effect, fence)
 
 
-def writing(bus: Bus, request: Any) -> Ask:
+def permitted_write(bus: Bus, request: Any) -> BusRequest:
     """A write with the gate's own permit, as a drive would be given it."""
-    now, generation = bus.now(), bus.generation(STATION)
-    command = gate.Command("test", gate.Kind.WRITE, now, generation)
-    evidence = gate.Evidence(UNKNOWN, None, can_tell=False, preflight_done=True, within_limits=True)
-    around = Surroundings(now, generation=generation)
-    permit = gate.grant(command, STATION, Effect.SETTING, WriteClass.ABSOLUTE, around, evidence, "modbus")
-    return Ask(STATION, request, Lane.COMMAND, WriteClass.ABSOLUTE, permit)
+    now, generation = bus.now(), bus.stop_epoch(STATION)
+    command = permissives.DriveCommand("test", permissives.Kind.WRITE, now, generation)
+    evidence = permissives.PermitInputs(STATE_NOT_READ, None, can_tell=False, preflight_done=True, within_limits=True)
+    around = BusConditions(now, generation=generation)
+    permit = permissives.grant_permit(
+        command, STATION, Effect.SETTING, RetryPolicy.IDEMPOTENT, around, evidence, "modbus"
+    )
+    return BusRequest(STATION, request, RequestPriority.COMMAND, RetryPolicy.IDEMPOTENT, permit)
 
 
 def pymodbus(started: Callable[..., subprocess.Popen[str]], theirs: str, encoding: str) -> subprocess.Popen[str]:

@@ -12,25 +12,33 @@ from typing import Any
 
 import pytest
 
-from drivebus.message import Ask, StationTiming
 from drivebus.protocols import modbus
-from drivebus.sim.bench import Bench
-from interop.conftest import Start
-from interop.desk import bench, told
-from interop.relay import Relay, Weather, relay
-from interop.servers import LINE, LOOPS, STATION, Server, link, pymodbus, writing
+from drivebus.protocols.codec import BusRequest, StationTiming
+from drivebus.simulator.bus import SimulatedBus
+from fixtures.lossy_relay import LinkQuality, LossyRelay, lossy_relay
+from fixtures.station_bench import quick_bench, run_program
+from interop.conftest import StartProgram
+from interop.servers import (
+    LOOPBACK_SUPPORT,
+    PEER_SERIAL_SETTINGS,
+    STATION,
+    PeerServer,
+    peer_station,
+    permitted_write,
+    pymodbus,
+)
 from peers import need_module, need_program
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
 
-BAD = Weather(loss=0.1, delay=0.15, delay_s=0.15)
+BAD_LINK = LinkQuality(loss=0.1, delay=0.15, delay_s=0.15)
 """Later than our time-out, earlier than the lateness that we are told of (ruling 2)."""
-TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.06, lateness_s=0.35)
+TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.06, max_reply_lateness_s=0.35)
 TRANSACTIONS, WRITES = 30, 20
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
-def peer(request: pytest.FixtureRequest, started: Start) -> Iterator[Any]:
+def peer(request: pytest.FixtureRequest, started: StartProgram) -> Iterator[Any]:
     """(name, encoding, what starts it on a path)."""
     name, _, encoding = request.param.partition("-")
     if name == "pymodbus":
@@ -42,13 +50,13 @@ def peer(request: pytest.FixtureRequest, started: Start) -> Iterator[Any]:
 
 
 @asynccontextmanager
-async def our_master(peer: Any, wire: Relay) -> Any:
+async def our_master(peer: Any, wire: LossyRelay) -> Any:
     name, encoding, launch = peer
-    server = Server(name, encoding, wire.ours, lambda: launch(wire.theirs))
+    server = PeerServer(name, encoding, wire.ours, lambda: launch(wire.theirs))
     await asyncio.to_thread(server.start)
     bus = server.bus(TIMING)
-    bus.remove(STATION)
-    bus.add(link(STATION, encoding, loops=LOOPS[name], timing=TIMING))
+    bus.remove_station(STATION)
+    bus.add_station(peer_station(STATION, encoding, loops=LOOPBACK_SUPPORT[name], timing=TIMING))
     async with bus:
         yield bus
     server.kill()
@@ -57,12 +65,12 @@ async def our_master(peer: Any, wire: Relay) -> Any:
 async def test_what_our_master_believes_is_what_stands_at_that_register_of_the_peer(peer: Any) -> None:
     """Many questions of one shape: a late answer would fit the next one, but not its registers."""
     chance, accepted, failed = Random(7), 0, 0
-    async with relay(Weather()) as wire, our_master(peer, wire) as bus:
-        await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, 0, 1)))
-        wire.weather = BAD
+    async with lossy_relay(LinkQuality()) as wire, our_master(peer, wire) as bus:
+        await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        wire.quality = BAD_LINK
         for _ in range(TRANSACTIONS):
             register, count = chance.randrange(100), chance.choice((1, 2, 2, 4))
-            answer = await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, register, count)))
+            answer = await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, register, count)))
             if answer.error is not None:
                 failed += 1
                 continue
@@ -76,20 +84,20 @@ async def test_what_our_master_believes_is_what_stands_at_that_register_of_the_p
 async def test_a_write_that_our_master_saw_acknowledged_stands_in_the_peer(peer: Any) -> None:
     """Each register is written once, with a value of its own; the clean read-back at the end is the judge."""
     acknowledged, refused = dict[int, int](), set[int]()
-    async with relay(Weather(), seed=3) as wire, our_master(peer, wire) as bus:
-        await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, 0, 1)))
-        wire.weather = BAD
+    async with lossy_relay(LinkQuality(), seed=3) as wire, our_master(peer, wire) as bus:
+        await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        wire.quality = BAD_LINK
         for register in range(WRITES):
             value = 0x4000 + 7 * register
-            answer = await bus.transact(writing(bus, modbus.WriteRegister(STATION, register, value)))
-            if answer.error is None and isinstance(answer.reply, modbus.Written):
+            answer = await bus.transact(permitted_write(bus, modbus.WriteRegister(STATION, register, value)))
+            if answer.error is None and isinstance(answer.reply, modbus.WriteAck):
                 acknowledged[register] = value
             elif not answer.sent:
                 refused.add(register)
-        wire.weather = Weather()
+        wire.quality = LinkQuality()
         await asyncio.sleep(1.0)
         for register in range(WRITES):
-            found = await _insistently(bus, register)
+            found = await _read_until_answered(bus, register)
             if register in acknowledged:
                 assert found == acknowledged[register]
             else:
@@ -98,41 +106,41 @@ async def test_a_write_that_our_master_saw_acknowledged_stands_in_the_peer(peer:
     assert WRITES / 4 < len(acknowledged) < WRITES
 
 
-async def _insistently(bus: Any, register: int) -> int:
+async def _read_until_answered(bus: Any, register: int) -> int:
     for _ in range(5):
-        answer = await bus.transact(Ask(STATION, modbus.ReadRegisters(STATION, register, 1)))
+        answer = await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, register, 1)))
         if answer.error is None:
             return int(answer.reply.values[0])
     raise AssertionError(f"register {register} can't be read on a clean wire")
 
 
 @asynccontextmanager
-async def our_station(wire: Relay, encoding: str = "rtu") -> Any:
+async def our_station(wire: LossyRelay, encoding: str = "rtu") -> Any:
     """A simulated VC660 (DF800 for ASCII) on the far side of the relay, as another pty program would be."""
-    made = bench("vc660@1" if encoding == "rtu" else "df800@1", encoding)
-    host = _PtyHost(made, wire.theirs)
+    made = quick_bench("vc660@1" if encoding == "rtu" else "df800@1", encoding)
+    host = PtyHost(made, wire.theirs)
     try:
         yield made
     finally:
         host.close()
 
 
-class _PtyHost:
+class PtyHost:
     """Joins a bench to the slave side of a pty: what comes from there is heard on the wire."""
 
     settings = None
 
-    def __init__(self, made: Bench, path: str) -> None:
+    def __init__(self, made: SimulatedBus, path: str) -> None:
         import os
 
         self._os, self.bench = os, made
         self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        made.tolerate(0.002)
+        made.set_jitter_tolerance(0.002)
         made.attach(self)
         asyncio.get_running_loop().add_reader(self._fd, self._readable)
 
     def _readable(self) -> None:
-        self.bench.say(self, self._os.read(self._fd, 4096))
+        self.bench.transmit(self, self._os.read(self._fd, 4096))
 
     def hear(self, data: bytes, marks: int) -> None:
         self._os.write(self._fd, data)
@@ -145,7 +153,7 @@ class _PtyHost:
         self._os.close(self._fd)
 
 
-FITS = Weather(loss=0.1, delay=0.2, delay_s=0.1)
+SLOW_LINK = LinkQuality(loss=0.1, delay=0.2, delay_s=0.1)
 """Earlier than the peers' time-outs: a peer that is answered later believes the answer to its last question (F01)."""
 
 
@@ -156,14 +164,19 @@ async def test_what_pymodbus_believes_of_our_station_is_what_stands_there(encodi
     from pymodbus.client import AsyncModbusSerialClient
 
     chance, accepted, failed = Random(9), 0, 0
-    async with relay(Weather(), seed=5) as wire, our_station(wire, encoding) as made:
+    async with lossy_relay(LinkQuality(), seed=5) as wire, our_station(wire, encoding) as made:
         words = made.station(1).memory
         keys = [key for key in words.cells if words.refuses_read(key) is None and 0x100 <= key < 0x1000]
         client = AsyncModbusSerialClient(
-            wire.ours, framer=FramerType(encoding), baudrate=LINE.baud, retries=0, timeout=0.4, reconnect_delay=0
+            wire.ours,
+            framer=FramerType(encoding),
+            baudrate=PEER_SERIAL_SETTINGS.baud,
+            retries=0,
+            timeout=0.4,
+            reconnect_delay=0,
         )
         assert await client.connect()
-        wire.weather = FITS
+        wire.quality = SLOW_LINK
         for _ in range(30):
             key = chance.choice(keys)
             try:
@@ -185,13 +198,30 @@ async def test_what_mbpoll_writes_and_reads_on_our_station_is_what_stands_there(
     """A new process each time, so that nothing late is left over for the next one."""
     program = need_program("mbpoll", "mbpoll")
     read = written = lost = 0
-    async with relay(Weather(), seed=11) as wire, our_station(wire) as made:
-        wire.weather = FITS
+    async with lossy_relay(LinkQuality(), seed=11) as wire, our_station(wire) as made:
+        wire.quality = SLOW_LINK
         memory = made.station(1).memory
         for number in range(14):
             value = 4000 + number
-            common = ("-m", "rtu", "-b", LINE.baud, "-P", "none", "-0", "-1", "-o", 0.5, "-a", 1, "-t", 4, "-r", 2)
-            done = await told(program, *common, wire.ours, *((value,) if number % 2 else ()))
+            common = (
+                "-m",
+                "rtu",
+                "-b",
+                PEER_SERIAL_SETTINGS.baud,
+                "-P",
+                "none",
+                "-0",
+                "-1",
+                "-o",
+                0.5,
+                "-a",
+                1,
+                "-t",
+                4,
+                "-r",
+                2,
+            )
+            done = await run_program(program, *common, wire.ours, *((value,) if number % 2 else ()))
             if "Written 1" in done.text:
                 written += 1
                 assert memory.ram[2] == value
@@ -208,7 +238,7 @@ async def test_what_mbpoll_writes_and_reads_on_our_station_is_what_stands_there(
 
 async def test_the_relay_loses_and_delays_and_keeps_the_order() -> None:
     """Tests that rest on a wire that loses nothing prove nothing."""
-    async with relay(Weather(loss=0.3, delay=0.5, delay_s=0.05), seed=1) as wire:
+    async with lossy_relay(LinkQuality(loss=0.3, delay=0.5, delay_s=0.05), seed=1) as wire:
         import os
 
         left = os.open(wire.ours, os.O_RDWR | os.O_NOCTTY)

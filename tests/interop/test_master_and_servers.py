@@ -11,39 +11,47 @@ import pytest
 
 from drivebus.bus import Poll, Presence
 from drivebus.errors import NoReply, NotPermitted
-from drivebus.message import Answer, Ask, Lane
 from drivebus.protocols import modbus
-from interop.conftest import Start
-from interop.desk import until
-from interop.servers import HASTY, LINE, STATION, Server, link, pymodbus, writing
+from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority
+from fixtures.station_bench import wait_until
+from interop.conftest import StartProgram
+from interop.servers import (
+    PEER_SERIAL_SETTINGS,
+    SHORT_TIMING,
+    STATION,
+    PeerServer,
+    peer_station,
+    permitted_write,
+    pymodbus,
+)
 from peers import need_module
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="socat's ptys as Linux has them")
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
-def server(request: pytest.FixtureRequest, wire: tuple[str, str], started: Start) -> Iterator[Server]:
+def server(request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram) -> Iterator[PeerServer]:
     name, _, encoding = request.param.partition("-")
     ours, theirs = wire
     if name == "pymodbus":
         need_module("pymodbus")
-        peer = Server(name, encoding, ours, lambda: pymodbus(started, theirs, encoding))
+        peer = PeerServer(name, encoding, ours, lambda: pymodbus(started, theirs, encoding))
     else:
         program: Path = request.getfixturevalue("libmodbus_server")
-        peer = Server(name, encoding, ours, lambda: started(program, theirs, STATION))
+        peer = PeerServer(name, encoding, ours, lambda: started(program, theirs, STATION))
     peer.start()
     yield peer
 
 
-def read(register: int, count: int, function: int = 3) -> Ask:
-    return Ask(STATION, modbus.ReadRegisters(STATION, register, count, function))
+def read(register: int, count: int, function: int = 3) -> BusRequest:
+    return BusRequest(STATION, modbus.ReadRegisters(STATION, register, count, function))
 
 
-def bits(register: int, count: int, function: int) -> Ask:
-    return Ask(STATION, modbus.ReadBits(STATION, register, count, function))
+def bits(register: int, count: int, function: int) -> BusRequest:
+    return BusRequest(STATION, modbus.ReadBits(STATION, register, count, function))
 
 
-async def replies(server: Server, *asks: Ask) -> list[Any]:
+async def replies(server: PeerServer, *asks: BusRequest) -> list[Any]:
     """One after another; none may fail."""
     async with server.bus() as bus:
         answers = [await bus.transact(ask) for ask in asks]
@@ -51,12 +59,22 @@ async def replies(server: Server, *asks: Ask) -> list[Any]:
     return [answer.reply for answer in answers]
 
 
-async def test_every_read_brings_what_stands_in_the_servers_tables(server: Server) -> None:
+async def test_every_read_brings_what_stands_in_the_servers_tables(server: PeerServer) -> None:
     """Functions 03, 04, 01 and 02, at both ends of their tables and at the most that one frame carries."""
     asks = [
-        read(0, 1), read(127, 1), read(40, 4), read(0, 125), read(3, 125), read(10, 3, 4), read(2, 125, 4),
-        bits(0, 1, 1), bits(7, 19, 1), bits(0, 128, 1), bits(1, 1, 2), bits(64, 64, 2),
-    ]  # fmt: skip
+        read(0, 1),
+        read(127, 1),
+        read(40, 4),
+        read(0, 125),
+        read(3, 125),
+        read(10, 3, 4),
+        read(2, 125, 4),
+        bits(0, 1, 1),
+        bits(7, 19, 1),
+        bits(0, 128, 1),
+        bits(1, 1, 2),
+        bits(64, 64, 2),
+    ]
     tables = {
         1: lambda n: n % 3 == 0,
         2: lambda n: n % 2 == 1,
@@ -69,7 +87,7 @@ async def test_every_read_brings_what_stands_in_the_servers_tables(server: Serve
         assert (reply.address, reply.function, list(reply.values)) == (STATION, asked.function, expected)
 
 
-async def test_what_is_written_with_a_permit_is_read_back(server: Server) -> None:
+async def test_what_is_written_with_a_permit_is_read_back(server: PeerServer) -> None:
     """Functions 06, 10H, 05 and 0FH; neighbours stay as they were."""
     async with server.bus() as bus:
         await bus.transact(read(0, 1))  # tells that this port does not echo: an answer to 06 could be one
@@ -81,9 +99,9 @@ async def test_what_is_written_with_a_permit_is_read_back(server: Server) -> Non
             modbus.WriteBit(STATION, 3, False),
             modbus.WriteBits(STATION, 8, (True,) * 11),
         ):
-            answer = await bus.transact(writing(bus, request))
+            answer = await bus.transact(permitted_write(bus, request))
             assert answer.error is None
-            assert isinstance(answer.reply, modbus.Written)
+            assert isinstance(answer.reply, modbus.WriteAck)
             assert (answer.reply.function, answer.reply.register) == (request.function, request.register)
         words = await bus.transact(read(0, 14))
         coils = await bus.transact(bits(0, 20, 1))
@@ -91,34 +109,34 @@ async def test_what_is_written_with_a_permit_is_read_back(server: Server) -> Non
     assert coils.reply.values == (True, True, *(False,) * 4, True, False, *(True,) * 11, False)
 
 
-async def test_a_write_without_a_permit_never_reaches_the_server(server: Server) -> None:
+async def test_a_write_without_a_permit_never_reaches_the_server(server: PeerServer) -> None:
     async with server.bus() as bus:
-        refused = await bus.transact(Ask(STATION, modbus.WriteRegister(STATION, 5, 1), Lane.COMMAND))
+        refused = await bus.transact(BusRequest(STATION, modbus.WriteRegister(STATION, 5, 1), RequestPriority.COMMAND))
         assert isinstance(refused.error, NotPermitted) and refused.sent == b""
         assert (await bus.transact(read(5, 1))).reply.values == (1005,)
 
 
-async def test_the_servers_refusals_arrive_as_replies_not_as_errors(server: Server) -> None:
+async def test_the_servers_refusals_arrive_as_replies_not_as_errors(server: PeerServer) -> None:
     async with server.bus() as bus:
         outside = await bus.transact(read(128, 1))
         straddling = await bus.transact(read(120, 9))
         coils = await bus.transact(bits(200, 3, 1))
-        written = await bus.transact(writing(bus, modbus.WriteRegisters(STATION, 127, (1, 2))))
+        written = await bus.transact(permitted_write(bus, modbus.WriteRegisters(STATION, 127, (1, 2))))
         assert (await bus.transact(read(127, 1))).reply.values == (1127,), "nothing was written"
         assert bus.statistics().errors == {}
     for answer, function in ((outside, 3), (straddling, 3), (coils, 1), (written, 16)):
-        assert answer.error is None and answer.reply == modbus.ErrorReply(STATION, function, 2)
+        assert answer.error is None and answer.reply == modbus.ExceptionReply(STATION, function, 2)
 
 
 @pytest.mark.parametrize("server", ["pymodbus-rtu", "pymodbus-ascii"], indirect=True)  # libmodbus' has no 08
-async def test_a_loop_back_test_brings_its_nonce_back(server: Server) -> None:
+async def test_a_loop_back_test_brings_its_nonce_back(server: PeerServer) -> None:
     nonces = (0xA55A, 0x0000, 0xFFFF, 0x0D0A)
-    asks = [Ask(STATION, modbus.Loopback(STATION, nonce)) for nonce in nonces]
+    asks = [BusRequest(STATION, modbus.Diagnostics(STATION, nonce)) for nonce in nonces]
     found = await replies(server, read(0, 1), *asks)
-    assert found[1:] == [modbus.Looped(STATION, nonce) for nonce in nonces]
+    assert found[1:] == [modbus.DiagnosticsReply(STATION, nonce) for nonce in nonces]
 
 
-async def test_two_hundred_transactions_move_no_error_counter(server: Server) -> None:
+async def test_two_hundred_transactions_move_no_error_counter(server: PeerServer) -> None:
     async with server.bus() as bus:
         sizes = []
         for number in range(200):
@@ -136,35 +154,38 @@ async def test_two_hundred_transactions_move_no_error_counter(server: Server) ->
     assert 0 < found.reply_p50_s <= found.reply_p95_s <= found.reply_p99_s < 0.5
     assert 0 < found.load_percent <= found.occupied_percent <= 100
     assert 0 < found.transactions_per_s <= 200 / found.elapsed_s * 1.01
-    assert found.elapsed_s > LINE.seconds(found.bytes_sent), "never faster than the wire"
+    assert found.elapsed_s > PEER_SERIAL_SETTINGS.seconds(found.bytes_sent), "never faster than the wire"
     assert found.stations[STATION].replies == 200
-    assert (health.presence, health.suspect, health.foreign_master, health.duplicate) == (
-        Presence.ONLINE, False, False, False,
-    )  # fmt: skip
+    assert (health.presence, health.suspect, health.foreign_master, health.duplicate_address) == (
+        Presence.ONLINE,
+        False,
+        False,
+        False,
+    )
 
 
-async def test_a_killed_server_is_silent_and_comes_back_online_by_itself(server: Server) -> None:
-    answers: list[Answer] = []
-    async with server.bus(HASTY) as bus:
+async def test_a_killed_server_is_silent_and_comes_back_online_by_itself(server: PeerServer) -> None:
+    answers: list[BusResult] = []
+    async with server.bus(SHORT_TIMING) as bus:
         assert bus.presence(STATION) is Presence.NEVER_SEEN
-        bus.watch(STATION, [Poll(modbus.ReadRegisters(STATION, 0, 4), 0.02)], answers.append)
-        await until(lambda: bus.presence(STATION) is Presence.ONLINE, "the first answer")
+        bus.start_polling(STATION, [Poll(modbus.ReadRegisters(STATION, 0, 4), 0.02)], answers.append)
+        await wait_until(lambda: bus.presence(STATION) is Presence.ONLINE, "the first answer")
         server.kill()
-        await until(lambda: bus.presence(STATION) is Presence.SILENT, "the silence")
+        await wait_until(lambda: bus.presence(STATION) is Presence.OFFLINE, "the silence")
         assert isinstance(answers[-1].error, NoReply)
         assert bus.statistics().errors["NoReply"] >= 1
         count = len(answers)
         server.start()
-        await until(lambda: bus.presence(STATION) is Presence.ONLINE, "the return")
-        await until(lambda: len(answers) > count and answers[-1].error is None, "polls again")
+        await wait_until(lambda: bus.presence(STATION) is Presence.ONLINE, "the return")
+        await wait_until(lambda: len(answers) > count and answers[-1].error is None, "polls again")
         assert answers[-1].reply.values == (1000, 1001, 1002, 1003)
 
 
 @pytest.mark.parametrize("server", ["libmodbus-rtu"], indirect=True)  # pymodbus answers for every address
-async def test_an_address_that_nobody_has_does_not_disturb_the_one_that_answers(server: Server) -> None:
+async def test_an_address_that_nobody_has_does_not_disturb_the_one_that_answers(server: PeerServer) -> None:
     async with server.bus() as bus:
-        bus.add(link(STATION + 1, loops=False))
-        nobody = await bus.transact(Ask(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))
+        bus.add_station(peer_station(STATION + 1, loops=False))
+        nobody = await bus.transact(BusRequest(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))
         assert isinstance(nobody.error, NoReply) and nobody.received == b""
         assert (await bus.transact(read(1, 1))).reply.values == (1001,)
         assert bus.presence(STATION + 1) is Presence.NEVER_SEEN

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from drivebus.sim.bench import Bench
-from interop.desk import Told, bench, on_pty, told, until
+from drivebus.simulator.bus import SimulatedBus
+from fixtures.station_bench import ProgramResult, quick_bench, run_program, serve_on_pty, wait_until
 from peers import need_program
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
@@ -17,7 +17,7 @@ READY, RUNNING = 1, 8
 """Bits of 3000H (VC660 guide, section 5)."""
 
 
-def turns_at(made: Bench, hz: float) -> bool:
+def turns_at(made: SimulatedBus, hz: float) -> bool:
     return made.station(1).motor.output_hz == pytest.approx(hz, abs=0.004)
 
 
@@ -29,23 +29,41 @@ async def mbpoll(
     count: int = 1,
     table: str = "4",
     patience_s: float = 2.0,
-) -> Told:
+) -> ProgramResult:
     """Once, with registers as they are on the wire."""
-    return await told(
-        need_program("mbpoll", "mbpoll"), "-m", "rtu", "-b", 19200, "-P", "none", "-0", "-1", "-o", patience_s,
-        "-a", station, "-t", table, "-r", register, *(() if values else ("-c", count)), path, *values,
-    )  # fmt: skip
+    return await run_program(
+        need_program("mbpoll", "mbpoll"),
+        "-m",
+        "rtu",
+        "-b",
+        19200,
+        "-P",
+        "none",
+        "-0",
+        "-1",
+        "-o",
+        patience_s,
+        "-a",
+        station,
+        "-t",
+        table,
+        "-r",
+        register,
+        *(() if values else ("-c", count)),
+        path,
+        *values,
+    )
 
 
 async def test_mbpoll_starts_a_vc660_reads_what_it_does_and_stops_it() -> None:
-    made = bench("vc660@1")
+    made = quick_bench("vc660@1")
     motor = made.station(1).motor
-    async with on_pty(made) as path:
+    async with serve_on_pty(made) as path:
         assert (await mbpoll(path, STATUS, count=2)).registers == {STATUS: READY, STATUS + 1: 0}
         assert (await mbpoll(path, SETPOINT, 3000)).code == 0
         assert not motor.energised, "a set frequency alone starts nothing"
         assert "Written 1 references" in (await mbpoll(path, COMMAND, 1)).text
-        await until(lambda: turns_at(made, 30.0), "30 Hz")
+        await wait_until(lambda: turns_at(made, 30.0), "30 Hz")
         assert motor.energised and motor.starts == 1
         seen = (await mbpoll(path, STATUS, count=4)).registers
         assert seen[STATUS] == READY | RUNNING
@@ -53,17 +71,17 @@ async def test_mbpoll_starts_a_vc660_reads_what_it_does_and_stops_it() -> None:
         assert seen[STATUS + 3] == round(motor.current_a * 10) > 0
         assert (await mbpoll(path, DC_BUS)).registers[DC_BUS] == pytest.approx(motor.bus_v, abs=2)
         assert (await mbpoll(path, COMMAND, 2)).code == 0
-        await until(lambda: not made.station(1).running, "standstill")
+        await wait_until(lambda: not made.station(1).running, "standstill")
         assert (await mbpoll(path, STATUS)).registers == {STATUS: READY}
 
 
 async def test_mbpoll_runs_a_vc660_backwards() -> None:
     """The direction is a level of the command word: 5 is start and reverse."""
-    made = bench("vc660@1")
-    async with on_pty(made) as path:
+    made = quick_bench("vc660@1")
+    async with serve_on_pty(made) as path:
         await mbpoll(path, SETPOINT, 1000)
         await mbpoll(path, COMMAND, 5)
-        await until(lambda: turns_at(made, -10.0), "10 Hz backwards")
+        await wait_until(lambda: turns_at(made, -10.0), "10 Hz backwards")
         seen = (await mbpoll(path, STATUS, count=3)).registers
         assert seen[STATUS] == READY | RUNNING | 0xC000
         assert seen[STATUS + 2] == 1000
@@ -71,9 +89,9 @@ async def test_mbpoll_runs_a_vc660_backwards() -> None:
 
 async def test_mbpoll_writes_a_parameter_to_ram_or_with_its_top_bit_to_eeprom() -> None:
     """T14."""
-    made = bench("vc660@1")
+    made = quick_bench("vc660@1")
     memory = made.station(1).memory
-    async with on_pty(made) as path:
+    async with serve_on_pty(made) as path:
         assert (await mbpoll(path, 2, 4500)).code == 0
         assert (memory.ram[2], memory.eeprom[2]) == (4500, 5000)
         assert (await mbpoll(path, 0x8000 | 2, 4400)).code == 0
@@ -82,8 +100,8 @@ async def test_mbpoll_writes_a_parameter_to_ram_or_with_its_top_bit_to_eeprom() 
 
 
 async def test_mbpoll_asks_two_vc660_in_turn_and_misses_the_third() -> None:
-    made = bench("vc660@1,2")
-    async with on_pty(made) as path:
+    made = quick_bench("vc660@1,2")
+    async with serve_on_pty(made) as path:
         said = await mbpoll(path, STATUS, station="1,2")
         assert (said.code, said.text.count(f"[{STATUS}]: \t1")) == (0, 2)
         nobody = await mbpoll(path, STATUS, station="3", patience_s=0.2)
@@ -108,7 +126,7 @@ async def test_mbpoll_asks_two_vc660_in_turn_and_misses_the_third() -> None:
 async def test_mbpoll_shows_the_vc660s_exception(
     register: int, values: tuple[int, ...], count: int, table: str, exception: str
 ) -> None:
-    async with on_pty(bench("vc660@1")) as path:
+    async with serve_on_pty(quick_bench("vc660@1")) as path:
         said = await mbpoll(path, register, *values, count=count, table=table)
     assert (said.code, said.registers) == (1, {})
     assert f"failed: {exception}" in said.text
@@ -116,38 +134,38 @@ async def test_mbpoll_shows_the_vc660s_exception(
 
 async def test_mbpoll_shows_that_a_running_vc660_refuses_to_change_its_command_source() -> None:
     """Exception 4, the guide's own code for what can't be done now."""
-    made = bench("vc660@1")
+    made = quick_bench("vc660@1")
     station = made.station(1)
     source = 30  # F01.00 of the simulated drive
-    async with on_pty(made) as path:
+    async with serve_on_pty(made) as path:
         station.press_run(10.0)
         said = await mbpoll(path, source, 0)
         assert said.code == 1 and "Slave device or server failure" in said.text
         assert station.memory[source] == 2
         station.press_stop()
-        await until(lambda: not made.station(1).running, "standstill")
+        await wait_until(lambda: not made.station(1).running, "standstill")
         assert (await mbpoll(path, source, 0)).code == 0
         assert station.memory[source] == 0
 
 
 async def test_mbpoll_starts_and_stops_a_df800() -> None:
-    made = bench("df800@1")
+    made = quick_bench("df800@1")
     motor = made.station(1).motor
-    async with on_pty(made) as path:
+    async with serve_on_pty(made) as path:
         assert (await mbpoll(path, 100, count=3)).registers == {100: 5000, 101: 5, 102: 2}
         assert (await mbpoll(path, SETPOINT, 2500)).code == 0
         assert (await mbpoll(path, COMMAND, 2)).code == 0
-        await until(lambda: turns_at(made, 25.0), "25 Hz")
+        await wait_until(lambda: turns_at(made, 25.0), "25 Hz")
         seen = (await mbpoll(path, 3, count=3)).registers
         assert seen == {3: round(motor.current_a * 10), 4: round(motor.bus_v), 5: round(motor.speed_rpm)}
         assert (await mbpoll(path, COMMAND, 1)).code == 0
-        await until(lambda: not made.station(1).running, "standstill")
+        await wait_until(lambda: not made.station(1).running, "standstill")
 
 
 async def test_mbpoll_takes_the_df800s_short_error_for_no_exception() -> None:
     """T15: five bytes with the function unchanged. A read ends as bad data, a write as silence: it is not Modbus."""
-    made = bench("df800@1")
-    async with on_pty(made) as path:
+    made = quick_bench("df800@1")
+    async with serve_on_pty(made) as path:
         refused = await mbpoll(path, 100, count=5)
         assert refused.code == 1 and "Invalid data" in refused.text
         unheard = await mbpoll(path, 3, 1, patience_s=0.2)

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from drivebus.line import LineSettings
-from drivebus.sim.bench import Bench
-from interop.desk import bench, on_pty, on_tcp, until
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.bus import SimulatedBus
+from fixtures.station_bench import quick_bench, serve_on_pty, serve_on_tcp, wait_until
 from peers import need_module
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
@@ -22,13 +22,19 @@ START = {"vc660": 1, "df800": 2}
 STOP = {"vc660": 2, "df800": 1}
 """The same word means the opposite to the other model."""
 WAYS = [
-    ("vc660", "rtu", "pty"), ("vc660", "rtu", "tcp"), ("df800", "rtu", "pty"), ("df800", "rtu", "tcp"),
-    ("df800", "ascii", "pty"), ("df800", "ascii", "tcp"),
-]  # fmt: skip
+    ("vc660", "rtu", "pty"),
+    ("vc660", "rtu", "tcp"),
+    ("df800", "rtu", "pty"),
+    ("df800", "rtu", "tcp"),
+    ("df800", "ascii", "pty"),
+    ("df800", "ascii", "tcp"),
+]
 
 
 @asynccontextmanager
-async def client(made: Bench, encoding: str = "rtu", way: str = "pty", patience_s: float = 3.0) -> AsyncIterator[Any]:
+async def client(
+    made: SimulatedBus, encoding: str = "rtu", way: str = "pty", patience_s: float = 3.0
+) -> AsyncIterator[Any]:
     """pymodbus' asyncio client, connected; over TCP with the framer of the serial line, not Modbus TCP."""
     need_module("pymodbus")
     from pymodbus import FramerType
@@ -36,7 +42,7 @@ async def client(made: Bench, encoding: str = "rtu", way: str = "pty", patience_
 
     framer = FramerType(encoding)
     if way == "pty":
-        async with on_pty(made) as path:
+        async with serve_on_pty(made) as path:
             one = AsyncModbusSerialClient(
                 path, framer=framer, baudrate=made.line.baud, retries=0, timeout=patience_s, reconnect_delay=0
             )
@@ -44,7 +50,7 @@ async def client(made: Bench, encoding: str = "rtu", way: str = "pty", patience_
                 yield one
     else:
         async with (
-            on_tcp(made) as server,
+            serve_on_tcp(made) as server,
             _connected(
                 AsyncModbusTcpClient(
                     server.host, port=server.port, framer=framer, retries=0, timeout=patience_s, reconnect_delay=0
@@ -65,20 +71,20 @@ async def _connected(one: Any) -> AsyncIterator[Any]:
 
 @pytest.mark.parametrize(("model", "encoding", "way"), WAYS)
 async def test_pymodbus_starts_and_stops_a_drive(model: str, encoding: str, way: str) -> None:
-    made = bench(f"{model}@7", encoding)
+    made = quick_bench(f"{model}@7", encoding)
     async with client(made, encoding, way) as peer:
         set_hz = await peer.write_register(SETPOINT, 2000, device_id=7)
         assert (set_hz.isError(), set_hz.address, set_hz.registers) == (False, SETPOINT, [2000])
         assert not made.station(7).running, "a set frequency alone starts nothing"
         assert not (await peer.write_register(COMMAND, START[model], device_id=7)).isError()
-        await until(lambda: made.station(7).motor.output_hz == pytest.approx(20.0, abs=0.004), "20 Hz")
+        await wait_until(lambda: made.station(7).motor.output_hz == pytest.approx(20.0, abs=0.004), "20 Hz")
         assert made.station(7).motor.starts == 1
         assert not (await peer.write_register(COMMAND, STOP[model], device_id=7)).isError()
-        await until(lambda: not made.station(7).running, "standstill")
+        await wait_until(lambda: not made.station(7).running, "standstill")
 
 
 async def test_every_parameter_that_pymodbus_reads_is_what_the_vc660s_own_table_holds() -> None:
-    made = bench("vc660@1", line=LineSettings(38400))
+    made = quick_bench("vc660@1", line=SerialSettings(38400))
     memory = made.station(1).memory
     for place, key in enumerate(memory.ram):
         memory.ram[key] = (7919 * place + 13) & 0xFFFF
@@ -93,10 +99,10 @@ async def test_every_parameter_that_pymodbus_reads_is_what_the_vc660s_own_table_
 
 
 async def test_what_pymodbus_reads_of_a_running_vc660_is_what_its_motor_does() -> None:
-    made = bench("vc660@1")
+    made = quick_bench("vc660@1")
     async with client(made) as peer:
         made.station(1).press_run(40.0, reverse=True)
-        await until(lambda: made.station(1).motor.output_hz == pytest.approx(-40.0, abs=0.004), "40 Hz backwards")
+        await wait_until(lambda: made.station(1).motor.output_hz == pytest.approx(-40.0, abs=0.004), "40 Hz backwards")
         first = (await peer.read_holding_registers(STATUS, count=4, device_id=1)).registers
         second = (await peer.read_holding_registers(STATUS + 4, count=4, device_id=1)).registers
         motor = made.station(1).motor
@@ -110,7 +116,7 @@ async def test_what_pymodbus_reads_of_a_running_vc660_is_what_its_motor_does() -
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
 async def test_what_pymodbus_reads_of_a_df800_is_what_its_table_holds(encoding: str) -> None:
-    made = bench("df800@1", encoding)
+    made = quick_bench("df800@1", encoding)
     memory = made.station(1).memory
     async with client(made, encoding) as peer:
         for first, count in ((100, 3), (107, 2), (700, 3)):
@@ -122,7 +128,7 @@ async def test_what_pymodbus_reads_of_a_df800_is_what_its_table_holds(encoding: 
 
 
 async def test_pymodbus_sees_the_four_exceptions_of_a_vc660() -> None:
-    made = bench("vc660@1")
+    made = quick_bench("vc660@1")
     async with client(made) as peer:
         made.station(1).press_run(10.0)
         refused = [
@@ -140,7 +146,7 @@ async def test_pymodbus_sees_the_four_exceptions_of_a_vc660() -> None:
 
 
 async def test_a_vc660_returns_the_word_of_pymodbus_loop_back_test() -> None:
-    async with client(bench("vc660@1")) as peer:
+    async with client(quick_bench("vc660@1")) as peer:
         for word in (b"\x00\x00", b"\xa5\x5a", b"\xff\xff"):
             assert (await peer.diag_query_data(word, device_id=1)).message == word
 
@@ -148,7 +154,7 @@ async def test_a_vc660_returns_the_word_of_pymodbus_loop_back_test() -> None:
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
 async def test_pymodbus_takes_the_df800s_short_error_for_an_answer_without_registers(encoding: str) -> None:
     """T15: no exception, so a master that does not know it reads nothing and calls it success."""
-    async with client(bench("df800@1", encoding), encoding) as peer:
+    async with client(quick_bench("df800@1", encoding), encoding) as peer:
         refused = await peer.read_holding_registers(100, count=5, device_id=1)
         assert not refused.isError() and refused.registers == []
         again = await peer.read_holding_registers(100, count=1, device_id=1)
@@ -159,19 +165,19 @@ async def test_pymodbus_hears_silence_from_an_address_that_nobody_has() -> None:
     need_module("pymodbus")
     from pymodbus.exceptions import ModbusIOException
 
-    async with client(bench("vc660@1,3"), patience_s=0.2) as peer:
+    async with client(quick_bench("vc660@1,3"), patience_s=0.2) as peer:
         with pytest.raises(ModbusIOException):
             await peer.read_holding_registers(STATUS, count=1, device_id=2)
         assert (await peer.read_holding_registers(STATUS, count=1, device_id=3)).registers == [1]
 
 
 async def test_a_broadcast_stop_of_pymodbus_stops_every_vc660_and_none_answers() -> None:
-    made = bench("vc660@1-3")
+    made = quick_bench("vc660@1-3")
     async with client(made) as peer:
         for station in made.stations:
             station.press_run(10.0)
         await peer.write_register(COMMAND, STOP["vc660"], device_id=0, no_response_expected=True)
-        await until(lambda: not any(made.station(address).running for address in (1, 2, 3)), "three standstills")
+        await wait_until(lambda: not any(made.station(address).running for address in (1, 2, 3)), "three standstills")
         assert [station.replies for station in made.stations] == [0, 0, 0]
         assert (await peer.read_holding_registers(STATUS, count=1, device_id=2)).registers == [1]
 
@@ -179,10 +185,10 @@ async def test_a_broadcast_stop_of_pymodbus_stops_every_vc660_and_none_answers()
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
 async def test_pymodbus_synchronous_client_reads_and_runs_a_df800(encoding: str) -> None:
     need_module("pymodbus")
-    made = bench("df800@1", encoding)
-    async with on_pty(made) as path:
+    made = quick_bench("df800@1", encoding)
+    async with serve_on_pty(made) as path:
         assert await asyncio.to_thread(run_with_the_synchronous_client, path, encoding) == [5000, 5, 2]
-        await until(lambda: made.station(1).motor.output_hz == pytest.approx(15.0, abs=0.004), "15 Hz")
+        await wait_until(lambda: made.station(1).motor.output_hz == pytest.approx(15.0, abs=0.004), "15 Hz")
 
 
 def run_with_the_synchronous_client(path: str, encoding: str) -> list[int]:

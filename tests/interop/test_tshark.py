@@ -15,72 +15,93 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus.capture import Bytes, CaptureWriter, Header, read_capture
+from drivebus.capture.dbcap import BytesRecord, CaptureHeader, CaptureWriter, read_capture
 from drivebus.cli.root import cli
-from drivebus.commissioning.frames import frames_of
-from drivebus.commissioning.wireshark import OPTIONS
+from drivebus.commissioning.decode.framing import split_frames
+from drivebus.commissioning.wireshark import WIRESHARK_OPTIONS
 from drivebus.errors import ProtocolError
-from drivebus.line import LineSettings
-from drivebus.message import Complete
+from drivebus.protocols.codec import Complete
 from drivebus.protocols.modbus import (
-    Bits,
-    ErrorReply,
-    Loopback,
-    Looped,
+    BitValues,
+    Diagnostics,
+    DiagnosticsReply,
+    ExceptionReply,
+    ModbusReply,
+    ModbusRequest,
+    ModbusRtuCodec,
     ReadBits,
     ReadRegisters,
-    Registers,
-    Reply,
-    Request,
-    RtuCodec,
+    RegisterValues,
+    WriteAck,
     WriteBit,
     WriteBits,
     WriteRegister,
     WriteRegisters,
-    Written,
     describe,
 )
-from drivebus.sim.port import forget_benches
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.port import clear_simulated_buses
 from peers import need_program
 
 STARTED, STARTED_US = "2026-11-21T10:00:00.000250+00:00", 1795255200_000250
 FRAMES = 10_000
 NO_OPENSAFETY = ("--disable-protocol", "opensafety")
 """Else Wireshark looks for openSAFETY in what 0FH writes, and finds it in one of the frames below by chance."""
-CODEC = RtuCodec()
+CODEC = ModbusRtuCodec()
 FIELDS = (
-    "frame.time_epoch", "frame.packet_flags_direction", "udp.srcport", "udp.dstport", "ip.src", "ip.dst",
-    "mbrtu.unit_id", "modbus.func_code", "mbrtu.crc16.status", "modbus.reference_num", "modbus.word_cnt",
-    "modbus.bit_cnt", "modbus.byte_cnt", "modbus.regnum16", "modbus.regval_uint16", "modbus.bitnum", "modbus.bitval",
-    "modbus.data", "modbus.exception_code", "modbus.diagnostic_code", "modbus.diagnostic.return_query_data.request",
-    "modbus.diagnostic.return_query_data.echo", "modbus.request_frame", "data.data", "frame.protocols",
-    "frame.packet_flags_symbol_error", "frame.comment",
-)  # fmt: skip
+    "frame.time_epoch",
+    "frame.packet_flags_direction",
+    "udp.srcport",
+    "udp.dstport",
+    "ip.src",
+    "ip.dst",
+    "mbrtu.unit_id",
+    "modbus.func_code",
+    "mbrtu.crc16.status",
+    "modbus.reference_num",
+    "modbus.word_cnt",
+    "modbus.bit_cnt",
+    "modbus.byte_cnt",
+    "modbus.regnum16",
+    "modbus.regval_uint16",
+    "modbus.bitnum",
+    "modbus.bitval",
+    "modbus.data",
+    "modbus.exception_code",
+    "modbus.diagnostic_code",
+    "modbus.diagnostic.return_query_data.request",
+    "modbus.diagnostic.return_query_data.echo",
+    "modbus.request_frame",
+    "data.data",
+    "frame.protocols",
+    "frame.packet_flags_symbol_error",
+    "frame.comment",
+)
 
 
 @pytest.fixture(autouse=True)
 def benches() -> Iterator[None]:
     yield
-    forget_benches()
+    clear_simulated_buses()
 
 
 # the generated line
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class CapturedFrame:
     """One frame as it went over the line, and what it answers."""
 
     time_us: int
     data: bytes
     whole: bool
-    request: Request | None = None
+    request: ModbusRequest | None = None
     """The request that it answers; None for a request."""
-    asked_in: int = 0
+    request_number: int = 0
     """That request's frame, counted from 1 as tshark does."""
 
 
-def some_request(chance: Random) -> Request:
+def some_request(chance: Random) -> ModbusRequest:
     """Any of the nine functions, anywhere in the address space, of any lawful length."""
     function, station = chance.choice((1, 2, 3, 4, 5, 6, 8, 15, 16)), chance.randint(1, 247)
     broadcast = function in (5, 6, 15, 16) and chance.random() < 0.05
@@ -99,31 +120,31 @@ def some_request(chance: Random) -> Request:
         case 6:
             return WriteRegister(station, register, word)
         case 8:
-            return Loopback(station, word)
+            return Diagnostics(station, word)
         case 15:
             return WriteBits(station, register, tuple(chance.random() < 0.5 for _ in range(count)))
         case _:
             return WriteRegisters(station, register, tuple(chance.randrange(0x10000) for _ in range(count)))
 
 
-def some_reply(chance: Random, request: Request) -> Reply:
+def some_reply(chance: Random, request: ModbusRequest) -> ModbusReply:
     """The normal reply, one time in six an exception."""
     station, function = request.address, request.function
     if chance.random() < 1 / 6:
-        return ErrorReply(station, function, chance.choice((1, 2, 3, 4, 5, 6, 8, 10, 11)))
+        return ExceptionReply(station, function, chance.choice((1, 2, 3, 4, 5, 6, 8, 10, 11)))
     match request:
         case ReadBits(count=count):
-            return Bits(station, function, tuple(chance.random() < 0.5 for _ in range(count)))
+            return BitValues(station, function, tuple(chance.random() < 0.5 for _ in range(count)))
         case ReadRegisters(count=count):
-            return Registers(station, function, tuple(chance.randrange(0x10000) for _ in range(count)))
-        case Loopback(data=data):
-            return Looped(station, data)
+            return RegisterValues(station, function, tuple(chance.randrange(0x10000) for _ in range(count)))
+        case Diagnostics(data=data):
+            return DiagnosticsReply(station, data)
         case WriteBit(register=register, value=on):
-            return Written(station, function, register, 0xFF00 if on else 0)
+            return WriteAck(station, function, register, 0xFF00 if on else 0)
         case WriteRegister(register=register, value=value):
-            return Written(station, function, register, value)
+            return WriteAck(station, function, register, value)
         case WriteBits(register=register, values=values) | WriteRegisters(register=register, values=values):
-            return Written(station, function, register, len(values))
+            return WriteAck(station, function, register, len(values))
 
 
 def damaged(chance: Random, data: bytes) -> bytes:
@@ -134,37 +155,39 @@ def damaged(chance: Random, data: bytes) -> bytes:
     return number.to_bytes(len(data), "big")
 
 
-def conversation(seed: int, frames: int) -> list[Said]:
+def conversation(seed: int, frames: int) -> list[CapturedFrame]:
     """Requests and their replies; a damaged request and a broadcast stay unanswered, one time in twenty a sound one."""
-    chance, said, at = Random(seed), list[Said](), 0
+    chance, said, at = Random(seed), list[CapturedFrame](), 0
     while len(said) < frames:
         request = some_request(chance)
         data = CODEC.encode_request(request)
         spoiled = chance.random() < 0.05
         said.append(
-            Said(at := at + chance.randint(30_000, 200_000), damaged(chance, data) if spoiled else data, not spoiled)
+            CapturedFrame(
+                at := at + chance.randint(30_000, 200_000), damaged(chance, data) if spoiled else data, not spoiled
+            )
         )
         if spoiled or request.address == 0 or chance.random() < 0.05:
             continue
         asked_in, data = len(said), CODEC.encode_reply(some_reply(chance, request))
         spoiled = chance.random() < 0.05
         data = damaged(chance, data) if spoiled else data
-        said.append(Said(at := at + chance.randint(5_000, 100_000), data, not spoiled, request, asked_in))
+        said.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not spoiled, request, asked_in))
     return said[:frames]
 
 
-def recorded(path: Path, said: list[Said], seed: int) -> Path:
+def recorded(path: Path, said: list[CapturedFrame], seed: int) -> Path:
     """The capture of a conversation; half of the replies come in two pieces."""
     chance = Random(seed)
-    writer = CaptureWriter(path, Header(LineSettings(115200), "generated", STARTED, "test"), now=0.0)
+    writer = CaptureWriter(path, CaptureHeader(SerialSettings(115200), "generated", STARTED, "test"), now=0.0)
     for one in said:
         at = one.time_us / 1e6
         if one.request is None or chance.random() < 0.5:
-            writer.bytes(at, "tx" if one.request is None else "rx", one.data)
+            writer.write_bytes(at, "tx" if one.request is None else "rx", one.data)
         else:
             cut = chance.randrange(1, len(one.data))
-            writer.bytes(at, "rx", one.data[:cut])
-            writer.bytes(at + 0.004, "rx", one.data[cut:])
+            writer.write_bytes(at, "rx", one.data[:cut])
+            writer.write_bytes(at + 0.004, "rx", one.data[cut:])
     writer.close()
     return path
 
@@ -179,13 +202,13 @@ def tshark(file: Path, home: Path, *options: str) -> str:
     return subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout
 
 
-def seen(file: Path, home: Path) -> list[dict[str, str]]:
+def tshark_fields(file: Path, home: Path) -> list[dict[str, str]]:
     """Every packet's fields, absent ones left out; several values of one field joined by commas."""
     wanted = [word for name in FIELDS for word in ("-e", name)]
     out = tshark(
         file,
         home,
-        *OPTIONS.split(),
+        *WIRESHARK_OPTIONS.split(),
         *NO_OPENSAFETY,
         "-T",
         "fields",
@@ -210,13 +233,18 @@ def numbers(text: str) -> list[int]:
     return [int(one, 0) for one in text.split(",")]
 
 
-def theirs(row: dict[str, str]) -> dict[str, Any]:
+def fields_of_tshark(row: dict[str, str]) -> dict[str, Any]:
     """The Modbus fields of a packet, in our words."""
     names = {
-        "mbrtu.unit_id": "address", "modbus.func_code": "function", "modbus.reference_num": "register",
-        "modbus.word_cnt": "count", "modbus.bit_cnt": "count", "modbus.byte_cnt": "bytes",
-        "modbus.exception_code": "exception", "modbus.diagnostic_code": "sub_function",
-    }  # fmt: skip
+        "mbrtu.unit_id": "address",
+        "modbus.func_code": "function",
+        "modbus.reference_num": "register",
+        "modbus.word_cnt": "count",
+        "modbus.bit_cnt": "count",
+        "modbus.byte_cnt": "bytes",
+        "modbus.exception_code": "exception",
+        "modbus.diagnostic_code": "sub_function",
+    }
     found: dict[str, Any] = {ours: int(row[name]) for name, ours in names.items() if name in row}
     for first, values in (("modbus.regnum16", "modbus.regval_uint16"), ("modbus.bitnum", "modbus.bitval")):
         if first in row:
@@ -232,7 +260,7 @@ def theirs(row: dict[str, str]) -> dict[str, Any]:
 # what we say
 
 
-def ours(said: Said) -> dict[str, Any]:
+def fields_of_drivebus(said: CapturedFrame) -> dict[str, Any]:
     """The same fields from our decoders' message: ``decode_request`` for a request, ``decode_reply`` for a reply."""
     message = decoded(said)
     assert message is not None
@@ -244,7 +272,7 @@ def ours(said: Said) -> dict[str, Any]:
             return found | {"register": register, "data": "ff00" if on else "0000"}
         case WriteRegister(register=register, value=value):
             return found | {"register": register, "data": f"{value:04x}"}
-        case Loopback(data=data):
+        case Diagnostics(data=data):
             return found | {"sub_function": 0, "asked": f"{data:04x}"}
         case WriteBits(register=register, values=values):
             packed = sum(1 << at for at, bit in enumerate(values) if bit).to_bytes(-(-len(values) // 8), "little")
@@ -252,17 +280,17 @@ def ours(said: Said) -> dict[str, Any]:
         case WriteRegisters(register=register, values=values):
             count = len(values)
             return found | {"register": register, "count": count, "bytes": 2 * count} | listed(register, values)
-        case Bits(values=values):
+        case BitValues(values=values):
             assert said.request is not None and isinstance(said.request, ReadBits)
             return found | {"bytes": -(-len(values) // 8)} | listed(said.request.register, values)
-        case Registers(values=values):
+        case RegisterValues(values=values):
             assert said.request is not None and isinstance(said.request, ReadRegisters)
             return found | {"bytes": 2 * len(values)} | listed(said.request.register, values)
-        case Written(function=function, register=register, value=value):
+        case WriteAck(function=function, register=register, value=value):
             return found | {"register": register} | ({"count": value} if function > 8 else {"data": f"{value:04x}"})
-        case Looped(data=data):
+        case DiagnosticsReply(data=data):
             return found | {"sub_function": 0, "echoed": f"{data:04x}"}
-        case ErrorReply(code=code):
+        case ExceptionReply(code=code):
             return found | {"exception": code}
         case _:
             raise AssertionError(message)
@@ -272,7 +300,7 @@ def listed(first: int, values: tuple[int, ...]) -> dict[str, Any]:
     return {"first": first, "values": [int(one) for one in values]}
 
 
-def decoded(said: Said) -> Any:
+def decoded(said: CapturedFrame) -> Any:
     """The message, None where our decoder refuses the frame."""
     try:
         verdict = (
@@ -284,25 +312,25 @@ def decoded(said: Said) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TsharkComparison:
     """A conversation beside what tshark saw of it."""
 
-    said: list[Said]
+    frames: list[CapturedFrame]
     rows: list[dict[str, str]]
 
-    def __iter__(self) -> Iterator[tuple[Said, dict[str, str]]]:
-        return zip(self.said, self.rows, strict=True)
+    def __iter__(self) -> Iterator[tuple[CapturedFrame, dict[str, str]]]:
+        return zip(self.frames, self.rows, strict=True)
 
 
 @pytest.fixture(scope="module")
-def line(tmp_path_factory: pytest.TempPathFactory) -> Line:
+def line(tmp_path_factory: pytest.TempPathFactory) -> TsharkComparison:
     folder = tmp_path_factory.mktemp("tshark")
     said = conversation(20261121, FRAMES)
     out = exported(recorded(folder / "generated.dbcap", said, 7), "--all-modbus")
-    return Line(said, seen(out, folder))
+    return TsharkComparison(said, tshark_fields(out, folder))
 
 
-def test_the_generated_line_has_all_that_it_should(line: Line) -> None:
+def test_the_generated_line_has_all_that_it_should(line: TsharkComparison) -> None:
     """Every function asked and answered, refused and damaged on both sides."""
     requests, replies, refusals = Counter[int](), Counter[int](), Counter[int]()
     for one, _ in line:
@@ -311,12 +339,12 @@ def test_the_generated_line_has_all_that_it_should(line: Line) -> None:
             (requests if one.request is None else refusals if refused else replies)[one.data[1] & 0x7F] += 1
     for each in (requests, replies, refusals):
         assert set(each) == {1, 2, 3, 4, 5, 6, 8, 15, 16} and min(each.values()) > 40
-    spoiled = Counter(one.request is None for one in line.said if not one.whole)
+    spoiled = Counter(one.request is None for one in line.frames if not one.whole)
     assert min(spoiled[True], spoiled[False]) > 150
-    assert sum(one.data[0] == 0 for one in line.said) > 50
+    assert sum(one.data[0] == 0 for one in line.frames) > 50
 
 
-def padding(one: Said) -> int:
+def padding(one: CapturedFrame) -> int:
     """Bits more than were asked for that tshark 4.0 shows: the padding of a reply whose last bit is number 65,535.
 
     Its bit numbers wrap to 0 there and it misses the end. Padding is no bit (Modbus Application Protocol V1.1b3, 6.1).
@@ -326,11 +354,11 @@ def padding(one: Said) -> int:
     return -one.request.count % 8 if one.request.register + one.request.count == 0x10000 else 0
 
 
-def test_every_sound_frame_has_the_same_fields_for_tshark_and_for_our_decoder(line: Line) -> None:
+def test_every_sound_frame_has_the_same_fields_for_tshark_and_for_our_decoder(line: TsharkComparison) -> None:
     different, padded = [], Counter[bool]()
     for at, (one, row) in enumerate(line):
         if one.whole:
-            shown, mine, more = theirs(row), ours(one), padding(one)
+            shown, mine, more = fields_of_tshark(row), fields_of_drivebus(one), padding(one)
             if more:
                 longer = shown["values"] == mine["values"] + [0] * more
                 padded[longer] += 1
@@ -340,14 +368,14 @@ def test_every_sound_frame_has_the_same_fields_for_tshark_and_for_our_decoder(li
     assert len(padded) == 1, "tshark shows padding always, or since a later version never"
 
 
-def test_tshark_and_our_decoder_refuse_the_same_frames(line: Line) -> None:
+def test_tshark_and_our_decoder_refuse_the_same_frames(line: TsharkComparison) -> None:
     """The CRC: good for tshark exactly where our strict decoder takes the frame."""
     different = [one for one, row in line if (row["mbrtu.crc16.status"] == "1") != (decoded(one) is not None)]
     assert different == []
-    assert Counter(row["mbrtu.crc16.status"] for row in line.rows)["0"] == sum(not one.whole for one in line.said)
+    assert Counter(row["mbrtu.crc16.status"] for row in line.rows)["0"] == sum(not one.whole for one in line.frames)
 
 
-def test_of_a_damaged_frame_our_tolerant_reader_shows_the_same_station_and_function(line: Line) -> None:
+def test_of_a_damaged_frame_our_tolerant_reader_shows_the_same_station_and_function(line: TsharkComparison) -> None:
     for one, row in line:
         if not one.whole:
             way = "request" if one.request is None else "response"
@@ -358,20 +386,20 @@ def test_of_a_damaged_frame_our_tolerant_reader_shows_the_same_station_and_funct
             assert shown["function"] & 0x7F == both["function"]
 
 
-def test_times_are_right_to_the_microsecond(line: Line) -> None:
+def test_times_are_right_to_the_microsecond(line: TsharkComparison) -> None:
     assert [Decimal(row["frame.time_epoch"]) * 1_000_000 for row in line.rows] == [
-        STARTED_US + one.time_us for one in line.said
+        STARTED_US + one.time_us for one in line.frames
     ]
 
 
-def test_directions_are_right(line: Line) -> None:
+def test_directions_are_right(line: TsharkComparison) -> None:
     """The packet's own, and the one that makes the dissector tell a query from a response."""
     ways = [(int(row["frame.packet_flags_direction"], 0), row["udp.srcport"], row["udp.dstport"]) for row in line.rows]
-    assert ways == [(2, "50500", "50502") if one.request is None else (1, "50502", "50500") for one in line.said]
+    assert ways == [(2, "50500", "50502") if one.request is None else (1, "50502", "50500") for one in line.frames]
 
 
-def test_each_response_is_put_to_the_request_that_it_answers(line: Line) -> None:
-    answers = [(one.asked_in, row) for one, row in line if one.request is not None and one.whole]
+def test_each_response_is_put_to_the_request_that_it_answers(line: TsharkComparison) -> None:
+    answers = [(one.request_number, row) for one, row in line if one.request is not None and one.whole]
     normal = [(asked, row) for asked, row in answers if "modbus.exception_code" not in row]
     assert len(normal) > 3000
     assert [(asked, row) for asked, row in normal if int(row["modbus.request_frame"]) != asked] == []
@@ -381,7 +409,7 @@ def test_without_all_modbus_only_damaged_requests_are_no_modbus(tmp_path: Path) 
     """We send none of these; a damaged reply is known by its request."""
     said = conversation(1, 1000)
     capture = recorded(tmp_path / "one.dbcap", said, 1)
-    modbus = [one.modbus for one in frames_of(read_capture(capture))]
+    modbus = [one.modbus for one in split_frames(read_capture(capture))]
     assert modbus == [one.whole or one.request is not None for one in said]
     assert Counter(modbus)[False] > 10
 
@@ -399,8 +427,8 @@ def test_a_recorded_status_and_stop_are_shown_as_queries_and_responses(tmp_path:
     for verb in ("status", "stop"):
         run(verb, *drive, str(tmp_path / f"{verb}.dbcap"))
         capture = tmp_path / f"{verb}.dbcap"
-        records = [one for one in read_capture(capture).records if isinstance(one, Bytes)]
-        shown = tshark(exported(capture), tmp_path, *OPTIONS.split()).splitlines()
+        records = [one for one in read_capture(capture).records if isinstance(one, BytesRecord)]
+        shown = tshark(exported(capture), tmp_path, *WIRESHARK_OPTIONS.split()).splitlines()
         assert len(shown) == len(records) > 2
         for row, record in zip(shown, records, strict=True):
             assert ("Query: Unit:   1" if record.direction == "tx" else "Response: Unit:   1") in row
@@ -412,22 +440,22 @@ def test_a_recorded_status_and_stop_are_shown_as_queries_and_responses(tmp_path:
 def test_frames_of_another_protocol_are_shown_as_their_raw_bytes(tmp_path: Path, model: str) -> None:
     capture = tmp_path / "one.dbcap"
     run("status", f"sim://{model}@1", "--model", model, "--address", "1", "--record", str(capture))
-    rows = seen(exported(capture), tmp_path)
-    records = [one for one in read_capture(capture).records if isinstance(one, Bytes)]
+    rows = tshark_fields(exported(capture), tmp_path)
+    records = [one for one in read_capture(capture).records if isinstance(one, BytesRecord)]
     assert [row["data.data"] for row in rows] == [one.data.hex() for one in records]
     assert {row["frame.protocols"] for row in rows} == {"ip:udp:data"}
 
 
 def test_events_echoes_and_bytes_that_the_hardware_marked_are_shown(tmp_path: Path) -> None:
     """F03."""
-    ask, say = CODEC.encode_request(ReadRegisters(1, 100)), CODEC.encode_reply(Registers(1, 3, (7,)))
-    writer = CaptureWriter(tmp_path / "one.dbcap", Header(LineSettings(), started=STARTED), now=0.0)
-    writer.event(0.0, "opened", baud=9600)
-    writer.bytes(0.1, "tx", ask)
-    writer.bytes(0.2, "rx", ask + say, 1)
-    writer.event(0.3, "lost", reason="hang-up")
+    ask, say = CODEC.encode_request(ReadRegisters(1, 100)), CODEC.encode_reply(RegisterValues(1, 3, (7,)))
+    writer = CaptureWriter(tmp_path / "one.dbcap", CaptureHeader(SerialSettings(), started=STARTED), now=0.0)
+    writer.write_event(0.0, "opened", baud=9600)
+    writer.write_bytes(0.1, "tx", ask)
+    writer.write_bytes(0.2, "rx", ask + say, 1)
+    writer.write_event(0.3, "lost", reason="hang-up")
     writer.close()
-    rows = seen(exported(tmp_path / "one.dbcap"), tmp_path)
+    rows = tshark_fields(exported(tmp_path / "one.dbcap"), tmp_path)
     assert [row["udp.dstport"] for row in rows] == ["50502", "50502", "50500"], "the echo is the master's"
     assert [int(row["frame.packet_flags_direction"], 0) for row in rows] == [2, 1, 1], "but it was heard"
     assert [row["frame.packet_flags_symbol_error"] for row in rows] == ["0", "1", "1"]

@@ -15,13 +15,13 @@ import pytest
 from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.drives import Drive
-from drivebus.drives.state import Direction, DriveState, DriveStatus, OutcomeWord
+from drivebus.drives.state import Direction, DriveState, DriveStatus, OutcomeStatus
 from drivebus.drives.store import MemoryStore
 from drivebus.errors import DriveError, LimitError
 from drivebus.ports import open_port
-from drivebus.reading import Quality
-from interop.conftest import Start
-from interop.desk import PATIENCE_S
+from drivebus.values import Quality
+from fixtures.station_bench import PROGRAM_TIMEOUT_S
+from interop.conftest import StartProgram
 from interop.servers import STATION, pymodbus
 from peers import need_module
 
@@ -31,7 +31,7 @@ CLI = (sys.executable, "-c", "from drivebus.cli import main; main()")
 
 
 @dataclass(frozen=True)
-class Case:
+class InteropDrive:
     """One family in one encoding, and what it can say of itself."""
 
     model: str
@@ -42,45 +42,57 @@ class Case:
     direction: Direction | None = Direction.FORWARD
 
     @property
-    def tells(self) -> bool:
+    def reports_running(self) -> bool:
         """DF800 has no status register: its state is never guessed (T17)."""
         return self.model != "df800"
 
     @property
     def monitor(self) -> str:
-        return "output_frequency" if self.tells else "speed"
+        return "output_frequency" if self.reports_running else "speed"
 
     def __str__(self) -> str:
         return f"{self.model}-{self.encoding}"
 
 
 CASES = [
-    Case("c320", "ascii", 20.0, 20.0),
-    Case("c320", "hex", 20.0, 20.0),
-    Case("dzb100", "ascii", 0.5, 0.5, direction=None),  # capped until its coding is settled (T08)
-    Case("vc660", "rtu", 20.0, 20.0),
-    Case("df800", "rtu", 20.0, 600, direction=None),
-    Case("df800", "ascii", 20.0, 600, direction=None),
+    InteropDrive("c320", "ascii", 20.0, 20.0),
+    InteropDrive("c320", "hex", 20.0, 20.0),
+    InteropDrive("dzb100", "ascii", 0.5, 0.5, direction=None),  # capped until its coding is settled (T08)
+    InteropDrive("vc660", "rtu", 20.0, 20.0),
+    InteropDrive("df800", "rtu", 20.0, 600, direction=None),
+    InteropDrive("df800", "ascii", 20.0, 600, direction=None),
 ]
 
 
 @pytest.fixture(params=CASES, ids=str)
-def case(request: pytest.FixtureRequest) -> Case:
-    found: Case = request.param
+def case(request: pytest.FixtureRequest) -> InteropDrive:
+    found: InteropDrive = request.param
     return found
 
 
 @pytest.fixture
-def url(case: Case, started: Start, tmp_path: Path) -> str:
+def url(case: InteropDrive, started: StartProgram, tmp_path: Path) -> str:
     return simulated(started, case.model, tmp_path / "drive", "--encoding", case.encoding)
 
 
-def simulated(started: Start, model: str, link: Path, *more: str) -> str:
+def simulated(started: StartProgram, model: str, link: Path, *more: str) -> str:
     """The LINK of a simulated drive at address 3, served by another process."""
     process = started(
-        *CLI, "simulate", "--json", "--model", model, "--address", "3", "--baud", "19200", "--ramp", "0.5",
-        "--link", link, *more,
-    )  # fmt: skip
+        *CLI,
+        "simulate",
+        "--json",
+        "--model",
+        model,
+        "--address",
+        "3",
+        "--baud",
+        "19200",
+        "--ramp",
+        "0.5",
+        "--link",
+        link,
+        *more,
+    )
     assert process.stdout is not None
     said = process.stdout.readline()
     assert said.startswith("{"), said + process.stdout.read()
@@ -90,13 +102,13 @@ def simulated(started: Start, model: str, link: Path, *more: str) -> str:
 
 def made(bus: Bus, model: str, encoding: str | None = None) -> Drive:
     """A drive whose replies may be late by a third of a second: nobody knows how busy this machine is."""
-    timing = replace(profiles.load(model).timing, adapter_s=0.3)
+    timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
     return Drive(bus, model, 3, encoding=encoding, store=MemoryStore(), timing=timing)
 
 
-async def shows(drive: Drive, name: str, value: float) -> DriveStatus:
+async def wait_for_reading(drive: Drive, name: str, value: float) -> DriveStatus:
     """The status in which this reading has come near the value."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(PROGRAM_TIMEOUT_S):
         while True:
             status = await drive.status()
             found = status.readings[name].value
@@ -104,48 +116,52 @@ async def shows(drive: Drive, name: str, value: float) -> DriveStatus:
                 return status
 
 
-async def test_a_drive_of_every_family_is_read_run_and_stopped_over_a_pty(case: Case, url: str) -> None:
+async def test_a_drive_of_every_family_is_read_run_and_stopped_over_a_pty(case: InteropDrive, url: str) -> None:
     async with Bus(open_port(url)) as bus:
         drive = made(bus, case.model, case.encoding)
 
         before = await drive.status()
-        assert before.state is (DriveState.STOPPED if case.tells else DriveState.UNKNOWN)
+        assert before.state is (DriveState.STOPPED if case.reports_running else DriveState.UNKNOWN)
         assert before.fault is None and before.direction is None
 
         begun = await drive.run(case.run_hz)
-        assert begun.word is (OutcomeWord.CONFIRMED if case.tells else OutcomeWord.ACKNOWLEDGED)
+        assert begun.word is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
         assert begun.evidence and all(frame.sent for frame in begun.evidence)
 
-        turning = await shows(drive, case.monitor, case.monitored)
-        assert turning.state is (DriveState.RUNNING if case.tells else DriveState.UNKNOWN)
+        turning = await wait_for_reading(drive, case.monitor, case.monitored)
+        assert turning.state is (DriveState.RUNNING if case.reports_running else DriveState.UNKNOWN)
         assert turning.direction is case.direction
 
         ended = await drive.stop()
-        assert ended.word is (OutcomeWord.CONFIRMED if case.tells else OutcomeWord.ACKNOWLEDGED)
-        after = await shows(drive, case.monitor, 0)
-        assert after.state is (DriveState.STOPPED if case.tells else DriveState.UNKNOWN)
+        assert ended.word is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
+        after = await wait_for_reading(drive, case.monitor, 0)
+        assert after.state is (DriveState.STOPPED if case.reports_running else DriveState.UNKNOWN)
 
         sent = bus.statistics().bytes_sent
         with pytest.raises(LimitError):
             await drive.run(400.5)
         assert bus.statistics().bytes_sent == sent, "a frequency above the limit leaves nothing on the wire"
-        assert set(bus.statistics().errors) <= {"NotBelieved"}  # the first loop-back of a port might be its echo (G19)
+        assert set(bus.statistics().errors) <= {
+            "UntrustedReply"
+        }  # the first loop-back of a port might be its echo (G19)
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
-async def test_a_drive_that_tells_its_frequency_is_waited_for(model: str, started: Start, tmp_path: Path) -> None:
+async def test_a_drive_that_tells_its_frequency_is_waited_for(
+    model: str, started: StartProgram, tmp_path: Path
+) -> None:
     url = simulated(started, model, tmp_path / "drive")
     async with Bus(open_port(url)) as bus:
         drive = made(bus, model)
         reached = await drive.run(35.0, Direction.REVERSE, wait=True)
-        assert reached.word is OutcomeWord.CONFIRMED
+        assert reached.word is OutcomeStatus.CONFIRMED
         assert reached.params["output_hz"] == pytest.approx(35.0, abs=0.2)
         now = await drive.status()
         assert (now.state, now.direction) == (DriveState.RUNNING, Direction.REVERSE)
-        assert (await drive.stop()).word is OutcomeWord.CONFIRMED
+        assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
 
 
-OWN = """
+OWN_PROFILE = """
 format = 1
 model = "stranger"
 family = "modbus"
@@ -157,7 +173,7 @@ addresses = [1, 32]
 capabilities = ["read", "write", "run", "stop", "status"]
 notation = { style = "register", highest = 127 }
 line = { baud = 115200, format = "8N1", bauds = [115200], formats = ["8N1"], evidence = "user" }
-timing = { gap_floor_s = 0.00175, reply_delay_s = 0.5, lateness_s = 0.2, evidence = "user" }
+timing = { gap_floor_s = 0.00175, reply_delay_s = 0.5, max_reply_lateness_s = 0.2, evidence = "user" }
 limits = { minimum_hz = 0.0, maximum_hz = 50.0, evidence = "user" }
 setpoint = { factor = 0.01, decimals = 2, evidence = "user" }
 write = { ram = true, eeprom = false, evidence = "user" }
@@ -202,7 +218,9 @@ evidence = "user"
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
-def stranger(request: pytest.FixtureRequest, wire: tuple[str, str], started: Start) -> Iterator[tuple[str, str]]:
+def foreign_server(
+    request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram
+) -> Iterator[tuple[str, str]]:
     """Our end of the wire to a server that nobody here wrote, and its encoding."""
     name, _, encoding = request.param.partition("-")
     ours, theirs = wire
@@ -221,14 +239,14 @@ async def test_a_profile_of_the_users_own_reads_and_writes_a_strangers_server(
     """No Python for the model: a file names registers, units and scales; a write is confirmed by reading it back."""
     url, encoding = stranger
     own = tmp_path / "stranger.toml"
-    own.write_text(OWN, encoding="utf-8")
+    own.write_text(OWN_PROFILE, encoding="utf-8")
     async with Bus(open_port(url)) as bus:
         drive = Drive(bus, own, STATION, encoding=encoding, store=MemoryStore())
         found: dict[str, Any] = await drive.read(["temperature", "0020H", "0011H"])
         assert (found["temperature"].value, found["temperature"].unit) == (101.6, "°C")
         assert (found["0020H"].value, found["0020H"].raw, found["0020H"].quality) == (103.2, 1032, Quality.GOOD)
         written = await drive.write({"0020H": 12.5})
-        assert written.word is OutcomeWord.CONFIRMED
+        assert written.word is OutcomeStatus.CONFIRMED
         again = await drive.read(["0020H", "0011H"])
         assert (again["0020H"].raw, again["0011H"].raw) == (125, 1017)
         with pytest.raises(LimitError):
@@ -242,12 +260,12 @@ async def test_a_server_that_answers_a_start_and_does_not_run_is_not_believed(
     """Ruling 1: its reply to the start is no confirmation; its status word is read and shows standstill."""
     url, encoding = stranger
     own = tmp_path / "stranger.toml"
-    own.write_text(OWN, encoding="utf-8")
+    own.write_text(OWN_PROFILE, encoding="utf-8")
     async with Bus(open_port(url)) as bus:
         drive = Drive(bus, own, STATION, encoding=encoding, store=MemoryStore())
         with pytest.raises(DriveError) as caught:
             await drive.run(10.0)
-        assert caught.value.outcome.word is OutcomeWord.FAILED
+        assert caught.value.outcome.word is OutcomeStatus.FAILED
         starts = [frame for frame in caught.value.outcome.evidence if frame.sent[1:6] == bytes((6, 0, 0x40, 0, 1))]
         assert len(starts) == 1, "an answered start is never sent again"
         assert starts[0].received == starts[0].sent

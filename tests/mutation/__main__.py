@@ -10,17 +10,26 @@ import sys
 import time
 from functools import cache
 
-from drivebus.lab.report import commit
 from mutation import pages
 from mutation.children import SURVIVED, UNTESTED
 from mutation.mutate import Mutant
-from mutation.report import ROOMS, TRIED, again, document, keep, key, survivors, unexplained
-from mutation.run import ROOT, Judged, Wanted, afresh, in_functions, settle, told
+from mutation.report import (
+    MUTATED_MODULES,
+    TRIED,
+    key,
+    mutation_document,
+    previous_survivors,
+    retried_document,
+    unexplained_survivors,
+    write_document,
+)
+from mutation.run import ROOT, JudgedMutant, MutantFilter, in_functions, retry_reloaded, settle_hypothesis, verdict_line
+from verification.report import current_commit
 
 
 def main() -> int:
     options = argparse.ArgumentParser(prog="python -m mutation", description=__doc__)
-    options.add_argument("modules", nargs="*", help="such as drives.gate or protocols.dzb; all without any")
+    options.add_argument("modules", nargs="*", help="such as drives.permissives or protocols.dzb; all without any")
     options.add_argument("--kind", help="only changes of this kind, such as comparison")
     options.add_argument("--again", action="store_true", help="only what survived last time, after tests were added")
     options.add_argument("--jobs", type=int, default=2)
@@ -31,11 +40,11 @@ def main() -> int:
     )
     chosen = options.parse_args()
     if chosen.pages:
-        pages.write(keep({}))
+        pages.write(write_document({}))
         return 0
-    settle()
-    left: list[Judged] = []
-    for modules, tests in ROOMS:
+    settle_hypothesis()
+    left: list[JudgedMutant] = []
+    for modules, tests in MUTATED_MODULES:
         wanted = [name for name in modules if not chosen.modules or any(one in name for one in chosen.modules)]
         if wanted:
             began = time.monotonic()
@@ -43,31 +52,31 @@ def main() -> int:
             found = judged(wanted, [*tests, *without], _choice(chosen.kind, chosen.again), chosen.jobs)
             print(f"{len(found)} mutants, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
             if chosen.write:
-                told_of = again if chosen.again else document
-                pages.write(keep(told_of(found, commit(ROOT, *TRIED))))
+                told_of = retried_document if chosen.again else mutation_document
+                pages.write(write_document(told_of(found, current_commit(ROOT, *TRIED))))
             left += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
-    return int(any(unexplained(one) for one in left))
+    return int(any(unexplained_survivors(one) for one in left))
 
 
-def _choice(kind: str | None, left: bool) -> Wanted:
+def _choice(kind: str | None, left: bool) -> MutantFilter:
     """Which mutants are tried: of one kind, or those that survived last time."""
-    kept = cache(survivors)
+    kept = cache(previous_survivors)
 
     def wanted(module: str, mutant: Mutant) -> bool:
         return (kind is None or mutant.kind == kind) and (
-            not left or key(module, mutant.scope, mutant.told()) in kept(module)
+            not left or key(module, mutant.scope, mutant.description()) in kept(module)
         )
 
     return wanted
 
 
-def judged(modules: list[str], tests: list[str], wanted: Wanted, jobs: int) -> list[Judged]:
+def judged(modules: list[str], tests: list[str], wanted: MutantFilter, jobs: int) -> list[JudgedMutant]:
     found, names = in_functions(modules, tests, wanted, jobs)
-    again = [one for one in found if one.afresh and one.verdict == SURVIVED]
+    again = [one for one in found if one.reloaded and one.verdict == SURVIVED]
     print(f"{len(found)} tried, {len(again)} to be loaded", file=sys.stderr, flush=True)
-    for one in afresh(again, names, jobs):
+    for one in retry_reloaded(again, names, jobs):
         if one.verdict == SURVIVED:
-            print(told(one), flush=True)
+            print(verdict_line(one), flush=True)
     return found
 
 

@@ -11,17 +11,17 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from mutation.load import SEEN, Hit
+from mutation.load import EXECUTED, StatementHit
 
-QUICK_S = 0.3
+QUICK_TEST_S = 0.3
 """A test that takes longer (seconds of the processor) is left out."""
 KILLED, SURVIVED, UNTESTED, TIMEOUT = "killed", "survived", "untested", "timeout"
-LOAD = 100
+FIRST_PATHS = 100
 """Exit code of a child that could not try its mutant in living functions: it is to be loaded."""
 Wait = Callable[[], int]
 
 
-def isolated(work: Callable[[], int], seconds: float) -> Wait:
+def run_isolated(work: Callable[[], int], seconds: float) -> Wait:
     """Start ``work`` in a child with so many seconds of processor time; call the result to wait for its code."""
     child = os.fork()
     if child == 0:
@@ -39,7 +39,7 @@ def isolated(work: Callable[[], int], seconds: float) -> Wait:
 
 def verdict(code: int) -> str:
     """0: all tests passed. A signal: the processor time ran out, or a crash."""
-    return SURVIVED if code in (0, LOAD) else KILLED if code > 0 else TIMEOUT
+    return SURVIVED if code in (0, FIRST_PATHS) else KILLED if code > 0 else TIMEOUT
 
 
 class FirstFailure:
@@ -63,14 +63,14 @@ def run_items(items: Sequence[pytest.Item]) -> int:
 
 
 @dataclass
-class Ways:
+class TestPaths:
     """What each test ran, and how long it took."""
 
     seconds: dict[str, float] = field(default_factory=dict)
-    tests: dict[Hit, list[str]] = field(default_factory=dict)
+    tests: dict[StatementHit, list[str]] = field(default_factory=dict)
     """The tests of a statement."""
 
-    def of(self, hit: Hit) -> list[str]:
+    def of(self, hit: StatementHit) -> list[str]:
         return sorted(self.tests.get(hit, ()), key=self.seconds.__getitem__)
 
     def names(self, module: str) -> list[str]:
@@ -79,7 +79,7 @@ class Ways:
         return sorted(self.seconds, key=lambda name: (name not in own, self.seconds[name]))
 
 
-class Only:
+class OnlyTests:
     """The plugin that leaves of what is collected these tests, in this order."""
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -92,17 +92,17 @@ class Only:
         )
 
 
-def measured(items: Sequence[pytest.Item], jobs: int) -> Ways:
+def measure_tests(items: Sequence[pytest.Item], jobs: int) -> TestPaths:
     """Run every test once, in children, so that they are as new afterwards."""
-    parts = [_measuring(items[part::jobs]) for part in range(jobs)]
-    ways = Ways()
+    parts = [_measure_in_child(items[part::jobs]) for part in range(jobs)]
+    ways = TestPaths()
     for reading, wait in parts:
         name = ""
         with os.fdopen(reading) as lines:
             for line in map(json.loads, lines):
                 if isinstance(line, str):
                     name = line
-                elif line[0] <= QUICK_S:
+                elif line[0] <= QUICK_TEST_S:
                     ways.seconds[name] = line[0]
                     for module, number in line[1]:
                         ways.tests.setdefault((module, number), []).append(name)
@@ -111,21 +111,21 @@ def measured(items: Sequence[pytest.Item], jobs: int) -> Ways:
     return ways
 
 
-def _measuring(items: Sequence[pytest.Item]) -> tuple[int, Wait]:
+def _measure_in_child(items: Sequence[pytest.Item]) -> tuple[int, Wait]:
     """Tells the name of each test, then its seconds and the statements it ran."""
     reading, writing = os.pipe()
 
     def work() -> int:
         with os.fdopen(writing, "w") as out:
             for item in items:
-                SEEN.clear()
+                EXECUTED.clear()
                 out.write(json.dumps(item.nodeid) + "\n")
                 out.flush()
                 began = time.process_time()
                 run_items([item])
-                out.write(json.dumps([time.process_time() - began, sorted(SEEN)]) + "\n")
+                out.write(json.dumps([time.process_time() - began, sorted(EXECUTED)]) + "\n")
         return 0
 
-    wait = isolated(work, 3600)
+    wait = run_isolated(work, 3600)
     os.close(writing)
     return reading, wait

@@ -11,15 +11,15 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import CodeType, FunctionType
 from typing import Any
 
-Hit = tuple[str, int]
+StatementHit = tuple[str, int]
 """Module and line of a statement in a function that was run."""
-SEEN: set[Hit] = set()
-PROBE = "__drivebus_seen__"
-Key = tuple[str, int]
+EXECUTED: set[StatementHit] = set()
+PROBE_NAME = "__drivebus_seen__"
+FunctionKey = tuple[str, int]
 """Qualified name and first line of a function."""
 
 
-class Finder(MetaPathFinder):
+class MutatedModuleFinder(MetaPathFinder):
     """Loads ``modules`` through ``change``; never from a compiled file."""
 
     def __init__(self, modules: frozenset[str], change: Callable[[str, ast.Module], None]) -> None:
@@ -30,11 +30,11 @@ class Finder(MetaPathFinder):
             return None
         spec = PathFinder.find_spec(fullname, path, target)
         assert spec is not None and spec.origin is not None
-        spec.loader = _Loader(fullname, spec.origin, self.change)
+        spec.loader = _MutatedModuleLoader(fullname, spec.origin, self.change)
         return spec
 
 
-class _Loader(SourceFileLoader):
+class _MutatedModuleLoader(SourceFileLoader):
     def __init__(self, fullname: str, path: str, change: Callable[[str, ast.Module], None]) -> None:
         super().__init__(fullname, path)
         self.change = change
@@ -45,7 +45,7 @@ class _Loader(SourceFileLoader):
         return compile(tree, self.path, "exec", dont_inherit=True)
 
     def exec_module(self, module: Any) -> None:
-        module.__dict__[PROBE] = SEEN.add
+        module.__dict__[PROBE_NAME] = EXECUTED.add
         super().exec_module(module)
 
 
@@ -67,7 +67,7 @@ def _probe_blocks(module: str, parent: ast.AST) -> None:
 
 
 def _probe(module: str, node: ast.stmt) -> ast.stmt:
-    text = f"{PROBE}(({module!r}, {node.lineno}))"
+    text = f"{PROBE_NAME}(({module!r}, {node.lineno}))"
     probe = ast.parse(text).body[0]
     for part in ast.walk(probe):
         if hasattr(part, "lineno"):
@@ -75,9 +75,9 @@ def _probe(module: str, node: ast.stmt) -> ast.stmt:
     return probe
 
 
-def functions(path: str) -> dict[Key, list[FunctionType]]:
+def functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
     """Every function alive that comes from the file ``path``: decorated, property or closure alike."""
-    found: dict[Key, list[FunctionType]] = {}
+    found: dict[FunctionKey, list[FunctionType]] = {}
     for thing in gc.get_objects():
         if isinstance(thing, FunctionType) and thing.__code__.co_filename == path:
             code = thing.__code__
@@ -85,7 +85,7 @@ def functions(path: str) -> dict[Key, list[FunctionType]]:
     return found
 
 
-def swap(alive: dict[Key, list[FunctionType]], changed: CodeType) -> None:
+def swap(alive: dict[FunctionKey, list[FunctionType]], changed: CodeType) -> None:
     """Give each living function its code of the changed module. Raises ValueError where a closure has changed."""
     for code in _codes(changed):
         for function in alive.get((code.co_qualname, code.co_firstlineno), ()):
@@ -99,7 +99,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(constant)
 
 
-def forget(prefixes: tuple[str, ...]) -> None:
+def unload_packages(prefixes: tuple[str, ...]) -> None:
     """Nothing of these packages has been loaded."""
     for name in [name for name in sys.modules if name.startswith(prefixes)]:
         del sys.modules[name]

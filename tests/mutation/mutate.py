@@ -23,7 +23,7 @@ COMPARE: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.In: (ast.NotIn,),
     ast.NotIn: (ast.In,),
 }
-REASON: dict[type[ast.operator], type[ast.operator]] = {
+SWAPPED_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
     ast.Mult: ast.Add,
@@ -37,8 +37,15 @@ REASON: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitOr: ast.BitAnd,
     ast.BitXor: ast.BitAnd,
 }
-TWINS = {"min": "max", "max": "min", "any": "all", "all": "any", "startswith": "endswith", "endswith": "startswith"}
-TABLES = ast.Tuple | ast.List | ast.Set
+SWAPPED_NAMES = {
+    "min": "max",
+    "max": "min",
+    "any": "all",
+    "all": "any",
+    "startswith": "endswith",
+    "endswith": "startswith",
+}
+TABLE_NODES = ast.Tuple | ast.List | ast.Set
 NOT_MUTATED = {"__slots__", "__all__"}
 
 
@@ -57,7 +64,7 @@ class Mutant:
     place: tuple[Any, str, int | None, ast.AST]
     """Parent, field, index, and the new node."""
 
-    def told(self) -> str:
+    def description(self) -> str:
         return f"{self.before} → {self.after}"
 
 
@@ -71,21 +78,21 @@ def apply(mutant: Mutant) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _MutationScope:
     scope: str
     statement: int
     inside: bool
     """In a function: its elements are no table."""
-    hushed: bool = False
+    excluded: bool = False
     """Text for a programmer."""
 
 
 def mutants(tree: ast.Module) -> list[Mutant]:
     """Every change of a module, in the order of its source."""
-    return list(_walk(tree, _Place("", 0, False)))
+    return list(_walk(tree, _MutationScope("", 0, False)))
 
 
-def _walk(parent: ast.AST, at: _Place) -> Iterator[Mutant]:
+def _walk(parent: ast.AST, at: _MutationScope) -> Iterator[Mutant]:
     for name, index, node in _children(parent):
         here = _inner(node, at)
         if here is None:
@@ -98,8 +105,8 @@ def _walk(parent: ast.AST, at: _Place) -> Iterator[Mutant]:
                 here.statement,
                 here.scope,
                 kind,
-                _told(node),
-                _told(new),
+                _source_text(node),
+                _source_text(new),
                 not here.inside or isinstance(parent, ast.arguments),
                 (parent, name, index, new),
             )
@@ -116,7 +123,7 @@ def _children(parent: ast.AST) -> Iterator[tuple[str, int | None, Any]]:
             yield from ((name, index, node) for index, node in enumerate(value) if isinstance(node, ast.AST))
 
 
-def _inner(node: ast.AST, at: _Place) -> _Place | None:
+def _inner(node: ast.AST, at: _MutationScope) -> _MutationScope | None:
     """Where the inside of a node is; None: left as it is."""
     if isinstance(node, ast.Import | ast.ImportFrom | ast.Assert | ast.FormattedValue) or _is_docstring(node):
         return None
@@ -129,8 +136,8 @@ def _inner(node: ast.AST, at: _Place) -> _Place | None:
         scope = f"{scope}.{node.name}".lstrip(".")
         inside = inside or not isinstance(node, ast.ClassDef)
     statement = node.lineno if isinstance(node, ast.stmt) else at.statement
-    hushed = at.hushed or (isinstance(node, ast.Raise) and "ValueError" in ast.dump(node))
-    return _Place(scope, statement, inside, hushed)
+    hushed = at.excluded or (isinstance(node, ast.Raise) and "ValueError" in ast.dump(node))
+    return _MutationScope(scope, statement, inside, hushed)
 
 
 def _is_docstring(node: ast.AST) -> bool:
@@ -153,12 +160,12 @@ def _is_type(node: ast.AST) -> bool:
     return isinstance(node, ast.Name) and node.id[0].isupper() and not node.id.isupper()
 
 
-def _told(node: ast.AST) -> str:
+def _source_text(node: ast.AST) -> str:
     text = " ".join(ast.unparse(node).split())
     return text if len(text) <= 90 else text[:87] + "..."
 
 
-def _changes(parent: ast.AST, node: ast.AST, at: _Place) -> Iterator[tuple[str, Any]]:
+def _changes(parent: ast.AST, node: ast.AST, at: _MutationScope) -> Iterator[tuple[str, Any]]:
     match node:
         case ast.Compare():
             yield from _compared(node)
@@ -172,15 +179,15 @@ def _changes(parent: ast.AST, node: ast.AST, at: _Place) -> Iterator[tuple[str, 
         case ast.UnaryOp(op=ast.USub(), operand=operand) if not isinstance(operand, ast.Constant):
             yield "arithmetic", operand
         case ast.BinOp(left=left, op=op, right=right):
-            yield from _reckoned(left, op, right)
+            yield from _arithmetic_changes(left, op, right)
         case ast.Constant(value=value):
             yield from (("constant", ast.Constant(other)) for other in _others(value, at))
         case ast.IfExp(test=test, body=body, orelse=orelse):
             yield "branches swapped", ast.IfExp(test, orelse, body)
-        case ast.Call(func=ast.Name(id=name)) if name in TWINS:
-            yield "twin", ast.Call(ast.Name(TWINS[name], ast.Load()), node.args, node.keywords)
-        case ast.Call(func=ast.Attribute(value=value, attr=name)) if name in TWINS:
-            yield "twin", ast.Call(ast.Attribute(value, TWINS[name], ast.Load()), node.args, node.keywords)
+        case ast.Call(func=ast.Name(id=name)) if name in SWAPPED_NAMES:
+            yield "twin", ast.Call(ast.Name(SWAPPED_NAMES[name], ast.Load()), node.args, node.keywords)
+        case ast.Call(func=ast.Attribute(value=value, attr=name)) if name in SWAPPED_NAMES:
+            yield "twin", ast.Call(ast.Attribute(value, SWAPPED_NAMES[name], ast.Load()), node.args, node.keywords)
         case ast.Slice(lower=lower, upper=upper):
             yield from _cut(lower, upper)
         case ast.Dict() if not at.inside:
@@ -208,14 +215,14 @@ def _compared(node: ast.Compare) -> Iterator[tuple[str, ast.AST]]:
             )
 
 
-def _reckoned(left: ast.expr, op: ast.operator, right: ast.expr) -> Iterator[tuple[str, ast.AST]]:
+def _arithmetic_changes(left: ast.expr, op: ast.operator, right: ast.expr) -> Iterator[tuple[str, ast.AST]]:
     if isinstance(op, ast.BitOr) and _is_type(left) and _is_type(right):
         yield from (("type dropped", side) for side in (left, right))
     elif not (isinstance(left, ast.Constant) and isinstance(left.value, str | bytes)):
-        yield "arithmetic", ast.BinOp(left, REASON[type(op)](), right)
+        yield "arithmetic", ast.BinOp(left, SWAPPED_OPERATORS[type(op)](), right)
 
 
-def _others(value: Any, at: _Place) -> Iterator[Any]:
+def _others(value: Any, at: _MutationScope) -> Iterator[Any]:
     match value:
         case bool():
             yield not value
@@ -223,7 +230,7 @@ def _others(value: Any, at: _Place) -> Iterator[Any]:
             yield from (value + 1, value - 1)
         case float():
             yield from (value * 1.5, value * 0.5) if value else (1.0,)
-        case str() if value and not at.hushed:
+        case str() if value and not at.excluded:
             yield value + "x"
         case bytes() if value:
             yield from (value[1:], value[:-1]) if len(value) > 1 else (b"",)
@@ -250,7 +257,7 @@ def _dict(node: ast.Dict) -> Iterator[tuple[str, ast.AST]]:
             )
 
 
-def _is_table(parent: ast.AST, node: ast.Tuple | ast.List | ast.Set, at: _Place) -> bool:
+def _is_table(parent: ast.AST, node: ast.Tuple | ast.List | ast.Set, at: _MutationScope) -> bool:
     if isinstance(parent, ast.Subscript) or not node.elts or isinstance(getattr(node, "ctx", None), ast.Store):
         return False
     return isinstance(parent, ast.Compare) or not at.inside
@@ -269,4 +276,4 @@ def _statement(node: ast.stmt) -> Iterator[tuple[str, ast.AST]]:
         case ast.Continue():
             yield "statement dropped", ast.Break()
     if isinstance(node, ast.AugAssign):
-        yield "arithmetic", ast.AugAssign(node.target, REASON[type(node.op)](), node.value)
+        yield "arithmetic", ast.AugAssign(node.target, SWAPPED_OPERATORS[type(node.op)](), node.value)

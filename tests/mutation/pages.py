@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mutation.report import ROOMS, ROOT
+from mutation.report import MUTATED_MODULES, ROOT
 
 TITLES = {
     "en": ("Mutation testing", "[中文](mutation.zh.md)"),
@@ -19,7 +19,7 @@ changes what is computed while a module is loaded: code tables, alphabets, lengt
 
 ```
 make mutation                         # all of it; it takes hours of the processor on a small machine
-make mutation ARGS=drives.gate        # one module
+make mutation ARGS=drives.permissives        # one module
 make mutation ARGS=--write            # keep the figures and write this page
 ```
 
@@ -36,7 +36,7 @@ room's tests only; a run of its own has not confirmed it yet.
 
 ```
 make mutation                         # 全部；小机器需要数小时
-make mutation ARGS=drives.gate        # 一个模块
+make mutation ARGS=drives.permissives        # 一个模块
 make mutation ARGS=--write            # 保存数字并生成本页
 ```
 
@@ -75,7 +75,7 @@ def _row(name: str, one: dict[str, Any], commit: str) -> str:
 
 def missing(found: dict[str, Any], language: str) -> str:
     """Which modules the report says nothing of."""
-    names = [name.removeprefix("drivebus.") for modules, _ in ROOMS for name in modules if name not in found]
+    names = [name.removeprefix("drivebus.") for modules, _ in MUTATED_MODULES for name in modules if name not in found]
     return MISSING[language].format(", ".join(names)) + "\n\n" if names else ""
 
 

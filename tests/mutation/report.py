@@ -7,42 +7,76 @@ from typing import Any
 
 from mutation.children import KILLED, SURVIVED, TIMEOUT, UNTESTED
 from mutation.mutate import mutants
-from mutation.run import ROOT, Judged, tree_of
+from mutation.run import ROOT, JudgedMutant, tree_of
 
 REPORT = ROOT / "docs" / "reports" / "mutation.json"
 REASONS = ROOT / "tests" / "mutation" / "reasons.json"
 TRIED = ("src/drivebus", "tests")
 
 
-def modules_of(room: str) -> list[str]:
+def modules_in(room: str) -> list[str]:
     found = sorted((ROOT / "src" / "drivebus" / room).rglob("*.py"))
     names = [".".join(path.relative_to(ROOT / "src").with_suffix("").parts) for path in found]
     return [name for name in names if not name.endswith("__init__")]
 
 
-COMMANDING = ("actor", "desk", "leases", "precedence", "starting", "waivers", "wishes")
-COMMANDED = (
-    "actor", "desk", "followers", "leases", "one_clock", "recorded", "reload", "service", "starting", "stops",
-    "waivers",
-)  # fmt: skip
-DOOR = (
-    "gateways.door", "web.account", "web.body", "web.desk", "web.door", "web.given", "web.hosts", "web.people",
-    "web.refused", "web.rights", "web.watch",
-)  # fmt: skip
-AT_THE_DOOR = ("accounts", "door", "hosts", "limits", "login", "on_a_plant", "origin", "refused", "routes", "watch")
+COMMAND_MODULES = (
+    "api.dispatcher",
+    "auth.actor",
+    "control.leases",
+    "control.permissives",
+    "control.tickets",
+    "control.waivers",
+    "process.tuning",
+)
+COMMAND_TESTS = ("api", "control", "runtime", "test_service.py")
+AUTHORIZATION_MODULES = (
+    "web.dependencies",
+    "web.routes.session",
+    "web.middleware.request_body",
+    "web.routes.context",
+    "web.middleware.auth",
+    "web.routes.schemas",
+    "web.middleware.host_check",
+    "web.routes.users",
+    "web.middleware.denial_log",
+    "web.route_policy",
+    "web.middleware.session_expiry",
+)
+AUTHORIZATION_TESTS = (
+    "auth_middleware",
+    "commands_on_a_service",
+    "denial_log",
+    "host_check",
+    "limits",
+    "login",
+    "origin",
+    "routes",
+    "session_expiry",
+    "users",
+)
 """Who may do what: users and sessions, commands to the plant, requests of the web."""
-ROOMS: list[tuple[list[str], list[str]]] = [
-    (["drivebus.drives.gate"], ["tests/drives/test_gate.py"]),
-    ([f"drivebus.bus.{name}" for name in ("job", "rights", "scheduler", "transaction")], ["tests/bus"]),
-    (modules_of("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
-    (modules_of("plant/access"), ["tests/plant/access", "tests/cli/test_user.py"]),
-    ([f"drivebus.plant.{name}" for name in COMMANDING], [f"tests/plant/core/test_{name}.py" for name in COMMANDED]),
-    ([f"drivebus.{name}" for name in DOOR], [f"tests/web/security/test_{name}.py" for name in AT_THE_DOOR]),
+MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
+    (["drivebus.drives.permissives"], ["tests/drives/test_permissives.py"]),
+    (
+        [f"drivebus.bus.{name}" for name in ("prepared_request", "scheduler", "transaction", "validation")],
+        ["tests/bus"],
+    ),
+    (modules_in("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
+    (modules_in("service/auth"), ["tests/service/auth", "tests/cli/test_user.py"]),
+    (
+        [f"drivebus.service.{name}" for name in COMMAND_MODULES],
+        [f"tests/service/{name}" for name in COMMAND_TESTS],
+    ),
+    (
+        [f"drivebus.{name}" for name in AUTHORIZATION_MODULES],
+        [f"tests/web/security/test_{name}.py" for name in AUTHORIZATION_TESTS],
+    ),
 ]
 """Modules, and the tests that have to notice."""
 
 
-def document(found: list[Judged], version: str) -> dict[str, Any]:
+def mutation_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
     """Module → figures and survivors."""
     made: dict[str, Any] = {}
     for module in dict.fromkeys(one.module for one in found):
@@ -60,7 +94,7 @@ def document(found: list[Judged], version: str) -> dict[str, Any]:
                     "line": changes[one.number].line,
                     "scope": changes[one.number].scope,
                     "kind": changes[one.number].kind,
-                    "change": changes[one.number].told(),
+                    "change": changes[one.number].description(),
                 }
                 for one in left
             ],
@@ -68,19 +102,19 @@ def document(found: list[Judged], version: str) -> dict[str, Any]:
     return made
 
 
-def survivors(module: str) -> frozenset[str]:
+def previous_survivors(module: str) -> frozenset[str]:
     """The changes that nobody noticed last time, by scope and change."""
     kept = json.loads(REPORT.read_text(encoding="utf-8")).get(module, {"survivors": ()})
     return frozenset(key(module, left["scope"], left["change"]) for left in kept["survivors"])
 
 
-def again(found: list[Judged], version: str) -> dict[str, Any]:
+def retried_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
     """The kept figures, where only the survivors were tried again.
 
     Raises ValueError where a module has changed since: then all of it is to be tried.
     """
     old = json.loads(REPORT.read_text(encoding="utf-8"))
-    made = document(found, version)
+    made = mutation_document(found, version)
     for module, one in made.items():
         before = old[module]
         if before["mutants"] != len(mutants(tree_of(module))):
@@ -90,10 +124,10 @@ def again(found: list[Judged], version: str) -> dict[str, Any]:
     return made
 
 
-def unexplained(one: Judged) -> bool:
+def unexplained_survivors(one: JudgedMutant) -> bool:
     """It survived, and nobody has said why it may."""
     mutant = mutants(tree_of(one.module))[one.number]
-    return key(one.module, mutant.scope, mutant.told()) not in json.loads(REASONS.read_text(encoding="utf-8"))
+    return key(one.module, mutant.scope, mutant.description()) not in json.loads(REASONS.read_text(encoding="utf-8"))
 
 
 def key(module: str, scope: str, change: str) -> str:
@@ -101,7 +135,7 @@ def key(module: str, scope: str, change: str) -> str:
     return f"{module.removeprefix('drivebus.')} {scope}: {change}"
 
 
-def keep(made: dict[str, Any]) -> dict[str, Any]:
+def write_document(made: dict[str, Any]) -> dict[str, Any]:
     """Put these modules' figures into the report, and the reasons as they are now to all survivors."""
     old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))

@@ -20,41 +20,49 @@ import hypothesis
 import pytest
 
 from mutation.children import (
-    LOAD,
+    FIRST_PATHS,
     SURVIVED,
     UNTESTED,
     FirstFailure,
-    Only,
+    OnlyTests,
+    TestPaths,
     Wait,
-    Ways,
-    isolated,
-    measured,
+    measure_tests,
+    run_isolated,
     run_items,
     verdict,
 )
-from mutation.load import SEEN, Finder, Hit, functions, probed, swap
+from mutation.load import EXECUTED, MutatedModuleFinder, StatementHit, functions, probed, swap
 from mutation.mutate import Mutant, apply, mutants
 
 ROOT = Path(__file__).resolve().parents[2]
-LOADED_S = 240
+RELOAD_TIMEOUT_S = 240
 """Seconds of the processor for all tests of a module that was loaded with a mutant."""
-ALL_NEED = (
-    "pytest_asyncio.plugin", "hypothesis.strategies", "pydantic", "pymodbus.client", "fastcrc", "fastapi", "httpx",
-    "argon2", "click.testing", "prometheus_client",
-)  # fmt: skip
+ALWAYS_LOADED = (
+    "pytest_asyncio.plugin",
+    "hypothesis.strategies",
+    "pydantic",
+    "pymodbus.client",
+    "fastcrc",
+    "fastapi",
+    "httpx",
+    "argon2",
+    "click.testing",
+    "prometheus_client",
+)
 """Of other people: loaded once, not by each child."""
 OPTIONS = ["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:terminal", "-s"]
-Wanted = Callable[[str, Mutant], bool]
+MutantFilter = Callable[[str, Mutant], bool]
 
 
 @dataclass(slots=True)
-class Judged:
+class JudgedMutant:
     """A mutant by its number in the module, and what became of it."""
 
     module: str
     number: int
     verdict: str
-    afresh: bool
+    reloaded: bool
     """It is to be loaded, or was."""
     tests: int = 0
 
@@ -67,23 +75,23 @@ def tree_of(module: str) -> ast.Module:
     return ast.parse(path_of(module).read_bytes())
 
 
-class Collected:
+class MutationPlugin:
     """The plugin that is given the collected tests, and tries the mutants instead of running them."""
 
-    def __init__(self, modules: Sequence[str], wanted: Wanted, jobs: int, out: TextIO) -> None:
+    def __init__(self, modules: Sequence[str], wanted: MutantFilter, jobs: int, out: TextIO) -> None:
         self.modules, self.wanted, self.jobs, self.out = modules, wanted, jobs, out
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         if (kit := sys.modules.get("doorkit")) is not None:  # an app would cost each child a quarter of a second
-            kit.app_of(kit.WebSetting())
-        at_load = frozenset(SEEN)
+            kit.app_of(kit.WebConfig())
+        at_load = frozenset(EXECUTED)
         items = {item.nodeid: item for item in session.items}
-        ways = measured(session.items, self.jobs)
+        ways = measure_tests(session.items, self.jobs)
         for module in self.modules:
             self._tell({"module": module, "names": ways.names(module)})
-            for judged in in_order(self._begun(module, items, ways, at_load), self.jobs):
-                self._tell([judged.module, judged.number, judged.verdict, judged.afresh, judged.tests])
+            for judged in judge_in_order(self._begun(module, items, ways, at_load), self.jobs):
+                self._tell([judged.module, judged.number, judged.verdict, judged.reloaded, judged.tests])
         return True
 
     def _tell(self, what: object) -> None:
@@ -91,8 +99,8 @@ class Collected:
         self.out.flush()
 
     def _begun(
-        self, module: str, items: dict[str, pytest.Item], ways: Ways, at_load: frozenset[Hit]
-    ) -> Iterator[tuple[Judged, Wait]]:
+        self, module: str, items: dict[str, pytest.Item], ways: TestPaths, at_load: frozenset[StatementHit]
+    ) -> Iterator[tuple[JudgedMutant, Wait]]:
         path, tree = str(path_of(module)), tree_of(module)
         alive = functions(path)
         for number, mutant in enumerate(mutants(tree)):
@@ -100,9 +108,9 @@ class Collected:
                 continue
             hit = (module, mutant.statement)
             names = ways.of(hit)
-            judged = Judged(module, number, SURVIVED, mutant.at_load or hit in at_load, len(names))
+            judged = JudgedMutant(module, number, SURVIVED, mutant.at_load or hit in at_load, len(names))
             if mutant.at_load or not names:
-                judged.verdict = SURVIVED if judged.afresh else UNTESTED
+                judged.verdict = SURVIVED if judged.reloaded else UNTESTED
                 yield judged, lambda: 0
                 continue
 
@@ -111,21 +119,21 @@ class Collected:
                 try:
                     swap(alive, compile(tree, path, "exec", dont_inherit=True))
                 except ValueError:  # the closure is another
-                    return LOAD
+                    return FIRST_PATHS
                 return run_items([items[name] for name in names])
 
-            yield judged, isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
+            yield judged, run_isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
 
 
-def in_order(begun: Iterable[tuple[Judged, Wait]], jobs: int) -> Iterator[Judged]:
+def judge_in_order(begun: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Iterator[JudgedMutant]:
     """Judge with at most ``jobs`` children at a time."""
-    running: list[tuple[Judged, Wait]] = []
+    running: list[tuple[JudgedMutant, Wait]] = []
 
-    def ended() -> Judged:
+    def ended() -> JudgedMutant:
         judged, wait = running.pop(0)
         code = wait()
         judged.verdict = judged.verdict if judged.verdict == UNTESTED else verdict(code)
-        judged.afresh = judged.afresh or code == LOAD
+        judged.reloaded = judged.reloaded or code == FIRST_PATHS
         return judged
 
     for one in begun:
@@ -137,8 +145,8 @@ def in_order(begun: Iterable[tuple[Judged, Wait]], jobs: int) -> Iterator[Judged
 
 
 def in_functions(
-    modules: Sequence[str], tests: Sequence[str], wanted: Wanted, jobs: int
-) -> tuple[list[Judged], dict[str, list[str]]]:
+    modules: Sequence[str], tests: Sequence[str], wanted: MutantFilter, jobs: int
+) -> tuple[list[JudgedMutant], dict[str, list[str]]]:
     """The mutants within functions; and the tests of each module, in the best order for what is loaded."""
     reading, writing = os.pipe()
     child = os.fork()
@@ -146,13 +154,13 @@ def in_functions(
         code = 3
         try:
             os.close(reading)
-            sys.meta_path.insert(0, Finder(frozenset(modules), probed))
-            plugin = Collected(modules, wanted, jobs, os.fdopen(writing, "w"))
+            sys.meta_path.insert(0, MutatedModuleFinder(frozenset(modules), probed))
+            plugin = MutationPlugin(modules, wanted, jobs, os.fdopen(writing, "w"))
             code = int(pytest.main([*OPTIONS, *tests], plugins=[plugin, FirstFailure()]))
         finally:
             os._exit(code)
     os.close(writing)
-    found: list[Judged] = []
+    found: list[JudgedMutant] = []
     names: dict[str, list[str]] = {}
     with os.fdopen(reading) as lines:
         for line in map(json.loads, lines):
@@ -160,44 +168,47 @@ def in_functions(
                 names[line["module"]] = line["names"]
                 print(line["module"], file=sys.stderr, flush=True)
             else:
-                found.append(Judged(*line))
-                if found[-1].verdict in (SURVIVED, UNTESTED) and not found[-1].afresh:
-                    print(told(found[-1]), flush=True)
+                found.append(JudgedMutant(*line))
+                if found[-1].verdict in (SURVIVED, UNTESTED) and not found[-1].reloaded:
+                    print(verdict_line(found[-1]), flush=True)
     if code := os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]):
         raise SystemExit(f"pytest ended with {code}")
     return found, names
 
 
-def told(judged: Judged) -> str:
+def verdict_line(judged: JudgedMutant) -> str:
     """One line about a mutant."""
     mutant = mutants(tree_of(judged.module))[judged.number]
     where = f"{judged.module}:{mutant.line} {mutant.scope}"
-    return f"{where} [{mutant.kind}] {mutant.told()}: {judged.verdict}, {judged.tests} tests"
+    return f"{where} [{mutant.kind}] {mutant.description()}: {judged.verdict}, {judged.tests} tests"
 
 
-def afresh(found: Sequence[Judged], names: dict[str, list[str]], jobs: int) -> Iterator[Judged]:
+def retry_reloaded(found: Sequence[JudgedMutant], names: dict[str, list[str]], jobs: int) -> Iterator[JudgedMutant]:
     """Try again what has to be loaded, each in a process that has loaded nothing of ours."""
 
-    def begun() -> Iterator[tuple[Judged, Wait]]:
+    def begun() -> Iterator[tuple[JudgedMutant, Wait]]:
         for judged in found:
             tree = tree_of(judged.module)
             mutant = mutants(tree)[judged.number]
 
-            def work(judged: Judged = judged, mutant: Mutant = mutant, tree: ast.Module = tree) -> int:
+            def work(judged: JudgedMutant = judged, mutant: Mutant = mutant, tree: ast.Module = tree) -> int:
                 apply(mutant)
                 sys.meta_path.insert(
-                    0, Finder(frozenset({judged.module}), lambda _, fresh: fresh.__setattr__("body", tree.body))
+                    0,
+                    MutatedModuleFinder(
+                        frozenset({judged.module}), lambda _, fresh: fresh.__setattr__("body", tree.body)
+                    ),
                 )
                 ours = names[judged.module]
                 files = dict.fromkeys(name.split("::")[0] for name in ours)
-                return int(pytest.main([*OPTIONS, *files], plugins=[FirstFailure(), Only(ours)]))
+                return int(pytest.main([*OPTIONS, *files], plugins=[FirstFailure(), OnlyTests(ours)]))
 
-            yield judged, isolated(work, LOADED_S)
+            yield judged, run_isolated(work, RELOAD_TIMEOUT_S)
 
-    yield from in_order(begun(), jobs)
+    yield from judge_in_order(begun(), jobs)
 
 
-def settle() -> None:
+def settle_hypothesis() -> None:
     """Property tests: the same examples each time, no search for the smallest one. And load what all children need."""
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
     health: Any = list(hypothesis.HealthCheck)
@@ -205,5 +216,5 @@ def settle() -> None:
         "mutation", phases=phases, database=None, derandomize=True, deadline=None, suppress_health_check=health
     )
     hypothesis.settings.load_profile("mutation")
-    for name in ALL_NEED:
+    for name in ALWAYS_LOADED:
         __import__(name)

@@ -14,12 +14,12 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from drivebus.lab.report import commit
-from oracle.compare import Tally, compare, sides
+from oracle.compare import ComparisonTally, compare, sides
+from verification.report import current_commit
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "reports" / "second-opinion.json"
-JUDGED = ("src/drivebus/protocols", "src/drivebus/message.py", "tests/oracle")
+COMPARED_SOURCES = ("src/drivebus/protocols", "src/drivebus/protocols/codec.py", "tests/oracle")
 
 
 def main() -> int:
@@ -38,16 +38,23 @@ def main() -> int:
 
 def document(seed: int, messages: int) -> dict[str, Any]:
     """All that the run found. Everything but the seconds is the same for the same seed, messages and commit."""
-    found: dict[str, Any] = {"commit": commit(ROOT, *JUDGED), "seed": seed, "messages": messages, "codecs": {}}
+    found: dict[str, Any] = {
+        "commit": current_commit(ROOT, *COMPARED_SOURCES),
+        "seed": seed,
+        "messages": messages,
+        "codecs": {},
+    }
     for side in sides():
         began = time.perf_counter()
         tally = compare(side, Random(f"{seed}/{side.name}"), messages)
-        found["codecs"][side.name] = told(tally, messages) | {"seconds": round(time.perf_counter() - began, 1)}
+        found["codecs"][side.name] = tally_document(tally, messages) | {
+            "seconds": round(time.perf_counter() - began, 1)
+        }
         print(side.name, tally.disagreed, "disagreements", file=sys.stderr, flush=True)
     return found
 
 
-def told(tally: Tally, judged: int) -> dict[str, Any]:
+def tally_document(tally: ComparisonTally, judged: int) -> dict[str, Any]:
     """``upper_bound_95``: with no disagreement in n replies their rate is below 3/n with 95 % confidence."""
     return {
         "replies_judged": judged,
@@ -56,12 +63,12 @@ def told(tally: Tally, judged: int) -> dict[str, Any]:
         "disagreements": tally.disagreed,
         "choices": dict(sorted(tally.choices.items())),
         "kinds": nested(tally.kinds),
-        "replies": nested(tally.hands),
+        "replies": nested(tally.mutations),
         "disagreed": tally.disagreements,
     }
 
 
-def totals(tally: Tally) -> Counter[str]:
+def totals(tally: ComparisonTally) -> Counter[str]:
     found: Counter[str] = Counter()
     for (_, what), count in tally.kinds.items():
         found[what] += count

@@ -6,8 +6,8 @@ from random import Random
 from typing import Any
 
 from drivebus.errors import ProtocolError
-from drivebus.message import Complete
-from drivebus.protocols import sifang
+from drivebus.protocols import sunfar
+from drivebus.protocols.codec import Complete
 from oracle import naive_c320 as naive
 from oracle.mutate import ANY_FRAME
 
@@ -18,15 +18,22 @@ PLAIN_STOPS = (0x03, 0x06, 0x21)
 STATES = tuple(naive.STATES)
 
 
-class C320Side:
+class C320Comparison:
     """One encoding; ``codec`` may be another than ours, to see that the comparison can tell."""
 
     def __init__(self, encoding: str, codec: Any = None) -> None:
         self.name = f"c320-{encoding}"
         self.encoding = encoding
         self.other = "hex" if encoding == "ascii" else "ascii"
-        self.codec = codec or sifang.SifangCodec(encoding)  # type: ignore[arg-type]
-        self.hands = (*ANY_FRAME, self.mended, self.other_alphabet, self.other_encoding, self.wrong_address, self.old)
+        self.codec = codec or sunfar.SunfarCodec(encoding)  # type: ignore[arg-type]
+        self.mutations = (
+            *ANY_FRAME,
+            self.resealed,
+            self.other_alphabet,
+            self.other_encoding,
+            self.wrong_address,
+            self.earlier_reply,
+        )
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -51,15 +58,15 @@ class C320Side:
     def kind(self, asked: dict[str, int]) -> str:
         return KINDS[asked["kind"]]
 
-    def naive_build(self, asked: dict[str, int]) -> bytes | None:
+    def reference_request(self, asked: dict[str, int]) -> bytes | None:
         try:
             return naive.build(self.encoding, **on_the_wire(asked))
         except ValueError:
             return None
 
-    def our_build(self, asked: dict[str, int]) -> bytes | None:
+    def product_request(self, asked: dict[str, int]) -> bytes | None:
         try:
-            return self.codec.encode_request(message(asked))
+            return self.codec.encode_request(product_message(asked))
         except ValueError:
             return None
 
@@ -69,12 +76,12 @@ class C320Side:
             return "no read of everybody", None
         if asked["kind"] == 4 and asked["data"]:
             if asked["operation"] in PLAIN_STOPS:
-                return "a stop carries 0000", self.naive_build({**asked, "data": 0})
+                return "a stop carries 0000", self.reference_request({**asked, "data": 0})
             if asked["operation"] & 0xF0 != 0x10:
                 return "no data with an operation that sets no frequency", None
         return None, plain
 
-    def heard(self, rng: Random, asked: dict[str, int]) -> bool:
+    def station_reads(self, rng: Random, asked: dict[str, int]) -> bool:
         """A station reads the naive frame, whatever operation it carries (2.4.4: every class has one)."""
         operation = asked.get("operation", rng.choice(OPERATIONS))
         frame = naive.build(self.encoding, **{**on_the_wire(asked), "operation": operation})
@@ -82,12 +89,12 @@ class C320Side:
             verdict = self.codec.decode_request(frame)
         except ProtocolError:
             return False
-        expected = sifang.Heard(message(on_the_wire(asked)), sifang.Operation(operation))
+        expected = sunfar.ReceivedRequest(product_message(on_the_wire(asked)), sunfar.SunfarOperation(operation))
         return bool(verdict == Complete(expected, len(frame)))
 
     # -- replies -----------------------------------------------------------------------------------------------
 
-    def answer(self, rng: Random, asked: dict[str, int]) -> bytes:
+    def random_reply(self, rng: Random, asked: dict[str, int]) -> bytes:
         """A reply as a drive might send it: mostly lawful, mostly with the right echoes."""
         return self._answer(rng, asked, self.encoding, asked["address"])
 
@@ -106,18 +113,18 @@ class C320Side:
         data = maybe(rng, set_data, rng.randrange(0x10000))
         return naive.build_reply(encoding, address, response, state, group, item, data)
 
-    def naive_judge(self, request: bytes, reply: bytes) -> Any:
+    def reference_verdict(self, request: bytes, reply: bytes) -> Any:
         return naive.judge(request, reply)
 
-    def our_judge(self, asked: dict[str, int], reply: bytes) -> Any:
+    def product_verdict(self, asked: dict[str, int], reply: bytes) -> Any:
         """The same shape as the naive one's. Any exception but ProtocolError escapes: that would be a finding too."""
         try:
-            verdict = self.codec.decode_reply(message(asked), reply)
+            verdict = self.codec.decode_reply(product_message(asked), reply)
         except ProtocolError:
             return REFUSE
         if not isinstance(verdict, Complete) or verdict.size != len(reply):
             return REFUSE  # the bus waits for the rest, or finds too much
-        return shown(verdict.message)
+        return reply_fields(verdict.message)
 
     def wanted_reply(self, asked: dict[str, int], request: bytes, reply: bytes, plain: Any) -> tuple[str | None, Any]:
         """What drivebus is to believe, and the name of the choice where that is not the manual's letter."""
@@ -141,7 +148,7 @@ class C320Side:
 
     # -- hands -------------------------------------------------------------------------------------------------
 
-    def mended(self, rng: Random, frame: bytes) -> bytes:
+    def resealed(self, rng: Random, frame: bytes) -> bytes:
         """A field's byte changes and the sum with it: only the field's own rule can see it."""
         fields = bytearray(frame[1:-5])
         digits = b"0123456789ABCDEF" if self.encoding == "ascii" else bytes(range(34))
@@ -167,14 +174,14 @@ class C320Side:
         address = naive.write_field(self.encoding, 2, rng.randrange(256))
         return naive.seal(self.encoding, bytes(address) + frame[3:-5])
 
-    def old(self, rng: Random, frame: bytes) -> bytes:
+    def earlier_reply(self, rng: Random, frame: bytes) -> bytes:
         """The reply to something else."""
         return self._answer(rng, self.draw_lawful(rng), self.encoding, rng.randrange(31))
 
     def draw_lawful(self, rng: Random) -> dict[str, int]:
         while True:
             asked = self.draw(rng)
-            if self.naive_build(asked) is not None:
+            if self.reference_request(asked) is not None:
                 return asked
 
 
@@ -187,21 +194,21 @@ def on_the_wire(asked: dict[str, int]) -> dict[str, int]:
     return {name: asked[name] for name in asked if name != "expected_item"}
 
 
-def message(asked: dict[str, int]) -> sifang.Request:
+def product_message(asked: dict[str, int]) -> sunfar.SunfarRequest:
     """The same request in our words."""
     address, kind = asked["address"], asked["kind"]
     if kind == 0:
-        return sifang.ReadIdentity(address, asked["group"])
+        return sunfar.ReadIdentity(address, asked["group"])
     if kind == 1:
-        return sifang.ReadMonitor(address, asked["item"])
+        return sunfar.ReadMonitor(address, asked["item"])
     if kind == 2:
-        return sifang.ReadParameter(address, asked["group"], asked["item"])
+        return sunfar.SunfarReadParameter(address, asked["group"], asked["item"])
     if kind == 4:
-        return sifang.Control(address, asked["operation"], asked["data"], asked.get("expected_item"))  # type: ignore[arg-type]
-    return sifang.WriteParameter(address, asked["group"], asked["item"], asked["data"], save=kind == 5)
+        return sunfar.SunfarControl(address, asked["operation"], asked["data"], asked.get("expected_item"))  # type: ignore[arg-type]
+    return sunfar.SunfarWriteParameter(address, asked["group"], asked["item"], asked["data"], save=kind == 5)
 
 
-def shown(reply: sifang.Reply) -> dict[str, int]:
+def reply_fields(reply: sunfar.SunfarReply) -> dict[str, int]:
     """A reply of ours as the naive one's dict."""
     names = ("address", "response", "state", "group", "item", "fault_code", "data", "other_data")
     found = {name: int(getattr(reply, name)) for name in names if getattr(reply, name) is not None}

@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
-from oracle.c320_side import C320Side
-from oracle.dzb100_side import Dzb100Side
+from oracle.c320_side import C320Comparison
+from oracle.dzb100_side import Dzb100Comparison
 
-KEPT = 20
+MAX_LISTED_DISAGREEMENTS = 20
 """So many disagreements are kept in full; the rest is counted."""
-Side = C320Side | Dzb100Side
+ComparedSide = C320Comparison | Dzb100Comparison
 
 
 @dataclass(slots=True)
-class Tally:
+class ComparisonTally:
     """What came of one comparison."""
 
     kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
     """(request kind, what happened)."""
-    hands: Counter[tuple[str, str]] = field(default_factory=Counter)
+    mutations: Counter[tuple[str, str]] = field(default_factory=Counter)
     """(what became of the reply, accepted or refused by both, or else)."""
     choices: Counter[str] = field(default_factory=Counter)
     disagreements: list[str] = field(default_factory=list)
@@ -30,17 +30,17 @@ class Tally:
     def disagree(self, kind: str, text: str) -> None:
         self.kinds[kind, "disagreements"] += 1
         self.disagreed += 1
-        if len(self.disagreements) < KEPT:
+        if len(self.disagreements) < MAX_LISTED_DISAGREEMENTS:
             self.disagreements.append(text)
 
 
-def sides() -> list[Side]:
-    return [C320Side("ascii"), C320Side("hex"), Dzb100Side()]
+def sides() -> list[ComparedSide]:
+    return [C320Comparison("ascii"), C320Comparison("hex"), Dzb100Comparison()]
 
 
-def compare(side: Side, rng: Random, count: int) -> Tally:
+def compare(side: ComparedSide, rng: Random, count: int) -> ComparisonTally:
     """``count`` replies judged, each after its request was built by both; more requests where none can be asked."""
-    tally = Tally()
+    tally = ComparisonTally()
     judged = 0
     while judged < count:
         asked = side.draw(rng)
@@ -51,9 +51,9 @@ def compare(side: Side, rng: Random, count: int) -> Tally:
     return tally
 
 
-def _request(side: Side, rng: Random, asked: dict[str, Any], tally: Tally) -> bytes | None:
+def _request(side: ComparedSide, rng: Random, asked: dict[str, Any], tally: ComparisonTally) -> bytes | None:
     """The request to be answered; None where there is none, or where it is a choice of ours."""
-    kind, plain, ours = side.kind(asked), side.naive_build(asked), side.our_build(asked)
+    kind, plain, ours = side.kind(asked), side.reference_request(asked), side.product_request(asked)
     choice, wanted = side.wanted_request(asked, plain)
     if ours != wanted:
         tally.disagree(kind, f"{kind} request {asked}: naive {_hex(plain)}, ours {_hex(ours)}")
@@ -62,19 +62,19 @@ def _request(side: Side, rng: Random, asked: dict[str, Any], tally: Tally) -> by
         tally.choices[choice] += 1
         return None
     tally.kinds[kind, "not built" if plain is None else "built"] += 1
-    if plain is not None and not side.heard(rng, asked):
+    if plain is not None and not side.station_reads(rng, asked):
         tally.disagree(kind, f"{kind} request {asked}: heard differently at the station")
     return plain
 
 
-def _reply(side: Side, rng: Random, asked: dict[str, Any], request: bytes, tally: Tally) -> None:
+def _reply(side: ComparedSide, rng: Random, asked: dict[str, Any], request: bytes, tally: ComparisonTally) -> None:
     kind, hand = side.kind(asked), "as sent"
-    reply = side.answer(rng, asked)
+    reply = side.random_reply(rng, asked)
     if rng.randrange(3):
-        chosen = rng.choice((*side.hands, echo))
+        chosen = rng.choice((*side.mutations, echo))
         hand = chosen.__name__
         reply = request if chosen is echo else chosen(rng, reply)
-    plain, ours = side.naive_judge(request, reply), side.our_judge(asked, reply)
+    plain, ours = side.reference_verdict(request, reply), side.product_verdict(asked, reply)
     choice, wanted = side.wanted_reply(asked, request, reply, plain)
     word = "refused" if plain == "refuse" else "accepted"
     if ours != wanted:
@@ -85,7 +85,7 @@ def _reply(side: Side, rng: Random, asked: dict[str, Any], request: bytes, tally
         tally.choices[choice] += 1
     if word != "disagreements":
         tally.kinds[kind, word] += 1
-    tally.hands[hand, word] += 1
+    tally.mutations[hand, word] += 1
 
 
 def echo(rng: Random, frame: bytes) -> bytes:

@@ -6,8 +6,8 @@ from random import Random
 from typing import Any
 
 from drivebus.errors import ProtocolError
-from drivebus.message import Complete
-from drivebus.protocols import dzb
+from drivebus.protocols import dzb100
+from drivebus.protocols.codec import Complete
 from oracle import naive_dzb100 as naive
 from oracle.mutate import ANY_FRAME
 
@@ -15,13 +15,20 @@ REFUSE = "refuse"
 KINDS = tuple(naive.HEADS)
 
 
-class Dzb100Side:
+class Dzb100Comparison:
     """``codec`` may be another than ours, to see that the comparison can tell."""
 
     def __init__(self, codec: Any = None) -> None:
         self.name = "dzb100"
-        self.codec = codec or dzb.DzbCodec()
-        self.hands = (*ANY_FRAME, self.another_b, self.other_alphabet, self.other_head, self.wrong_address, self.old)
+        self.codec = codec or dzb100.Dzb100Codec()
+        self.mutations = (
+            *ANY_FRAME,
+            self.another_b,
+            self.other_alphabet,
+            self.other_head,
+            self.wrong_address,
+            self.earlier_reply,
+        )
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -41,15 +48,15 @@ class Dzb100Side:
     def kind(self, asked: dict[str, Any]) -> str:
         return str(asked["kind"])
 
-    def naive_build(self, asked: dict[str, Any]) -> bytes | None:
+    def reference_request(self, asked: dict[str, Any]) -> bytes | None:
         try:
             return naive.build(**asked)
         except ValueError:
             return None
 
-    def our_build(self, asked: dict[str, Any]) -> bytes | None:
+    def product_request(self, asked: dict[str, Any]) -> bytes | None:
         try:
-            return self.codec.encode_request(message(asked))
+            return self.codec.encode_request(product_message(asked))
         except ValueError:
             return None
 
@@ -57,22 +64,22 @@ class Dzb100Side:
         """What drivebus is to build, and the name of the choice where that is not what the manual would let it."""
         if asked["kind"] == "control" and asked["data"]:
             if asked["number"] in (0, 2):
-                return "a stop carries 0000", self.naive_build({**asked, "data": 0})
+                return "a stop carries 0000", self.reference_request({**asked, "data": 0})
             if asked["number"] == 8:
                 return "no data with a reset", None
         return None, plain
 
-    def heard(self, rng: Random, asked: dict[str, Any]) -> bool:
+    def station_reads(self, rng: Random, asked: dict[str, Any]) -> bool:
         """A station reads the naive frame."""
         frame = naive.build(**asked)
         try:
-            return bool(self.codec.decode_request(frame) == Complete(message(asked), len(frame)))
+            return bool(self.codec.decode_request(frame) == Complete(product_message(asked), len(frame)))
         except ProtocolError:
             return False
 
     # -- replies -----------------------------------------------------------------------------------------------
 
-    def answer(self, rng: Random, asked: dict[str, Any]) -> bytes:
+    def random_reply(self, rng: Random, asked: dict[str, Any]) -> bytes:
         """A reply as a drive might send it: mostly lawful, mostly with the right echoes."""
         b = rng.choice((6, 6, 6, 6, 7))
         if asked["kind"] == "control":
@@ -84,16 +91,16 @@ class Dzb100Side:
         number = maybe(rng, asked["number"], rng.randrange(100))
         return naive.build_reply(asked["kind"], b, asked["address"], number, data)
 
-    def naive_judge(self, request: bytes, reply: bytes) -> Any:
+    def reference_verdict(self, request: bytes, reply: bytes) -> Any:
         return naive.judge(request, reply)
 
-    def our_judge(self, asked: dict[str, Any], reply: bytes) -> Any:
+    def product_verdict(self, asked: dict[str, Any], reply: bytes) -> Any:
         """The same shape as the naive one's, Q03 read as the drives room reads it."""
         try:
-            verdict = self.codec.decode_reply(message(asked), reply)
+            verdict = self.codec.decode_reply(product_message(asked), reply)
             if not isinstance(verdict, Complete) or verdict.size != len(reply):
                 return REFUSE  # the bus waits for the rest, or finds too much
-            return shown(verdict.message)
+            return reply_fields(verdict.message)
         except ProtocolError:
             return REFUSE
 
@@ -118,29 +125,31 @@ class Dzb100Side:
     def wrong_address(self, rng: Random, frame: bytes) -> bytes:
         return frame[:3] + bytes(naive.two_decimal(rng.randrange(100))) + frame[5:]
 
-    def old(self, rng: Random, frame: bytes) -> bytes:
+    def earlier_reply(self, rng: Random, frame: bytes) -> bytes:
         """The reply to something else."""
         while True:
             asked = self.draw(rng)
-            if self.naive_build(asked) is not None:
-                return self.answer(rng, asked)
+            if self.reference_request(asked) is not None:
+                return self.random_reply(rng, asked)
 
 
 def maybe(rng: Random, right: int, other: int) -> int:
     return other if rng.randrange(12) == 0 else right
 
 
-def message(asked: dict[str, Any]) -> dzb.Request:
+def product_message(asked: dict[str, Any]) -> dzb100.Dzb100Request:
     """The same request in our words."""
     address, number = asked["address"], asked["number"]
     if asked["kind"] == "control":
-        return dzb.Control(address, number, asked["data"], everyone=address == dzb.BROADCAST)
+        return dzb100.Dzb100Control(address, number, asked["data"], broadcast=address == dzb100.BROADCAST)
     if asked["kind"] == "write":
-        return dzb.WriteParameter(address, number, asked["data"])
-    return dzb.ReadParameter(address, number) if asked["kind"] == "read" else dzb.Query(address, number)
+        return dzb100.Dzb100WriteParameter(address, number, asked["data"])
+    return (
+        dzb100.Dzb100ReadParameter(address, number) if asked["kind"] == "read" else dzb100.Dzb100Query(address, number)
+    )
 
 
-def shown(reply: dzb.Reply) -> dict[str, Any]:
+def reply_fields(reply: dzb100.Dzb100Reply) -> dict[str, Any]:
     """A reply of ours as the naive one's dict. Raises CodeError for a state word that is not the manual's."""
     found: dict[str, Any] = {
         "kind": naive.NAMES[ord(reply.head)],
@@ -150,6 +159,6 @@ def shown(reply: dzb.Reply) -> dict[str, Any]:
         "data": reply.data,
     }
     if reply.head == "Q" and reply.index == 3 and reply.accepted:
-        word = dzb.StateWord.parse(reply.data)
+        word = dzb100.StateWord.parse(reply.data)
         found |= {"command": word.command, "state_digit": word.state, "fault_code": word.fault_code}
     return found

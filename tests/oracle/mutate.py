@@ -69,6 +69,16 @@ def noise(rng: Random, frame: bytes) -> bytes:
 
 
 ANY_FRAME = (
-    flip, two_flips, swap_neighbours, swap_any, another_digit, another_byte, truncate, extend, insert, drop, lower_case,
+    flip,
+    two_flips,
+    swap_neighbours,
+    swap_any,
+    another_digit,
+    another_byte,
+    truncate,
+    extend,
+    insert,
+    drop,
+    lower_case,
     noise,
-)  # fmt: skip
+)

@@ -6,34 +6,92 @@ padded with 0000 like that R, and a C reply's B may be 06 (example 1) as well as
 
 # Section 2 (4): each digit is one of these characters.
 DIGITS = {
-    "0": 0x30, "1": 0x31, "2": 0x32, "3": 0x33, "4": 0x34, "5": 0x35, "6": 0x36, "7": 0x37,
-    "8": 0x38, "9": 0x39, "A": 0x41, "B": 0x42, "C": 0x43, "D": 0x44, "E": 0x45, "F": 0x46,
-}  # fmt: skip
+    "0": 0x30,
+    "1": 0x31,
+    "2": 0x32,
+    "3": 0x33,
+    "4": 0x34,
+    "5": 0x35,
+    "6": 0x36,
+    "7": 0x37,
+    "8": 0x38,
+    "9": 0x39,
+    "A": 0x41,
+    "B": 0x42,
+    "C": 0x43,
+    "D": 0x44,
+    "E": 0x45,
+    "F": 0x46,
+}
 VALUES = {
-    0x30: 0, 0x31: 1, 0x32: 2, 0x33: 3, 0x34: 4, 0x35: 5, 0x36: 6, 0x37: 7,
-    0x38: 8, 0x39: 9, 0x41: 10, 0x42: 11, 0x43: 12, 0x44: 13, 0x45: 14, 0x46: 15,
-}  # fmt: skip
+    0x30: 0,
+    0x31: 1,
+    0x32: 2,
+    0x33: 3,
+    0x34: 4,
+    0x35: 5,
+    0x36: 6,
+    0x37: 7,
+    0x38: 8,
+    0x39: 9,
+    0x41: 10,
+    0x42: 11,
+    0x43: 12,
+    0x44: 13,
+    0x45: 14,
+    0x46: 15,
+}
 
 # Section 2 (5): the heads.
 HEADS = {"control": 0x43, "write": 0x50, "read": 0x52, "query": 0x51}
 NAMES = {0x43: "control", 0x50: "write", 0x52: "read", 0x51: "query"}
 
 # "S: checksum 03H", the same in every frame.
-S = 0x03
+CONSTANT_BYTE = 0x03
 
 # A of a request, B of a reply.
-ONE = 0x01
-ALL = 0x02
+DATA_BYTE_ONE = 0x01
+BROADCAST_ADDRESS = 0x02
 RIGHT = 0x06
 WRONG = 0x07
 
 # MM of C, and B of its reply: X0 to X8.
-COMMANDS = {0: "stop", 1: "forward", 2: "stop", 3: "reverse", 4: "jog forward", 5: "jog forward",
-            6: "jog reverse", 7: "jog reverse", 8: "reset"}  # fmt: skip
+COMMANDS = {
+    0: "stop",
+    1: "forward",
+    2: "stop",
+    3: "reverse",
+    4: "jog forward",
+    5: "jog forward",
+    6: "jog reverse",
+    7: "jog reverse",
+    8: "reset",
+}
 
 # CD of Q03, as printed: decimal. Whether the tenth is sent as 10 or as 0A is not said; decimal is our default.
-FAULTS = ["00", "01", "02", "03", "04", "05", "06", "07", "08", "09", "10",
-          "11", "12", "13", "14", "15", "16", "17", "18", "19", "20"]  # fmt: skip
+FAULTS = [
+    "00",
+    "01",
+    "02",
+    "03",
+    "04",
+    "05",
+    "06",
+    "07",
+    "08",
+    "09",
+    "10",
+    "11",
+    "12",
+    "13",
+    "14",
+    "15",
+    "16",
+    "17",
+    "18",
+    "19",
+    "20",
+]
 
 
 def two_decimal(number):
@@ -68,17 +126,17 @@ def build(kind, address, number, data=0):
     if kind in ("read", "query") and data != 0:
         raise ValueError("R and Q carry no data: 0000")
     if address == 0:
-        a = ALL
+        a = BROADCAST_ADDRESS
     else:
-        a = ONE
-    frame = [HEADS[kind], S, a] + two_decimal(address) + two_decimal(number) + four_hex(data)
+        a = DATA_BYTE_ONE
+    frame = [HEADS[kind], CONSTANT_BYTE, a] + two_decimal(address) + two_decimal(number) + four_hex(data)
     assert len(frame) == 11  # section 2 (4): 11 bytes each
     return bytes(frame)
 
 
 def build_reply(kind, b, address, number, data):
     """What a drive sends. Nothing is judged, so that undefined numbers can be sent too."""
-    return bytes([HEADS[kind], S, b] + two_decimal(address) + two_decimal(number) + four_hex(data))
+    return bytes([HEADS[kind], CONSTANT_BYTE, b] + two_decimal(address) + two_decimal(number) + four_hex(data))
 
 
 def result(kind, b):
@@ -93,13 +151,13 @@ def result(kind, b):
 def judge(request, reply):
     """What the reply to this request means, as a dict, or "refuse"."""
     kind = NAMES[request[0]]
-    if request[2] == ALL:
+    if request[2] == BROADCAST_ADDRESS:
         return "refuse"  # section 2: a broadcast is not answered
     if len(reply) != 11:
         return "refuse"  # section 2 (4)
     if reply[0] != request[0]:
         return "refuse"
-    if reply[1] != S:
+    if reply[1] != CONSTANT_BYTE:
         return "refuse"
     b = reply[2]
     if kind == "control":

@@ -22,7 +22,7 @@ class Pty:
     def send(self, data: bytes) -> None:
         os.write(self.master, data)
 
-    def received(self, size: int = 4096) -> bytes:
+    def read(self, size: int = 4096) -> bytes:
         try:
             return os.read(self.master, size)
         except OSError:  # nothing there, or nobody has the slave open

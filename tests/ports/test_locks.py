@@ -13,9 +13,9 @@ import pytest
 
 from drivebus.errors import PortUnavailable
 from drivebus.ports import open_port
-from drivebus.ports.locks import Busy, Lock, owner, state_dir
+from drivebus.ports.locks import DeviceBusy, DeviceLock, lock_dir, lock_owner
+from fixtures.receiver import FakeReceiver
 from ports.conftest import Pty
-from ports.sink import Sink
 
 HOLD = (
     "import asyncio, sys\n"
@@ -47,7 +47,7 @@ async def test_a_second_instance_is_refused_100_times_of_100_with_the_pid_of_the
     port = open_port(pty.path)
     for _ in range(100):
         with pytest.raises(PortUnavailable) as caught:
-            await port.open(Sink())
+            await port.open(FakeReceiver())
         assert (caught.value.key, caught.value.params["pid"]) == ("ports.held-drivebus", first.pid)
     assert str(first.pid) in str(caught.value)
     assert str(first.pid) in caught.value.text("zh")
@@ -58,11 +58,11 @@ async def test_the_lock_of_a_killed_instance_is_stale_and_does_not_stand_in_the_
 ) -> None:
     os.kill(first.pid, signal.SIGKILL)
     first.wait()
-    files = list(state_dir().iterdir())
+    files = list(lock_dir().iterdir())
     assert [file.read_text() for file in files] == [f"{first.pid}\n"]
-    assert owner(pty.path) is None
+    assert lock_owner(pty.path) is None
     port = open_port(pty.path)
-    await port.open(Sink())
+    await port.open(FakeReceiver())
     assert [file.read_text() for file in files] == [f"{os.getpid()}\n"]
     await port.close()
     assert [file.read_text() for file in files] == [""]
@@ -70,24 +70,24 @@ async def test_the_lock_of_a_killed_instance_is_stale_and_does_not_stand_in_the_
 
 async def test_this_program_can_not_open_a_port_twice(pty: Pty) -> None:
     one, two = open_port(pty.path), open_port(pty.path)
-    await one.open(Sink())
+    await one.open(FakeReceiver())
     with pytest.raises(PortUnavailable) as caught:
-        await one.open(Sink())
+        await one.open(FakeReceiver())
     assert caught.value.key == "ports.already-open"
     with pytest.raises(PortUnavailable) as caught:
-        await two.open(Sink())
+        await two.open(FakeReceiver())
     assert caught.value.key == "ports.already-open"
     await one.close()
-    await two.open(Sink())
+    await two.open(FakeReceiver())
     await two.close()
 
 
 async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_path: Path) -> None:
     (tmp_path / "alias").symlink_to(pty.path)
     one, two = open_port(pty.path), open_port(str(tmp_path / "alias"))
-    await one.open(Sink())
+    await one.open(FakeReceiver())
     with pytest.raises(PortUnavailable):
-        await two.open(Sink())
+        await two.open(FakeReceiver())
     await one.close()
 
 
@@ -98,11 +98,11 @@ def test_a_program_that_only_knows_flock_is_refused_and_refuses_us(pty: Pty, mon
     stranger = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     ours = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(stranger, fcntl.LOCK_EX)
-    with pytest.raises(Busy) as caught:
-        Lock(ours, pty.path)
+    with pytest.raises(DeviceBusy) as caught:
+        DeviceLock(ours, pty.path)
     assert caught.value.pid is None
     fcntl.flock(stranger, fcntl.LOCK_UN)
-    lock = Lock(ours, pty.path, exclusive=False)
+    lock = DeviceLock(ours, pty.path, exclusive=False)
     with pytest.raises(BlockingIOError):
         fcntl.flock(stranger, fcntl.LOCK_EX | fcntl.LOCK_NB)
     lock.release()
@@ -116,7 +116,7 @@ def test_an_exclusive_lock_sets_the_terminal_flag_and_takes_it_back(pty: Pty) ->
 
     TIOCGEXCL = 0x80045440
     fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
-    lock = Lock(fd, pty.path)
+    lock = DeviceLock(fd, pty.path)
     assert int.from_bytes(fcntl.ioctl(fd, TIOCGEXCL, bytes(4)), sys.byteorder) == 1
     lock.release()
     assert int.from_bytes(fcntl.ioctl(fd, TIOCGEXCL, bytes(4)), sys.byteorder) == 0
@@ -130,9 +130,9 @@ def test_a_state_directory_that_can_not_be_written_leaves_the_lock_on_the_device
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     one = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     two = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
-    lock = Lock(one, pty.path, exclusive=False)
-    with pytest.raises(Busy):
-        Lock(two, pty.path, exclusive=False)
+    lock = DeviceLock(one, pty.path, exclusive=False)
+    with pytest.raises(DeviceBusy):
+        DeviceLock(two, pty.path, exclusive=False)
     lock.release()
     os.close(one)
     os.close(two)

@@ -7,34 +7,34 @@ import gc
 
 import pytest
 
-from drivebus.errors import LinkError, PortLost, PortUnavailable
-from drivebus.line import LineSettings
+from drivebus.errors import PortLost, PortUnavailable, PortUrlError
 from drivebus.ports import open_port
-from drivebus.ports.memory import pair
-from ports.sink import Sink, until
+from drivebus.ports.memory import create_pair
+from drivebus.serial_settings import SerialSettings
+from fixtures.receiver import FakeReceiver, wait_until
 
 
 async def test_what_one_end_writes_the_other_receives() -> None:
-    left, right = pair()
-    a, b = Sink(), Sink()
+    left, right = create_pair()
+    a, b = FakeReceiver(), FakeReceiver()
     await left.open(a)
     await right.open(b)
     left.write(b"ask")
     right.write(b"answer")
     assert (a.data, b.data) == (b"", b"")  # never from within write
-    await until(lambda: a.data and b.data)
+    await wait_until(lambda: a.data and b.data)
     assert (a.data, b.data) == (b"answer", b"ask")
 
 
 async def test_paced_bytes_come_one_by_one_each_at_its_last_stop_bit() -> None:
-    left, right = pair(LineSettings(4800, 8, "E", 1), paced=True)
-    sink = Sink()
-    await left.open(Sink())
+    left, right = create_pair(SerialSettings(4800, 8, "E", 1), has_line_timing=True)
+    sink = FakeReceiver()
+    await left.open(FakeReceiver())
     await right.open(sink)
     begun = asyncio.get_running_loop().time()
     left.write(b"ab")
     left.write(b"c")
-    await until(lambda: len(sink.data) == 3)
+    await wait_until(lambda: len(sink.data) == 3)
     character_s = 11 / 4800
     assert [data for _, data in sink.chunks] == [b"a", b"b", b"c"]
     for number, (at, _) in enumerate(sink.chunks, 1):
@@ -42,10 +42,10 @@ async def test_paced_bytes_come_one_by_one_each_at_its_last_stop_bit() -> None:
 
 
 async def test_bytes_of_an_earlier_opening_never_arrive() -> None:
-    left, right = pair()
-    sink = Sink()
-    await left.open(Sink())
-    await right.open(Sink())
+    left, right = create_pair()
+    sink = FakeReceiver()
+    await left.open(FakeReceiver())
+    await right.open(FakeReceiver())
     left.write(b"late")
     await right.close()
     await right.open(sink)
@@ -55,12 +55,12 @@ async def test_bytes_of_an_earlier_opening_never_arrive() -> None:
 
 
 async def test_a_closed_port_refuses_to_write() -> None:
-    left, _ = pair()
+    left, _ = create_pair()
     with pytest.raises(PortLost):
         left.write(b"x")
-    await left.open(Sink())
+    await left.open(FakeReceiver())
     with pytest.raises(PortUnavailable):
-        await left.open(Sink())
+        await left.open(FakeReceiver())
     await left.close()
     await left.close()
     with pytest.raises(PortLost):
@@ -68,8 +68,8 @@ async def test_a_closed_port_refuses_to_write() -> None:
 
 
 async def test_unplug_is_told_once_and_the_port_opens_again_after_plug() -> None:
-    left, right = pair()
-    a, b = Sink(), Sink()
+    left, right = create_pair()
+    a, b = FakeReceiver(), FakeReceiver()
     await left.open(a)
     await right.open(b)
     left.unplug()
@@ -85,13 +85,13 @@ async def test_unplug_is_told_once_and_the_port_opens_again_after_plug() -> None
 async def test_a_name_joins_two_ports_and_no_third() -> None:
     left = open_port("memory://yard?baud=19200")
     right = open_port("memory://yard")
-    with pytest.raises(LinkError):
+    with pytest.raises(PortUrlError):
         open_port("memory://yard")
-    sink = Sink()
-    await left.open(Sink())
+    sink = FakeReceiver()
+    await left.open(FakeReceiver())
     await right.open(sink)
     left.write(b"x")
-    await until(lambda: sink.data)
+    await wait_until(lambda: sink.data)
     assert left.settings.baud == 19200
     del left, right
     gc.collect()

@@ -8,37 +8,44 @@ from pathlib import Path
 import pytest
 
 from drivebus import Bus, Drive, DriveStatus, open_bus
-from drivebus.capture import Bytes, CaptureError, CaptureWriter, Event, Header, read_capture
+from drivebus.capture.dbcap import (
+    BytesRecord,
+    CaptureError,
+    CaptureHeader,
+    CaptureWriter,
+    EventRecord,
+    read_capture,
+)
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.line import LineSettings
 from drivebus.ports import open_port
-from drivebus.ports.capturing import CapturingPort
-from drivebus.ports.memory import pair
-from drivebus.ports.port import Quietable
-from drivebus.ports.replay import Difference, ReplayPort, ReplayReport
-from drivebus.testing.virtual import run
-from ports.sink import Sink
+from drivebus.ports.base import PausableReader
+from drivebus.ports.memory import create_pair
+from drivebus.ports.recording import RecordingPort
+from drivebus.ports.replay import ReplayDifference, ReplayPort, ReplayReport
+from drivebus.serial_settings import SerialSettings
+from drivebus.testing.virtual_time import run
+from fixtures.receiver import FakeReceiver
 
 
 def recorded(path: Path) -> str:
     """Two requests with their replies, then the adapter is pulled and put back, then one more byte."""
-    writer = CaptureWriter(path, Header(LineSettings(19200, 8, "E", 1)), now=0.0)
-    writer.event(0.0, "opened")
-    writer.bytes(1.0, "tx", b"ask1")
-    writer.bytes(1.25, "rx", b"rep")
-    writer.bytes(1.5, "rx", b"ly1", 1)
-    writer.bytes(2.0, "tx", b"ask2")
-    writer.bytes(2.5, "rx", b"reply2")
-    writer.event(3.0, "lost", reason="pulled")
-    writer.event(5.0, "opened")
-    writer.bytes(5.5, "rx", b"!")
+    writer = CaptureWriter(path, CaptureHeader(SerialSettings(19200, 8, "E", 1)), now=0.0)
+    writer.write_event(0.0, "opened")
+    writer.write_bytes(1.0, "tx", b"ask1")
+    writer.write_bytes(1.25, "rx", b"rep")
+    writer.write_bytes(1.5, "rx", b"ly1", 1)
+    writer.write_bytes(2.0, "tx", b"ask2")
+    writer.write_bytes(2.5, "rx", b"reply2")
+    writer.write_event(3.0, "lost", reason="pulled")
+    writer.write_event(5.0, "opened")
+    writer.write_bytes(5.5, "rx", b"!")
     writer.close()
     return f"replay://{path}"
 
 
 def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_path: Path) -> None:
     async def story() -> None:
-        port, sink, loop = open_port(recorded(tmp_path / "a.dbcap")), Sink(), asyncio.get_running_loop()
+        port, sink, loop = open_port(recorded(tmp_path / "a.dbcap")), FakeReceiver(), asyncio.get_running_loop()
         assert isinstance(port, ReplayPort)
         await asyncio.sleep(10)
         await port.open(sink)
@@ -48,7 +55,7 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
         port.write(b"ask9")
         await asyncio.sleep(1.5)
         assert [(at - 10, data) for at, data in sink.chunks] == [(1.25, b"rep"), (1.5, b"ly1"), (2.5, b"reply2")]
-        assert sink.marks == 1
+        assert sink.line_errors == 1
         assert [error.params["reason"] for error in sink.lost] == ["pulled"]
         with pytest.raises(PortLost):
             port.write(b"x")
@@ -61,7 +68,7 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
         await asyncio.sleep(1)
         assert [error.params["reason"] for error in sink.lost] == ["pulled", "end of the capture"]
         assert port.report == ReplayReport(
-            1, (Difference(2.0, b"ask2", b"ask9", 6), Difference(3.0, None, b"more", 0)), 0
+            1, (ReplayDifference(2.0, b"ask2", b"ask9", 6), ReplayDifference(3.0, None, b"more", 0)), 0
         )
         with pytest.raises(PortUnavailable) as caught:
             await port.open(sink)
@@ -72,7 +79,7 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
 
 def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(tmp_path: Path) -> None:
     async def story() -> None:
-        port, sink = open_port(recorded(tmp_path / "a.dbcap"), timing="request"), Sink()
+        port, sink = open_port(recorded(tmp_path / "a.dbcap"), timing="request"), FakeReceiver()
         assert isinstance(port, ReplayPort)
         await port.open(sink)
         await asyncio.sleep(100)
@@ -97,17 +104,17 @@ def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(
 def test_what_is_asked_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -> None:
     async def story() -> None:
         path = tmp_path / "a.dbcap"
-        writer = CaptureWriter(path, Header(LineSettings()), now=0.0)
-        writer.bytes(1.0, "tx", b"ask")
-        writer.bytes(2.0, "rx", b"reply")
+        writer = CaptureWriter(path, CaptureHeader(SerialSettings()), now=0.0)
+        writer.write_bytes(1.0, "tx", b"ask")
+        writer.write_bytes(2.0, "rx", b"reply")
         writer.close()
-        port, sink = open_port(f"replay://{path}", timing="request"), Sink()
+        port, sink = open_port(f"replay://{path}", timing="request"), FakeReceiver()
         assert isinstance(port, ReplayPort)
         await port.open(sink)
         port.write(b"ask")
         await asyncio.sleep(1.1)
         port.write(b"more")
-        assert port.report == ReplayReport(1, (Difference(2.1, None, b"more", 0),), 0)
+        assert port.report == ReplayReport(1, (ReplayDifference(2.1, None, b"more", 0),), 0)
 
     run(story())
 
@@ -129,7 +136,7 @@ def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model:
         return f"{status.state} {[(name, one.value) for name, one in status.readings.items()]}"
 
     async def record() -> list[str]:
-        port = CapturingPort(open_port(f"sim://{model}@1"), path)
+        port = RecordingPort(open_port(f"sim://{model}@1"), path)
         told = await work(Bus(port))
         port.end_capture()
         return told
@@ -141,16 +148,16 @@ def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model:
 
     told = run(record())
     again, report = run(play())
-    sent = sum(isinstance(one, Bytes) and one.direction == "tx" for one in read_capture(path).records)
+    sent = sum(isinstance(one, BytesRecord) and one.direction == "tx" for one in read_capture(path).records)
     assert again == told
     assert report == ReplayReport(sent, (), 0)
 
 
 def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_path: Path) -> None:
     link = recorded(tmp_path / "a.dbcap")
-    assert open_port(link).settings == LineSettings(19200, 8, "E", 1)
-    assert open_port(link, baud=9600).settings == LineSettings(9600, 8, "E", 1)
-    assert open_port(link, format="8N2").settings == LineSettings(19200, 8, "N", 2)
+    assert open_port(link).settings == SerialSettings(19200, 8, "E", 1)
+    assert open_port(link, baud=9600).settings == SerialSettings(9600, 8, "E", 1)
+    assert open_port(link, format="8N2").settings == SerialSettings(19200, 8, "N", 2)
     with pytest.raises(CaptureError):
         open_port(f"replay://{tmp_path}/none.dbcap")
 
@@ -159,9 +166,9 @@ def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_pat
     path = tmp_path / "a.dbcap"
 
     async def story() -> None:
-        near, far = pair(LineSettings(4800, 8, "E", 1), paced=True)
-        port, near_sink, far_sink = CapturingPort(near, path), Sink(), Sink()
-        assert not isinstance(port, Quietable)
+        near, far = create_pair(SerialSettings(4800, 8, "E", 1), has_line_timing=True)
+        port, near_sink, far_sink = RecordingPort(near, path), FakeReceiver(), FakeReceiver()
+        assert not isinstance(port, PausableReader)
         await asyncio.sleep(50)
         await port.open(near_sink)
         await far.open(far_sink)
@@ -182,21 +189,21 @@ def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_pat
 
     run(story())
     capture = read_capture(path)
-    assert capture.header.settings == LineSettings(4800, 8, "E", 1)
+    assert capture.header.settings == SerialSettings(4800, 8, "E", 1)
     assert capture.header.port == "memory://pair"
-    kinds = [record.name if isinstance(record, Event) else record.direction for record in capture.records]
+    kinds = [record.name if isinstance(record, EventRecord) else record.direction for record in capture.records]
     assert kinds == ["opened", "tx", "rx", "lost", "opened", "closed"]
-    tx, rx = [record for record in capture.records if isinstance(record, Bytes)]
+    tx, rx = [record for record in capture.records if isinstance(record, BytesRecord)]
     assert (tx.time_s, tx.data, rx.data) == (0.0, b"ask", b"!")
     assert rx.time_s == pytest.approx(1 + 11 / 4800, abs=1e-6)
 
 
 def test_a_capture_that_can_not_be_made_leaves_the_port_closed(tmp_path: Path) -> None:
     async def story() -> None:
-        near, _ = pair()
+        near, _ = create_pair()
         (tmp_path / "a.dbcap").write_text("somebody's evidence")
         with pytest.raises(CaptureError):
-            await CapturingPort(near, tmp_path / "a.dbcap").open(Sink())
+            await RecordingPort(near, tmp_path / "a.dbcap").open(FakeReceiver())
         with pytest.raises(PortLost):
             near.write(b"x")
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from drivebus.ports import open_port
-from drivebus.ports.port import notes_of
+from drivebus.ports.base import port_notes
+from fixtures.receiver import FakeReceiver, wait_until
 from peers import need_module, need_program
 from ports.conftest import Pty
-from ports.sink import Sink, until
 
 EVERY_BYTE = bytes(range(256)) + b"\xff\xff\xff\x00\xff"
 
@@ -97,19 +97,19 @@ def wait_for(number: int, child: subprocess.Popen[bytes]) -> None:
 
 
 async def both_ways(link: str, pty: Pty) -> None:
-    port, sink = open_port(link), Sink()
+    port, sink = open_port(link), FakeReceiver()
     await port.open(sink)
     got = bytearray()
     port.write(EVERY_BYTE)
     async with asyncio.timeout(5):
         while len(got) < len(EVERY_BYTE):
-            got += pty.received()
+            got += pty.read()
             await asyncio.sleep(0.005)
     assert bytes(got) == EVERY_BYTE
     pty.send(EVERY_BYTE)
-    await until(lambda: len(sink.data) >= len(EVERY_BYTE))
-    assert (bytes(sink.data), sink.marks, sink.lost) == (EVERY_BYTE, 0, [])
-    assert notes_of(port) == ()
+    await wait_until(lambda: len(sink.data) >= len(EVERY_BYTE))
+    assert (bytes(sink.data), sink.line_errors, sink.lost) == (EVERY_BYTE, 0, [])
+    assert port_notes(port) == ()
     await port.close()
 
 
@@ -128,7 +128,7 @@ async def test_raw_ser2net_is_no_rfc2217_server(pty: Pty, ser2net: tuple[int, in
     from drivebus.errors import PortUnavailable
 
     with pytest.raises(PortUnavailable) as caught:
-        await open_port(f"rfc2217://127.0.0.1:{ser2net[1]}").open(Sink())
+        await open_port(f"rfc2217://127.0.0.1:{ser2net[1]}").open(FakeReceiver())
     assert caught.value.key == "ports.rfc2217-silent"
 
 

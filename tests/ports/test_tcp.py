@@ -11,9 +11,9 @@ import pytest
 
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports import Port, open_port, rfc2217
-from drivebus.ports.port import notes_of
+from drivebus.ports.base import port_notes
 from drivebus.ports.telnet import COM_PORT, DO, DONT, IAC, SB, SE, WILL, subnegotiation
-from ports.sink import Sink, until
+from fixtures.receiver import FakeReceiver, wait_until
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
@@ -51,18 +51,22 @@ async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> 
 
 async def refused(port: Port) -> PortUnavailable:
     with pytest.raises(PortUnavailable) as caught:
-        await port.open(Sink())
+        await port.open(FakeReceiver())
     return caught.value
 
 
 async def test_bytes_go_both_ways_and_nothing_is_claimed_of_pace_and_parity() -> None:
     async with server(echo) as number:
-        port, sink = open_port(f"tcp://127.0.0.1:{number}?baud=19200&format=8E1"), Sink()
+        port, sink = open_port(f"tcp://127.0.0.1:{number}?baud=19200&format=8E1"), FakeReceiver()
         await port.open(sink)
         port.write(b"\xff\x00abc")
-        await until(lambda: len(sink.data) == 5)
+        await wait_until(lambda: len(sink.data) == 5)
         assert bytes(sink.data) == b"\xff\x00abc"
-        assert (port.capabilities.paced, port.capabilities.parity, port.settings.baud) == (False, False, 19200)
+        assert (port.capabilities.has_line_timing, port.capabilities.parity, port.settings.baud) == (
+            False,
+            False,
+            19200,
+        )
         assert port.identity == f"tcp:127.0.0.1:{number}"
         await port.close()
         await port.close()
@@ -77,7 +81,7 @@ async def test_bytes_go_both_ways_and_nothing_is_claimed_of_pace_and_parity() ->
 async def test_frames_go_out_at_once_and_a_dead_peer_is_noticed() -> None:
     async with server(listen) as number:
         port = open_port(f"tcp://localhost:{number}")
-        await port.open(Sink())
+        await port.open(FakeReceiver())
         sock = port._connection._transport.get_extra_info("socket")  # type: ignore[attr-defined]
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
         assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) != 0
@@ -88,13 +92,13 @@ async def test_frames_go_out_at_once_and_a_dead_peer_is_noticed() -> None:
 
 async def test_a_server_that_takes_nothing_costs_the_port_and_its_frames_are_not_sent_later() -> None:
     async with server(listen) as number:
-        port, sink = open_port(f"tcp://127.0.0.1:{number}"), Sink()
+        port, sink = open_port(f"tcp://127.0.0.1:{number}"), FakeReceiver()
         await port.open(sink)
         with pytest.raises(PortLost) as caught:
             for _ in range(1000):
                 port.write(bytes(65536))
         assert caught.value.params["reason"] == "stalled"
-        await until(lambda: sink.lost)
+        await wait_until(lambda: sink.lost)
         assert len(sink.lost) == 1
 
 
@@ -103,10 +107,10 @@ async def test_a_server_that_hangs_up_is_told_once_and_the_port_opens_again() ->
         writer.write(b"bye")
 
     async with server(hang_up) as number:
-        port, sink = open_port(f"tcp://127.0.0.1:{number}"), Sink()
+        port, sink = open_port(f"tcp://127.0.0.1:{number}"), FakeReceiver()
         for times in (1, 2):
             await port.open(sink)
-            await until(lambda: len(sink.lost) == times)  # noqa: B023  # awaited here
+            await wait_until(lambda: len(sink.lost) == times)  # noqa: B023  # awaited here
         assert bytes(sink.data) == b"byebye"
         with pytest.raises(PortLost):
             port.write(b"x")
@@ -169,13 +173,13 @@ def acknowledged(baud: int = 9600, bits: int = 8, parity: int = 1, stop: int = 1
 async def test_a_server_that_never_acknowledges_a_setting_does_not_hold_the_opening_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(rfc2217, "NEGOTIATION_S", 0.05)
+    monkeypatch.setattr(rfc2217, "NEGOTIATION_TIMEOUT_S", 0.05)
     async with server(negotiating(ACCEPT, subnegotiation(101, (9600).to_bytes(4)))) as number:
         port = open_port(f"rfc2217://127.0.0.1:{number}?baud=9600")
-        await port.open(Sink())
-        assert [note.key for note in notes_of(port)] == ["ports.rfc2217-unacknowledged"]
-        assert notes_of(port)[0].params["names"] == "data bits, parity, stop bits"
-        assert "parity" in notes_of(port)[0].text()
+        await port.open(FakeReceiver())
+        assert [note.key for note in port_notes(port)] == ["ports.rfc2217-unacknowledged"]
+        assert port_notes(port)[0].params["names"] == "data bits, parity, stop bits"
+        assert "parity" in port_notes(port)[0].text()
         await port.close()
 
 
@@ -198,7 +202,7 @@ async def test_a_raw_server_is_told_from_a_telnet_server_before_any_setting_is_s
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What we send to a raw server goes to the bus as bytes: no more than the first request must."""
-    monkeypatch.setattr(rfc2217, "NEGOTIATION_S", 0.05)
+    monkeypatch.setattr(rfc2217, "NEGOTIATION_TIMEOUT_S", 0.05)
     got = bytearray()
 
     async def raw(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -222,10 +226,10 @@ async def test_a_notice_of_a_bad_byte_becomes_a_mark() -> None:
     """G20: parity 4, framing 8, break 16, overrun 2; 'data ready' and 'sent' are no errors."""
     notices = b"".join(subnegotiation(106, bytes((bits,))) for bits in (4, 8, 16, 2, 1, 0x60))
     async with server(negotiating(ACCEPT, acknowledged() + b"dropped", b"a" + notices + b"b")) as number:
-        port, sink = open_port(f"rfc2217://127.0.0.1:{number}"), Sink()
+        port, sink = open_port(f"rfc2217://127.0.0.1:{number}"), FakeReceiver()
         await port.open(sink)
         port.write(b"go")
-        await until(lambda: sink.marks == 4 and len(sink.data) == 2)
+        await wait_until(lambda: sink.line_errors == 4 and len(sink.data) == 2)
         assert bytes(sink.data) == b"ab"
         await port.close()
 
@@ -239,11 +243,11 @@ async def test_a_lost_server_is_told_once_and_the_port_opens_again_with_its_sett
         await reader.read(1)
 
     async with server(short) as number:
-        port, sink = open_port(f"rfc2217://127.0.0.1:{number}"), Sink()
+        port, sink = open_port(f"rfc2217://127.0.0.1:{number}"), FakeReceiver()
         for times in (1, 2):
             await port.open(sink)
-            assert notes_of(port) == ()
+            assert port_notes(port) == ()
             port.write(b"x")
-            await until(lambda: len(sink.lost) == times)  # noqa: B023  # awaited here
+            await wait_until(lambda: len(sink.lost) == times)  # noqa: B023  # awaited here
             with pytest.raises(PortLost):
                 port.write(b"x")

@@ -5,14 +5,13 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivebus.line import LineSettings
 from drivebus.ports.telnet import (
     BINARY,
     COM_PORT,
     DO,
     DONT,
     IAC,
-    LONGEST_SUBNEGOTIATION,
+    MAX_SUBNEGOTIATION_BYTES,
     SB,
     SE,
     WILL,
@@ -21,6 +20,7 @@ from drivebus.ports.telnet import (
     escape,
     subnegotiation,
 )
+from drivebus.serial_settings import SerialSettings
 
 STREAM = (
     b"a\xff\xffb"
@@ -33,10 +33,10 @@ STREAM = (
 
 def heard(chunks: list[bytes]) -> tuple[bytes, int, bytes, dict[int, bytes]]:
     client, data, marks, answer = TelnetClient(), b"", 0, b""
-    client.begin()
+    client.start()
     for chunk in chunks:
         got = client.receive(chunk)
-        data, marks, answer = data + got.data, marks + got.marks, answer + got.answer
+        data, marks, answer = data + got.data, marks + got.line_errors, answer + got.reply
     return data, marks, answer, client.acknowledged
 
 
@@ -56,10 +56,10 @@ def test_data_survives_escaping(data: bytes) -> None:
 @given(st.lists(st.binary(max_size=40), max_size=20))
 def test_no_server_can_break_the_codec_or_make_it_grow(chunks: list[bytes]) -> None:
     client = TelnetClient()
-    client.begin()
+    client.start()
     for chunk in chunks:
         client.receive(bytes((IAC,)) + chunk)
-        assert len(client._sub or b"") <= LONGEST_SUBNEGOTIATION
+        assert len(client._sub or b"") <= MAX_SUBNEGOTIATION_BYTES
     assert len(client.acknowledged) <= 256
 
 
@@ -67,34 +67,34 @@ def test_an_endless_subnegotiation_is_not_kept() -> None:
     client = TelnetClient()
     client.receive(bytes((IAC, SB, COM_PORT)) + b"x" * 10_000)
     assert client._sub is not None
-    assert len(client._sub) == LONGEST_SUBNEGOTIATION
+    assert len(client._sub) == MAX_SUBNEGOTIATION_BYTES
 
 
 def test_both_ends_agreeing_is_not_answered_for_ever() -> None:
     """RFC 855: a change of state is answered, its confirmation is not."""
     client = TelnetClient()
-    client.begin()
-    assert client.receive(bytes((IAC, DO, COM_PORT))).answer == b""
-    assert client.receive(bytes((IAC, DO, COM_PORT))).answer == b""
-    assert client.receive(bytes((IAC, WILL, BINARY))).answer == b""
-    assert client.receive(bytes((IAC, WILL, COM_PORT))).answer == bytes((IAC, DO, COM_PORT))
-    assert client.receive(bytes((IAC, WILL, COM_PORT))).answer == b""
-    assert client.receive(bytes((IAC, DONT, BINARY))).answer == b""
-    assert client.receive(bytes((IAC, DONT, COM_PORT))).answer == bytes((IAC, WONT, COM_PORT))
-    assert client.receive(bytes((IAC, DO, 24))).answer == bytes((IAC, WONT, 24))
-    assert client.receive(bytes((IAC, WONT, 24))).answer == b""
+    client.start()
+    assert client.receive(bytes((IAC, DO, COM_PORT))).reply == b""
+    assert client.receive(bytes((IAC, DO, COM_PORT))).reply == b""
+    assert client.receive(bytes((IAC, WILL, BINARY))).reply == b""
+    assert client.receive(bytes((IAC, WILL, COM_PORT))).reply == bytes((IAC, DO, COM_PORT))
+    assert client.receive(bytes((IAC, WILL, COM_PORT))).reply == b""
+    assert client.receive(bytes((IAC, DONT, BINARY))).reply == b""
+    assert client.receive(bytes((IAC, DONT, COM_PORT))).reply == bytes((IAC, WONT, COM_PORT))
+    assert client.receive(bytes((IAC, DO, 24))).reply == bytes((IAC, WONT, 24))
+    assert client.receive(bytes((IAC, WONT, 24))).reply == b""
 
 
 def test_only_the_answer_to_our_own_option_says_whether_the_server_does_it() -> None:
     for verb, accepted in ((DO, True), (WILL, True), (DONT, False), (WONT, None)):
         client = TelnetClient()
-        client.begin()
+        client.start()
         client.receive(bytes((IAC, verb, COM_PORT)))
-        assert (client.accepted, client.spoken) == (accepted, True)
+        assert (client.accepted, client.is_telnet) == (accepted, True)
 
 
 def test_a_line_is_asked_for_in_the_numbers_of_rfc_2217_and_modem_lines_are_left_alone() -> None:
-    sent = TelnetClient().configure(LineSettings(19200, 8, "E", 2))
+    sent = TelnetClient().configure(SerialSettings(19200, 8, "E", 2))
     for command, value in (
         (1, b"\x00\x00\x4b\x00"),
         (2, b"\x08"),
@@ -105,6 +105,6 @@ def test_a_line_is_asked_for_in_the_numbers_of_rfc_2217_and_modem_lines_are_left
     ):
         assert bytes((IAC, SB, COM_PORT, command)) + value + bytes((IAC, SE)) in sent
     assert sent.count(bytes((IAC, SB, COM_PORT, 5))) == 1  # SET-CONTROL: flow control only, no RTS, no DTR
-    odd = TelnetClient().configure(LineSettings(0xFF00, 7, "O", 1))
+    odd = TelnetClient().configure(SerialSettings(0xFF00, 7, "O", 1))
     assert bytes((IAC, SB, COM_PORT, 1, 0, 0, 0xFF, 0xFF, 0, IAC, SE)) in odd
     assert bytes((IAC, SB, COM_PORT, 3, 2, IAC, SE)) in odd

@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivebus import profiles
-from drivebus.profiles import build, check, complaint, shape
+from drivebus.profiles import build, check, diagnostics, schema_errors
 from drivebus.profiles.schema import ProfileIn
 
 Path_ = tuple[str, ...]
@@ -34,13 +34,13 @@ def judged(data: dict[str, Any]) -> str:
     try:
         given = ProfileIn.model_validate(data)
     except ValidationError as error:
-        found = shape.from_pydantic(error)
+        found = schema_errors.issues_from_pydantic(error)
     else:
-        found = list(check.problems(given))
+        found = list(check.check_profile(given))
         if not found:
-            return build.profile(given, "garbage").model and "accepted"
+            return build.build_profile(given, "garbage").model and "accepted"
     sentences = [
-        complaint.complain(one, "garbage.toml", 1).text(language) for one in found for language in ("en", "zh")
+        diagnostics.to_diagnostic(one, "garbage.toml", 1).text(language) for one in found for language in ("en", "zh")
     ]
     assert not any("profiles." in sentence.split("：")[0] for sentence in sentences)
     return ",".join(one.kind for one in found)

@@ -68,7 +68,7 @@ def test_an_extension_changes_what_it_names_and_nothing_else(tmp_path: Path) -> 
     assert own_profile.limits.maximum_hz == 400.0
     assert own_profile.limits.minimum_hz == base.limits.minimum_hz
     assert own_profile.timing.reply_delay_s == 0.03
-    assert own_profile.timing.lateness_s == base.timing.lateness_s
+    assert own_profile.timing.max_reply_lateness_s == base.timing.max_reply_lateness_s
     assert own_profile.title.en == "VC660 of line 2"
     assert own_profile.signals == base.signals
     assert own_profile.source.endswith("own.toml")

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from drivebus import i18n, profiles
-from drivebus.line import LineSettings
 from drivebus.profiles import notation
 from drivebus.profiles.model import DriveProfile, Text
+from drivebus.serial_settings import SerialSettings
 
 MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
 DRAFTS = ("c300", "e300", "e500", "e550")
@@ -73,7 +73,7 @@ def test_a_draft_claims_nothing_from_the_manual_of_another_model(model: str) -> 
 def test_the_sisters_differ_in_frequency_step_and_monitor_table() -> None:
     steps = {model: profiles.load(model).setpoint_scale.factor for model in ("c320", *DRAFTS)}
     assert steps == {"c320": 0.01, "c300": 0.01, "e300": 0.1, "e500": 0.1, "e550": 0.1}
-    first = {model: notation.find(profiles.load(model), "d.1").text.en for model in ("c320", "c300", "e300")}
+    first = {model: notation.find_entry(profiles.load(model), "d.1").text.en for model in ("c320", "c300", "e300")}
     assert first == {"c320": "output voltage", "c300": "output current", "e300": "output current"}
     assert {m for m in ("c320", *DRAFTS) if "set_frequency" in profiles.load(m).signals} == {"e300", "e500", "e550"}
     selectors = {model: profiles.load(model).roles.get("monitor_selector") for model in ("c320", *DRAFTS)}
@@ -101,19 +101,19 @@ def test_the_frequency_step_is_that_of_the_worked_frame(model: str, raw: int, he
 
 
 def test_timing_is_the_manuals_where_it_gives_one() -> None:
-    line = LineSettings.parse(9600, "8E1")
+    line = SerialSettings.parse(9600, "8E1")
     c320 = profiles.load("c320").timing
     assert c320.gap_s(line) == pytest.approx(5 * 11 / 9600)
-    assert c320.timeout_s(line, 18) == pytest.approx((8 + 18) * 11 / 9600 + c320.adapter_s)
-    slowest = LineSettings.parse(1200, "8E1")
-    assert c320.lateness_s >= slowest.seconds(8) + 0.1
+    assert c320.timeout_s(line, 18) == pytest.approx((8 + 18) * 11 / 9600 + c320.adapter_latency_s)
+    slowest = SerialSettings.parse(1200, "8E1")
+    assert c320.max_reply_lateness_s >= slowest.seconds(8) + 0.1
     vc660 = profiles.load("vc660").timing
-    assert vc660.gap_s(LineSettings.parse(38400, "8N1")) == 0.00175
-    assert vc660.gap_s(LineSettings.parse(19200, "8N1")) == pytest.approx(3.5 * 10 / 19200)
-    assert (vc660.reply_delay_s, vc660.lateness_s) == (0.024, 0.204)
+    assert vc660.gap_s(SerialSettings.parse(38400, "8N1")) == 0.00175
+    assert vc660.gap_s(SerialSettings.parse(19200, "8N1")) == pytest.approx(3.5 * 10 / 19200)
+    assert (vc660.reply_delay_s, vc660.max_reply_lateness_s) == (0.024, 0.204)
     for model in ("dzb100", "df800"):
         timing = profiles.load(model).timing
-        assert (timing.reply_delay_s, timing.lateness_s) == (0.1, 0.5)
+        assert (timing.reply_delay_s, timing.max_reply_lateness_s) == (0.1, 0.5)
         assert profiles.load(model).evidence["timing"].kind == "assumed"
 
 
@@ -161,13 +161,27 @@ def test_vc660_commands_are_the_control_table() -> None:
     commands = profiles.load("vc660").commands
     assert commands is not None
     assert {name for name, bit in commands.bits.items() if bit.pulse} == {
-        "start", "stop", "coast", "quick_stop", "reset",
-    }  # fmt: skip
+        "start",
+        "stop",
+        "coast",
+        "quick_stop",
+        "reset",
+    }
     values = {name: bit.value for name, bit in commands.bits.items()}
     assert values == {
-        "start": 1, "stop": 2, "forward": 0, "reverse": 4, "jog_forward": 8, "jog_reverse": 16, "jog_stop": 0,
-        "coast": 32, "quick_stop": 64, "pause": 128, "hold_ramp": 256, "reset": 512,
-    }  # fmt: skip
+        "start": 1,
+        "stop": 2,
+        "forward": 0,
+        "reverse": 4,
+        "jog_forward": 8,
+        "jog_reverse": 16,
+        "jog_stop": 0,
+        "coast": 32,
+        "quick_stop": 64,
+        "pause": 128,
+        "hold_ramp": 256,
+        "reset": 512,
+    }
     assert commands.rewrite_levels_after_pulse
 
 
@@ -210,7 +224,7 @@ def test_vc660_status_registers_are_the_manuals_table() -> None:
 def test_dzb100_parameter_77_counts_its_baud_rates_from_1200() -> None:
     profile = profiles.load("dzb100")
     assert [text.en for _, text in sorted(profile.parameters["77"].choices.items())] == ["1200", "2400", "4800"]
-    assert list(profile.line.bauds) == [1200, 2400, 4800]
+    assert list(profile.serial.bauds) == [1200, 2400, 4800]
 
 
 def test_vc660_f06_04_counts_its_baud_rates_from_300(tmp_path: Path) -> None:
@@ -228,7 +242,7 @@ def test_vc660_f06_04_counts_its_baud_rates_from_300(tmp_path: Path) -> None:
     ("model", "factory"), [("c320", "9600 8E1"), ("dzb100", "4800 8E1"), ("vc660", "9600 8N1"), ("df800", "9600 8N1")]
 )
 def test_a_drive_fresh_from_the_box_is_spoken_to_on_its_factory_line(model: str, factory: str) -> None:
-    line = profiles.load(model).line
+    line = profiles.load(model).serial
     assert f"{line.baud} {line.format}" == factory
 
 
@@ -241,7 +255,7 @@ def test_a_drive_fresh_from_the_box_is_spoken_to_on_its_factory_line(model: str,
     ],
 )
 def test_the_lines_that_a_keypad_can_choose_are_the_manuals(model: str, bauds: str, formats: str) -> None:
-    line = profiles.load(model).line
+    line = profiles.load(model).serial
     assert (line.bauds, line.formats) == (tuple(map(int, bauds.split())), tuple(formats.split()))
 
 
@@ -304,9 +318,25 @@ def test_dzb100_faults_carry_the_keypads_labels() -> None:
     profile = profiles.load("dzb100")
     labels = [profile.faults[code].label for code in range(1, 19)]
     assert labels == [
-        "E009", "E00A", "E00E", "E008", "E007", "E00D", "E012", "E015", "E014",
-        "E004", "E006", "E005", "E017", "E001", "E001", "CF2", "E016", "E013",
-    ]  # fmt: skip
+        "E009",
+        "E00A",
+        "E00E",
+        "E008",
+        "E007",
+        "E00D",
+        "E012",
+        "E015",
+        "E014",
+        "E004",
+        "E006",
+        "E005",
+        "E017",
+        "E001",
+        "E001",
+        "CF2",
+        "E016",
+        "E013",
+    ]
     assert profile.fault(14).text.zh == "低电压"
     assert "42" in profile.fault(42).text.en
 
@@ -357,12 +387,15 @@ def test_the_address_of_a_worked_frame_is_that_of_the_parameter_it_names(name: s
     fields = vector["fields"]
     profile: DriveProfile = profiles.load(vector["family"])
     if vector["family"] == "dzb100":
-        assert notation.locate(f"{fields['parameter']:02d}", profile.notation) == ("parameter", fields["parameter"])
+        assert notation.parse_notation(f"{fields['parameter']:02d}", profile.notation) == (
+            "parameter",
+            fields["parameter"],
+        )
     elif vector["family"] == "c320":
-        locator = notation.locate(fields["parameter"], profile.notation)
+        locator = notation.parse_notation(fields["parameter"], profile.notation)
         assert locator == ("parameter", fields["group"] << 8 | fields["item"])
     else:
-        assert notation.locate(fields["parameter"], profile.notation) == ("holding", fields["register"])
+        assert notation.parse_notation(fields["parameter"], profile.notation) == ("holding", fields["register"])
 
 
 def test_a_fault_that_nobody_describes_still_has_its_number_in_both_languages() -> None:

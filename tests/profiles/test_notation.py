@@ -45,7 +45,7 @@ REGISTER = NotationRule("register", 0xFFFF)
     ],
 )
 def test_a_notation_of_the_manual_becomes_its_address(text: str, rule: NotationRule, locator: tuple[str, int]) -> None:
-    assert notation.locate(text, rule) == locator
+    assert notation.parse_notation(text, rule) == locator
 
 
 @pytest.mark.parametrize(
@@ -74,30 +74,30 @@ def test_a_notation_of_the_manual_becomes_its_address(text: str, rule: NotationR
 )
 def test_what_the_manual_would_not_write_is_refused(text: str, rule: NotationRule) -> None:
     with pytest.raises(ProfileError) as caught:
-        notation.locate(text, rule)
+        notation.parse_notation(text, rule)
     assert caught.value.key == "profiles.notation"
     assert caught.value.params["notation"] == text
 
 
 def test_a_consecutive_index_counts_the_groups_before_it() -> None:
     sizes = {"F00": 30, "F01": 12}
-    assert notation.locate("F00.29", CONSECUTIVE, sizes) == ("holding", 29)
-    assert notation.locate("F01.00", CONSECUTIVE, sizes) == ("holding", 30)
-    assert notation.locate("F02.00", CONSECUTIVE, sizes) == ("holding", 42)
+    assert notation.parse_notation("F00.29", CONSECUTIVE, sizes) == ("holding", 29)
+    assert notation.parse_notation("F01.00", CONSECUTIVE, sizes) == ("holding", 30)
+    assert notation.parse_notation("F02.00", CONSECUTIVE, sizes) == ("holding", 42)
 
 
 def test_a_consecutive_index_is_not_guessed_without_the_sizes() -> None:
     with pytest.raises(ProfileError) as caught:
-        notation.locate("F01.00", CONSECUTIVE)
+        notation.parse_notation("F01.00", CONSECUTIVE)
     assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F00")
     with pytest.raises(ProfileError) as caught:
-        notation.locate("F02.01", CONSECUTIVE, {"F00": 30, "F01": 12})
+        notation.parse_notation("F02.01", CONSECUTIVE, {"F00": 30, "F01": 12})
     assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F02")
 
 
 def test_an_item_beyond_its_group_is_no_item_of_the_next_group() -> None:
     with pytest.raises(ProfileError) as caught:
-        notation.locate("F00.30", CONSECUTIVE, {"F00": 30, "F01": 12})
+        notation.parse_notation("F00.30", CONSECUTIVE, {"F00": 30, "F01": 12})
     assert (caught.value.key, caught.value.params["size"]) == ("profiles.beyond_group", 30)
 
 
@@ -105,20 +105,20 @@ def test_an_item_beyond_its_group_is_no_item_of_the_next_group() -> None:
 def test_every_listed_notation_finds_itself_and_is_shown_as_listed(model: str) -> None:
     profile = profiles.load(model)
     for signal in profile.signals.values():
-        assert notation.find(profile, signal.name) is signal
-        assert notation.find(profile, signal.notation) is signal
-        assert notation.show(signal.locator, profile) == signal.notation
+        assert notation.find_entry(profile, signal.name) is signal
+        assert notation.find_entry(profile, signal.notation) is signal
+        assert notation.format_locator(signal.locator, profile) == signal.notation
     for parameter in profile.parameters.values():
-        assert notation.find(profile, parameter.notation) is parameter
-        assert notation.show(parameter.locator, profile) == parameter.notation
+        assert notation.find_entry(profile, parameter.notation) is parameter
+        assert notation.format_locator(parameter.locator, profile) == parameter.notation
 
 
 @pytest.mark.parametrize("group", "0123456789CEFHLP")
 def test_every_c320_address_is_shown_in_a_form_that_is_read_back(group: str) -> None:
     profile = profiles.load("c320")
     for item in range(256):
-        locator = notation.locate(f"F{group}.{item}", SIFANG)
-        assert notation.locate(notation.show(locator, profile), SIFANG) == locator
+        locator = notation.parse_notation(f"F{group}.{item}", SIFANG)
+        assert notation.parse_notation(notation.format_locator(locator, profile), SIFANG) == locator
 
 
 @pytest.mark.parametrize(("model", "highest"), [("dzb100", 80), ("df800", 999)])
@@ -126,24 +126,24 @@ def test_every_parameter_address_is_shown_in_a_form_that_is_read_back(model: str
     profile = profiles.load(model)
     space = "parameter" if model == "dzb100" else "holding"
     for index in range(highest + 1):
-        shown = notation.show((space, index), profile)
-        assert notation.locate(shown, profile.notation) == (space, index)
+        shown = notation.format_locator((space, index), profile)
+        assert notation.parse_notation(shown, profile.notation) == (space, index)
 
 
 def test_a_name_may_be_a_signal_in_any_case() -> None:
-    found = notation.find(profiles.load("vc660"), " Output_Frequency ")
+    found = notation.find_entry(profiles.load("vc660"), " Output_Frequency ")
     assert isinstance(found, Signal) and found.locator == ("holding", 0x3002)
 
 
 def test_an_unlisted_parameter_can_be_read_and_written_raw() -> None:
-    found = notation.find(profiles.load("c320"), "F2.07")
+    found = notation.find_entry(profiles.load("c320"), "F2.07")
     assert isinstance(found, Parameter)
     assert (found.notation, found.locator, found.listed, found.writable) == ("F2.7", ("parameter", 0x0207), False, True)
 
 
 def test_an_unlisted_register_is_never_written() -> None:
     """T12: 200BH of the guide's examples belongs to no table."""
-    found = notation.find(profiles.load("vc660"), "200BH")
+    found = notation.find_entry(profiles.load("vc660"), "200BH")
     assert isinstance(found, Parameter)
     assert (found.locator, found.listed, found.writable) == (("holding", 0x200B), False, False)
     assert 0x200B not in profiles.load("vc660").writable_registers()
@@ -152,21 +152,21 @@ def test_an_unlisted_register_is_never_written() -> None:
 def test_the_command_word_is_no_parameter_under_any_spelling() -> None:
     for model in ("vc660", "df800"):
         for name in ("2000H", "0x2000", "2001H", "0x2001"):
-            found = notation.find(profiles.load(model), name)
+            found = notation.find_entry(profiles.load(model), name)
             assert isinstance(found, Parameter) and not found.writable
 
 
 def test_a_parameter_whose_index_is_unknown_says_what_to_supply() -> None:
     with pytest.raises(ProfileError) as caught:
-        notation.find(profiles.load("vc660"), "F01.00")
+        notation.find_entry(profiles.load("vc660"), "F01.00")
     assert caught.value.key == "profiles.unplaced"
     assert "[group_sizes]" in str(caught.value)
-    assert isinstance(notation.find(profiles.load("vc660"), "F00.02"), Parameter)
+    assert isinstance(notation.find_entry(profiles.load("vc660"), "F00.02"), Parameter)
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(ProfileError) as caught:
-        notation.find(profiles.load("c320"), "output_frequence")
+        notation.find_entry(profiles.load("c320"), "output_frequence")
     assert caught.value.key == "profiles.unknown_name"
     assert str(caught.value) == (
         "c320 has no output_frequence: write a signal's name or a notation such as F0.1, F1.10, FC.03, d.0; "
@@ -176,4 +176,4 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
 
 def test_a_parameter_with_an_explicit_index_is_found_however_its_zeros_are_written() -> None:
     profile = profiles.load("vc660")
-    assert notation.find(profile, "F0.2") is notation.find(profile, "F00.02")
+    assert notation.find_entry(profile, "F0.2") is notation.find_entry(profile, "F00.02")

@@ -18,9 +18,9 @@ LOAD: Any = import_module("drivebus.profiles.load")
 
 @pytest.fixture(autouse=True)
 def _forgotten() -> Iterator[None]:
-    LOAD._shipped.cache_clear()
+    LOAD._builtin_files.cache_clear()
     yield
-    LOAD._shipped.cache_clear()
+    LOAD._builtin_files.cache_clear()
 
 
 def refuse(monkeypatch: pytest.MonkeyPatch, folder: Path, error: OSError) -> None:
@@ -34,7 +34,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch, folder: Path, error: OSError) -> Non
     monkeypatch.setattr(os, "listdir", listdir)
 
 
-@pytest.mark.parametrize("folder", [LOAD.DATA, LOAD.DATA / "sunfar"])
+@pytest.mark.parametrize("folder", [LOAD.DATA_DIRECTORY, LOAD.DATA_DIRECTORY / "sunfar"])
 @pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), OSError(24, "Too many open files")])
 def test_g12_a_folder_that_can_not_be_read_is_no_folder_without_models(
     monkeypatch: pytest.MonkeyPatch, folder: Path, error: OSError
@@ -52,7 +52,7 @@ def test_g12_a_users_own_folder_that_can_not_be_read_keeps_nobody_from_what_come
 ) -> None:
     """A service may run under a home that is not its own."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    own = LOAD.own_directory()
+    own = LOAD.user_directory()
     own.mkdir(parents=True)
     refuse(monkeypatch, own, PermissionError(13, "Permission denied"))
     assert profiles.load("c320").model == "c320" and "c320" in profiles.models()

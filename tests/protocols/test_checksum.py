@@ -65,8 +65,8 @@ def test_a_value_that_does_not_fit_is_refused_not_cut(value: int, width: int) ->
 @pytest.mark.parametrize(
     ("table", "alphabet"),
     [
-        (checksum.STRICT, b"0123456789ABCDEF"),
-        (checksum.TOLERANT, b"0123456789ABCDEFabcdef:;<=>?"),
+        (checksum.STRICT_HEX_DIGITS, b"0123456789ABCDEF"),
+        (checksum.TOLERANT_HEX_DIGITS, b"0123456789ABCDEFabcdef:;<=>?"),
     ],
 )
 @pytest.mark.parametrize("position", range(4))
@@ -99,7 +99,7 @@ def test_decimal_digits_know_no_letters() -> None:
 
 @pytest.mark.parametrize(("digits", "value"), [(b"3:", 0x3A), (b"24=", 0x24D), (b"?f", 0xFF)])
 def test_t02_the_tolerant_table_reads_the_manuals_other_spelling(digits: bytes, value: int) -> None:
-    assert checksum.hex_value(digits, checksum.TOLERANT) == value
+    assert checksum.hex_value(digits, checksum.TOLERANT_HEX_DIGITS) == value
 
 
 def test_an_alphabet_error_tells_byte_and_position() -> None:
@@ -109,7 +109,7 @@ def test_an_alphabet_error_tells_byte_and_position() -> None:
     assert caught.value.text("zh") == "第 4 字节：47H 不是数字字符 0-9 A-F"
 
 
-READERS = [checksum.canonical, checksum.hex_value, checksum.decimal_value, checksum.hex_bytes]
+READERS = [checksum.canonical_digits, checksum.hex_value, checksum.decimal_value, checksum.hex_bytes]
 
 
 @pytest.mark.parametrize("reads", READERS, ids=lambda reads: reads.__name__)

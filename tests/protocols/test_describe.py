@@ -9,26 +9,26 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from drivebus.protocols import dzb, sifang
-from drivebus.protocols.checksum import STRICT
-from drivebus.protocols.describe import Description, Words
-from drivebus.protocols.sifang.frame import CONTROL, READ, WRITE, AsciiForm
-from vectorfile import Vector, by_id
+from drivebus.protocols import dzb100, sunfar
+from drivebus.protocols.checksum import STRICT_HEX_DIGITS
+from drivebus.protocols.describe import BilingualText, FrameDescription
+from drivebus.protocols.sunfar.frame import CONTROL_LAYOUT, READ_LAYOUT, WRITE_LAYOUT, AsciiFormat
+from fixtures.vectors import Vector, vectors_by_id
 
-C320, DZB100 = by_id("c320"), by_id("dzb100")
+C320, DZB100 = vectors_by_id("c320"), vectors_by_id("dzb100")
 VECTORS = [*C320.values(), *DZB100.values()]
-ASCII = AsciiForm(STRICT)
-MODULES: dict[str, ModuleType] = {"c320": sifang, "dzb100": dzb}
+ASCII = AsciiFormat(STRICT_HEX_DIGITS)
+MODULES: dict[str, ModuleType] = {"c320": sunfar, "dzb100": dzb100}
 
 
-def described(vector: Vector, **options: Any) -> Description:
+def described(vector: Vector, **options: Any) -> FrameDescription:
     request = vector.request.data if vector.request else None
     found = MODULES[vector.family].describe(vector.data, request=request, **options)
-    assert isinstance(found, Description)
+    assert isinstance(found, FrameDescription)
     return found
 
 
-def sentences(found: Description, language: str = "en") -> list[str]:
+def sentences(found: FrameDescription, language: str = "en") -> list[str]:
     notes = [*found.problems, *found.errata, *found.hazards, *(reading.note for reading in found.readings)]
     return [i18n.text(key, language, **params) for key, params in notes]
 
@@ -60,7 +60,7 @@ def test_a_reply_without_its_request_is_valid_and_its_meanings_are_candidates(ve
 
 
 def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
-    found = sifang.describe(C320["c320-4.1-response-ascii"].data)
+    found = sunfar.describe(C320["c320-4.1-response-ascii"].data)
     assert [dict(reading.fields) for reading in found.readings] == [
         {"monitor": "d.64", "data": 34},
         {"parameter": "F0.64", "data": 34},
@@ -71,8 +71,8 @@ def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
 def test_t01_an_operation_in_a_read_is_said_to_start_the_motor() -> None:
     found = described(C320["c320-4.2-request-ascii"])
     assert [key for key, _ in found.hazards] == ["protocols.sifang.hazard.starts"]
-    assert found.hazards[0][1] == {"operation": 1, "name": Words("run forward", "正转运行"), "kind": 1}
-    stop = sifang.describe(b"*001030000184\r")
+    assert found.hazards[0][1] == {"operation": 1, "name": BilingualText("run forward", "正转运行"), "kind": 1}
+    stop = sunfar.describe(b"*001030000184\r")
     assert [key for key, _ in stop.hazards] == ["protocols.sifang.hazard.acts"]
 
 
@@ -84,12 +84,12 @@ def test_t03_the_ambiguous_frame_says_both_numbers() -> None:
 
 
 def test_t21_a_reply_that_may_be_an_echo_says_so() -> None:
-    echo = sifang.SifangCodec().encode_request(sifang.WriteParameter(5, 1, 2, 0))
-    assert sifang.describe(echo).direction == "request"
-    found = sifang.describe(echo, direction="response")
+    echo = sunfar.SunfarCodec().encode_request(sunfar.SunfarWriteParameter(5, 1, 2, 0))
+    assert sunfar.describe(echo).direction == "request"
+    found = sunfar.describe(echo, direction="response")
     assert found.readings[-1].note[0] == "protocols.sifang.reading.echo"
-    written = sifang.SifangCodec().encode_request(sifang.WriteParameter(5, 1, 2, 7))
-    assert [key for key, _ in sifang.describe(written, request=written).problems] == ["protocols.sifang.own_echo"]
+    written = sunfar.SunfarCodec().encode_request(sunfar.SunfarWriteParameter(5, 1, 2, 7))
+    assert [key for key, _ in sunfar.describe(written, request=written).problems] == ["protocols.sifang.own_echo"]
 
 
 def test_t08_a_run_above_the_mains_frequency_names_every_coding() -> None:
@@ -97,49 +97,56 @@ def test_t08_a_run_above_the_mains_frequency_names_every_coding() -> None:
     key, params = found.hazards[0]
     assert key == "protocols.dzb.hazard.tenfold"
     assert params["readings"] == "100 (hex-0.1), 10 (hex-0.01), 1000 (hex-1)"
-    assert described(DZB100["dzb100-1-request"], meaning=dzb.Meaning("hex-0.01")).fields["frequency_hz"] == 10.0
-    assert described(DZB100["dzb100-1-request"], meaning=dzb.Meaning(setpoint_settled=True)).hazards == ()
+    assert (
+        described(DZB100["dzb100-1-request"], meaning=dzb100.Dzb100DecodeOptions("hex-0.01")).fields["frequency_hz"]
+        == 10.0
+    )
+    assert (
+        described(DZB100["dzb100-1-request"], meaning=dzb100.Dzb100DecodeOptions(setpoint_settled=True)).hazards == ()
+    )
 
 
 def test_t09_a_p_frame_with_zeros_is_said_to_write() -> None:
-    found = dzb.describe(b"P\x03\x0103230000")
+    found = dzb100.describe(b"P\x03\x0103230000")
     assert [key for key, _ in found.hazards] == ["protocols.dzb.hazard.write_of_zero"]
 
 
 def test_t11_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none() -> None:
-    found = dzb.describe(b"C\x03\x01010003E8")
+    found = dzb100.describe(b"C\x03\x01010003E8")
     assert [key for key, _ in found.hazards] == ["protocols.dzb.hazard.carries_frequency"]
     assert found.canonical == b"C\x03\x0101000000"
 
 
 @pytest.mark.parametrize("name", ["c320-4.3-response-ascii", "c320-4.3-response-hex", "c320-4.1-response-ascii"])
 def test_a_reply_with_a_stray_byte_behind_it_is_still_shown_as_a_reply(name: str) -> None:
-    found = sifang.describe(C320[name].data + b"\x00")
+    found = sunfar.describe(C320[name].data + b"\x00")
     assert (found.direction, found.valid) == ("response", False)
     assert [key for key, _ in found.problems] == ["protocols.trailing"]
-    asked = sifang.describe(C320["c320-4.3-request-ascii"].data + b"\x00")
+    asked = sunfar.describe(C320["c320-4.3-request-ascii"].data + b"\x00")
     assert (asked.direction, asked.valid) == ("request", False)
 
 
 def test_a_frame_that_no_drive_obeys_is_no_hazard() -> None:
     frame = C320["c320-4.1-request-ascii"].data
-    assert sifang.describe(frame).hazards != ()
-    assert sifang.describe(frame[:-2] + b"7\r").hazards == ()
+    assert sunfar.describe(frame).hazards != ()
+    assert sunfar.describe(frame[:-2] + b"7\r").hazards == ()
 
 
 def test_t20_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_nobody_says_which() -> None:
     frame = DZB100["dzb100-run-10hz"].data
-    (reading,) = dzb.describe(frame).readings
+    (reading,) = dzb100.describe(frame).readings
     assert dict(reading.fields) == {"accepted": None, "digit": 1}
-    assert dzb.describe(frame, direction="request").readings == ()
-    assert dzb.describe(DZB100["dzb100-stop-all"].data).readings == ()
-    assert dzb.describe(DZB100["dzb100-2-request"].data).readings == ()
+    assert dzb100.describe(frame, direction="request").readings == ()
+    assert dzb100.describe(DZB100["dzb100-stop-all"].data).readings == ()
+    assert dzb100.describe(DZB100["dzb100-2-request"].data).readings == ()
 
 
-@pytest.mark.parametrize("operation", [each for each in sifang.Operation if each is not sifang.Operation.NONE])
-def test_t01_the_hazard_names_the_operation_in_each_language(operation: sifang.Operation) -> None:
+@pytest.mark.parametrize(
+    "operation", [each for each in sunfar.SunfarOperation if each is not sunfar.SunfarOperation.NONE]
+)
+def test_t01_the_hazard_names_the_operation_in_each_language(operation: sunfar.SunfarOperation) -> None:
     body = b"001%02X0" % operation + b"00"
-    (hazard,) = sifang.describe(b"*%b%04X\r" % (body, sum(body))).hazards
+    (hazard,) = sunfar.describe(b"*%b%04X\r" % (body, sum(body))).hazards
     english, chinese = (i18n.text(hazard[0], language, **hazard[1]) for language in i18n.LANGUAGES)
     assert f"({operation.name.lower().replace('_at', ' at a frequency').replace('_', ' ')})" in english
     assert not any(character.isalpha() and character.isascii() for character in chinese.split("（")[1].split("）")[0])
@@ -155,57 +162,62 @@ def test_a_broken_frame_is_shown_with_its_problem(vector: Vector) -> None:
 
 
 def test_the_fields_of_a_frame_with_a_wrong_sum_are_still_shown() -> None:
-    found = sifang.describe(b"*0000100003E70261\r", request=C320["c320-4.2-request-ascii"].data)
+    found = sunfar.describe(b"*0000100003E70261\r", request=C320["c320-4.2-request-ascii"].data)
     assert (found.valid, found.fields["frequency_hz"], found.canonical) == (False, 9.99, None)
     assert found.problems == (("protocols.checksum", {"expected": 0x260, "found": 0x261}),)
 
 
 def test_what_a_host_would_never_send_has_no_canonical_form() -> None:
-    read_of_everybody = ASCII.build(READ, 31, 1, 0, 0, 0)
-    start_with_data_that_it_cannot_have = ASCII.build(CONTROL, 5, 4, 1, 999)
+    read_of_everybody = ASCII.build(READ_LAYOUT, 31, 1, 0, 0, 0)
+    start_with_data_that_it_cannot_have = ASCII.build(CONTROL_LAYOUT, 5, 4, 1, 999)
     for frame in (read_of_everybody, start_with_data_that_it_cannot_have):
-        found = sifang.describe(frame)
+        found = sunfar.describe(frame)
         assert (found.valid, found.canonical) == (True, None)
 
 
 def test_an_ambiguous_write_shows_both_numbers_and_the_meant_frame() -> None:
-    frame = sifang.SifangCodec("hex").encode_request(sifang.WriteParameter(5, 2, 1, 0x0106))
-    found = sifang.describe(frame)
+    frame = sunfar.SunfarCodec("hex").encode_request(sunfar.SunfarWriteParameter(5, 2, 1, 0x0106))
+    found = sunfar.describe(frame)
     assert (found.fields["data"], [dict(reading.fields) for reading in found.readings]) == (0x0106, [{"data": 0x16}])
-    assert found.canonical == sifang.SifangCodec("hex").encode_request(sifang.WriteParameter(5, 2, 1, 0x16))
+    assert found.canonical == sunfar.SunfarCodec("hex").encode_request(sunfar.SunfarWriteParameter(5, 2, 1, 0x16))
 
 
 def test_a_reply_with_a_state_that_nobody_listed_is_not_valid_in_any_reading() -> None:
-    found = sifang.describe(ASCII.build(WRITE, 5, 0, 0x07, 0, 1, 7))
+    found = sunfar.describe(ASCII.build(WRITE_LAYOUT, 5, 0, 0x07, 0, 1, 7))
     assert [key for key, _ in found.problems] == ["protocols.sifang.state"]
     assert found.fields["state"] == 7
 
 
 def test_t08_a_queried_frequency_follows_the_query_coding() -> None:
     frame = b"Q\x03\x060701007B"
-    assert dzb.describe(frame).fields["frequency_hz"] == 12.3
-    assert dzb.describe(frame, meaning=dzb.Meaning(query_coding="hex-1")).fields["frequency_hz"] == 123.0
-    assert "frequency_hz" not in dzb.describe(frame, meaning=dzb.Meaning(query_coding="decimal-0.1")).fields
+    assert dzb100.describe(frame).fields["frequency_hz"] == 12.3
+    assert (
+        dzb100.describe(frame, meaning=dzb100.Dzb100DecodeOptions(query_coding="hex-1")).fields["frequency_hz"] == 123.0
+    )
+    assert (
+        "frequency_hz"
+        not in dzb100.describe(frame, meaning=dzb100.Dzb100DecodeOptions(query_coding="decimal-0.1")).fields
+    )
 
 
 def test_a_state_word_that_is_not_believed_is_the_problem_of_its_reply() -> None:
-    found = dzb.describe(b"Q\x03\x0607039000")
+    found = dzb100.describe(b"Q\x03\x0607039000")
     assert [key for key, _ in found.problems] == ["protocols.dzb.command_digit"]
     assert (found.fields["data"], "state" in found.fields) == (0x9000, False)
 
 
 def test_a_wrong_request_is_the_problem_of_its_reply() -> None:
-    found = sifang.describe(C320["c320-4.2-response-ascii"].data, request=b"*00")
+    found = sunfar.describe(C320["c320-4.2-response-ascii"].data, request=b"*00")
     assert [key for key, _ in found.problems] == ["protocols.request", "protocols.length"]
 
 
 def test_the_settings_of_a_profile_give_numbers_their_meaning() -> None:
-    e500 = sifang.Meaning(frequency_step_hz=0.1, frequency_monitors=(0, 6))
-    asked = sifang.SifangCodec("hex").encode_request(sifang.ReadMonitor(0, 6))
-    found = sifang.describe(C320["c320-sib-reply-hex"].data, request=asked, meaning=e500)
+    e500 = sunfar.SunfarDecodeOptions(frequency_step_hz=0.1, frequency_monitors=(0, 6))
+    asked = sunfar.SunfarCodec("hex").encode_request(sunfar.ReadMonitor(0, 6))
+    found = sunfar.describe(C320["c320-sib-reply-hex"].data, request=asked, meaning=e500)
     assert (found.fields["monitor"], found.fields["frequency_hz"]) == ("d.6", 50.0)
-    bcd = sifang.Meaning(monitor_index="bcd")
-    assert sifang.describe(b"*001000150187\r", meaning=bcd).fields["monitor"] == "d.15"
+    bcd = sunfar.SunfarDecodeOptions(monitor_index="bcd")
+    assert sunfar.describe(b"*001000150187\r", meaning=bcd).fields["monitor"] == "d.15"
 
 
 def test_every_sentence_stands_in_both_languages() -> None:
@@ -254,14 +266,14 @@ def test_i8_describe_never_raises(family: str) -> None:
 def test_t21_an_18_byte_frame_is_a_write_unless_it_reads_as_a_refusal(
     kind: int, state: int, data: int, direction: str
 ) -> None:
-    assert sifang.describe(ASCII.build(WRITE, 5, kind, state, 1, 2, data)).direction == direction
+    assert sunfar.describe(ASCII.build(WRITE_LAYOUT, 5, kind, state, 1, 2, data)).direction == direction
 
 
 def test_what_was_said_of_a_frame_is_believed_before_its_shape() -> None:
-    read = ASCII.build(READ, 5, 2, 0, 1, 2)
-    assert sifang.describe(read).direction == "request"
-    assert sifang.describe(read, direction="response").direction == "response"
-    assert sifang.describe(read, request=read).direction == "response"
-    assert sifang.describe(read, request=read, direction="request").direction == "request"
-    assert sifang.describe(read, "hex").problems[0] == ("protocols.header", {"expected": 0x5A, "found": 0x2A})
-    assert (sifang.describe(read).encoding, sifang.describe(b"Z").encoding) == ("ascii", "hex")
+    read = ASCII.build(READ_LAYOUT, 5, 2, 0, 1, 2)
+    assert sunfar.describe(read).direction == "request"
+    assert sunfar.describe(read, direction="response").direction == "response"
+    assert sunfar.describe(read, request=read).direction == "response"
+    assert sunfar.describe(read, request=read, direction="request").direction == "request"
+    assert sunfar.describe(read, "hex").problems[0] == ("protocols.header", {"expected": 0x5A, "found": 0x2A})
+    assert (sunfar.describe(read).encoding, sunfar.describe(b"Z").encoding) == ("ascii", "hex")

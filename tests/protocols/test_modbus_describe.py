@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from drivebus.protocols.describe import Description
+from drivebus.protocols.describe import FrameDescription
 from drivebus.protocols.modbus import describe
-from drivebus.protocols.modbus.rtu import with_check
-from vectorfile import Vector, load
+from drivebus.protocols.modbus.rtu import build_frame
+from fixtures.vectors import Vector, load_vectors
 
-VECTORS = (*load("vc660"), *load("df800"))
+VECTORS = (*load_vectors("vc660"), *load_vectors("df800"))
 
 
-def described(vector: Vector, request: bytes | None = None) -> Description:
+def described(vector: Vector, request: bytes | None = None) -> FrameDescription:
     form = "short" if vector.family == "df800" else "exception"
     direction = "request" if vector.direction == "request" else "response"
     return describe(vector.data, vector.encoding, direction, request, form)
@@ -108,7 +108,7 @@ def test_any_bytes_get_a_description() -> None:
 
 
 def frame(octets: str) -> bytes:
-    return with_check(bytes.fromhex(octets))
+    return build_frame(bytes.fromhex(octets))
 
 
 def test_a_spoiled_exception_is_still_a_reply() -> None:

@@ -9,19 +9,19 @@ import pytest
 
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.modbus import (
-    AsciiCodec,
-    Bits,
-    ErrorReply,
-    Loopback,
+    BitValues,
+    Diagnostics,
+    ExceptionReply,
+    ModbusAsciiCodec,
+    ModbusRtuCodec,
     ReadBits,
     ReadRegisters,
-    Registers,
-    RtuCodec,
+    RegisterValues,
+    WriteAck,
     WriteBit,
     WriteBits,
     WriteRegister,
     WriteRegisters,
-    Written,
 )
 from peers import need_module
 
@@ -72,12 +72,12 @@ def pairs() -> list[tuple[Any, Any]]:
             WriteBits(7, 19, (True, False, True) * 4),
             bit.WriteMultipleCoilsRequest(address=19, bits=[True, False, True] * 4, dev_id=7),
         ),
-        (Loopback(7, 0x5AA5), ReturnQueryDataRequest(b"\x5a\xa5", dev_id=7)),
+        (Diagnostics(7, 0x5AA5), ReturnQueryDataRequest(b"\x5a\xa5", dev_id=7)),
     ]
 
 
-@pytest.mark.parametrize("codec", [RtuCodec(), AsciiCodec()], ids=["rtu", "ascii"])
-def test_our_requests_are_pymodbus_requests(pdu: Any, codec: RtuCodec | AsciiCodec) -> None:
+@pytest.mark.parametrize("codec", [ModbusRtuCodec(), ModbusAsciiCodec()], ids=["rtu", "ascii"])
+def test_our_requests_are_pymodbus_requests(pdu: Any, codec: ModbusRtuCodec | ModbusAsciiCodec) -> None:
     for ours, theirs in pairs():
         sent = framer(codec.encoding, station=False).buildFrame(theirs)
         assert codec.encode_request(ours) == sent
@@ -87,8 +87,8 @@ def test_our_requests_are_pymodbus_requests(pdu: Any, codec: RtuCodec | AsciiCod
         assert (heard.dev_id, heard.encode()) == (7, theirs.encode())
 
 
-@pytest.mark.parametrize("codec", [RtuCodec(), AsciiCodec()], ids=["rtu", "ascii"])
-def test_our_replies_are_pymodbus_replies(pdu: Any, codec: RtuCodec | AsciiCodec) -> None:
+@pytest.mark.parametrize("codec", [ModbusRtuCodec(), ModbusAsciiCodec()], ids=["rtu", "ascii"])
+def test_our_replies_are_pymodbus_replies(pdu: Any, codec: ModbusRtuCodec | ModbusAsciiCodec) -> None:
     from pymodbus.pdu import ExceptionResponse
     from pymodbus.pdu import bit_message as bit
     from pymodbus.pdu import register_message as register
@@ -96,25 +96,25 @@ def test_our_replies_are_pymodbus_replies(pdu: Any, codec: RtuCodec | AsciiCodec
     rows = [
         (
             ReadRegisters(7, 0, 3),
-            Registers(7, 3, (1, 2, 0xFFFF)),
+            RegisterValues(7, 3, (1, 2, 0xFFFF)),
             register.ReadHoldingRegistersResponse(registers=[1, 2, 0xFFFF], dev_id=7),
         ),
         (
             ReadBits(7, 0, 8),
-            Bits(7, 1, (True, False) * 4),
+            BitValues(7, 1, (True, False) * 4),
             bit.ReadCoilsResponse(bits=[True, False] * 4, dev_id=7),
         ),
         (
             WriteRegister(7, 0x2000, 2),
-            Written(7, 6, 0x2000, 2),
+            WriteAck(7, 6, 0x2000, 2),
             register.WriteSingleRegisterResponse(address=0x2000, registers=[2], dev_id=7),
         ),
         (
             WriteRegisters(7, 1, (10, 258)),
-            Written(7, 16, 1, 2),
+            WriteAck(7, 16, 1, 2),
             register.WriteMultipleRegistersResponse(address=1, count=2, dev_id=7),
         ),
-        (ReadRegisters(7, 0, 3), ErrorReply(7, 3, 2), ExceptionResponse(3, 2, device_id=7)),
+        (ReadRegisters(7, 0, 3), ExceptionReply(7, 3, 2), ExceptionResponse(3, 2, device_id=7)),
     ]
     for request, ours, theirs in rows:
         sent = framer(codec.encoding, station=True).buildFrame(theirs)

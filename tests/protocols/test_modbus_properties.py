@@ -9,30 +9,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivebus.errors import LengthError, ProtocolError
-from drivebus.message import Complete, Incomplete, Verdict
+from drivebus.protocols.codec import Complete, DecodeResult, Incomplete
 from drivebus.protocols.modbus import (
-    AsciiCodec,
-    BadRequest,
-    Bits,
-    ErrorReply,
-    Loopback,
-    Looped,
+    BitValues,
+    Diagnostics,
+    DiagnosticsReply,
+    ExceptionReply,
+    IllegalRequest,
+    ModbusAsciiCodec,
+    ModbusRequest,
+    ModbusRtuCodec,
     ReadBits,
     ReadRegisters,
-    Registers,
-    Request,
-    RtuCodec,
+    RegisterValues,
+    WriteAck,
     WriteBit,
     WriteBits,
     WriteRegister,
     WriteRegisters,
-    Written,
-    written,
+    registers_written,
 )
 
-CODECS = [RtuCodec(), AsciiCodec(), RtuCodec("short"), AsciiCodec("short")]
+CODECS = [ModbusRtuCodec(), ModbusAsciiCodec(), ModbusRtuCodec("short"), ModbusAsciiCodec("short")]
 every_codec = pytest.mark.parametrize("codec", CODECS, ids=["rtu", "ascii", "rtu-short", "ascii-short"])
-Codec = RtuCodec | AsciiCodec
+Codec = ModbusRtuCodec | ModbusAsciiCodec
 quick = settings(max_examples=60, deadline=None, derandomize=True)
 
 station = st.integers(1, 247)
@@ -47,27 +47,27 @@ request_strategy: st.SearchStrategy[Any] = st.one_of(
     st.builds(WriteRegisters, station, low, words),
     st.builds(WriteBit, station, word, st.booleans()),
     st.builds(WriteBits, station, low, bits),
-    st.builds(Loopback, station, word),
+    st.builds(Diagnostics, station, word),
 )
 
 
-def answer_to(request: Request, draw: Any) -> Any:
+def answer_to(request: ModbusRequest, draw: Any) -> Any:
     """A reply that a station may give."""
     address = request.address
     match request:
         case ReadRegisters(count=count, function=function):
-            return Registers(address, function, tuple(draw(st.lists(word, min_size=count, max_size=count))))
+            return RegisterValues(address, function, tuple(draw(st.lists(word, min_size=count, max_size=count))))
         case ReadBits(count=count, function=function):
             number = draw(st.integers(0, 2**count - 1))
-            return Bits(address, function, tuple(bool(number >> place & 1) for place in range(count)))
+            return BitValues(address, function, tuple(bool(number >> place & 1) for place in range(count)))
         case WriteBit(register=register, value=value):
-            return Written(address, 5, register, 0xFF00 if value else 0)
+            return WriteAck(address, 5, register, 0xFF00 if value else 0)
         case WriteRegister(register=register, value=value):
-            return Written(address, 6, register, value)
+            return WriteAck(address, 6, register, value)
         case WriteRegisters(register=register, values=values) | WriteBits(register=register, values=values):
-            return Written(address, request.function, register, len(values))
-        case Loopback(data=data):
-            return Looped(address, data)
+            return WriteAck(address, request.function, register, len(values))
+        case Diagnostics(data=data):
+            return DiagnosticsReply(address, data)
 
 
 @every_codec
@@ -77,7 +77,7 @@ def test_a_station_hears_what_the_master_says(codec: Codec, request: Any) -> Non
     sent = codec.encode_request(request)
     assert codec.decode_request(sent) == Complete(request, len(sent))
     if not isinstance(request, WriteRegister | WriteRegisters | WriteBit | WriteBits):
-        assert written(sent, codec.encoding) == ()
+        assert registers_written(sent, codec.encoding) == ()
 
 
 @every_codec
@@ -107,7 +107,7 @@ def test_a_reply_to_another_request_is_believed_only_where_both_are_answered_ali
         verdict = codec.decode_reply(request, received)
     except ProtocolError:
         return
-    if isinstance(verdict, Complete) and not isinstance(verdict.message, ErrorReply):
+    if isinstance(verdict, Complete) and not isinstance(verdict.message, ExceptionReply):
         assert codec.encode_reply(verdict.message) == received[: verdict.size]
         assert (request.address, request.function) == (other.address, other.function)
         assert codec.reply_size(request) == codec.reply_size(other)
@@ -127,7 +127,7 @@ def fed_by_need(codec: Codec, request: Any, data: bytes) -> object:
     return "waits"
 
 
-def outcome_of(codec: Codec, request: Any, data: bytes) -> Verdict | tuple[object, ...]:
+def outcome_of(codec: Codec, request: Any, data: bytes) -> DecodeResult | tuple[object, ...]:
     try:
         return codec.decode_request(data) if request is None else codec.decode_reply(request, data)
     except ProtocolError as error:
@@ -158,16 +158,16 @@ def test_garbage_raises_protocol_errors_only_whole_and_byte_by_byte_alike(
 @quick
 @given(st.integers(1, 127), st.binary(max_size=20), station)
 def test_any_function_gets_an_answer_or_an_exception(codec: Codec, function: int, body: bytes, address: int) -> None:
-    """A station can always say no: BadRequest names its code, and that reply can be encoded."""
-    from drivebus.protocols.modbus.ascii import with_check as ascii_frame
-    from drivebus.protocols.modbus.rtu import with_check as rtu_frame
+    """A station can always say no: IllegalRequest names its code, and that reply can be encoded."""
+    from drivebus.protocols.modbus.ascii import build_frame as ascii_frame
+    from drivebus.protocols.modbus.rtu import build_frame as rtu_frame
 
     octets = bytes((address, function)) + body
     data = rtu_frame(octets) if codec.encoding == "rtu" else ascii_frame(octets)
     try:
         codec.decode_request(data)
-    except BadRequest as error:
-        assert codec.encode_reply(ErrorReply(error.address, error.function, error.code))
+    except IllegalRequest as error:
+        assert codec.encode_reply(ExceptionReply(error.address, error.function, error.code))
     except ProtocolError as error:
         assert function in (1, 2, 3, 4, 5, 6, 8, 15, 16), error
 

@@ -8,50 +8,50 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ChecksumError, ProtocolError
-from drivebus.message import Complete, CompleteIfSilent, Incomplete
+from drivebus.protocols.codec import Complete, CompleteIfSilent, Incomplete
 from drivebus.protocols.modbus import (
-    AsciiCodec,
-    ErrorReply,
-    Loopback,
-    Looped,
+    Diagnostics,
+    DiagnosticsReply,
+    ExceptionReply,
+    ModbusAsciiCodec,
+    ModbusRtuCodec,
     ReadRegisters,
-    Registers,
-    RtuCodec,
+    RegisterValues,
+    WriteAck,
     WriteRegister,
-    Written,
 )
-from drivebus.testing.codec_kit import Exchange, check_codec
-from vectorfile import Vector, load
+from drivebus.testing.codec_kit import CodecExchange, check_codec
+from fixtures.vectors import Vector, load_vectors
 
-VECTORS = (*load("vc660"), *load("df800"))
+VECTORS = (*load_vectors("vc660"), *load_vectors("df800"))
 REQUESTS = [each for each in VECTORS if each.direction == "request"]
 REPLIES = [each for each in VECTORS if each.direction == "response"]
 ANSWERED = [each for each in REPLIES if each.request is not None and each.plain]
 
 
-def codec_for(vector: Vector) -> RtuCodec | AsciiCodec:
+def codec_for(vector: Vector) -> ModbusRtuCodec | ModbusAsciiCodec:
     form = "short" if vector.family == "df800" else "exception"
-    return RtuCodec(form, max_read=4) if vector.encoding == "rtu" else AsciiCodec(form, max_read=4)
+    return ModbusRtuCodec(form, max_read=4) if vector.encoding == "rtu" else ModbusAsciiCodec(form, max_read=4)
 
 
-def request_message(fields: dict[str, Any]) -> ReadRegisters | WriteRegister | Loopback:
+def request_message(fields: dict[str, Any]) -> ReadRegisters | WriteRegister | Diagnostics:
     address = fields["address"]
     if fields["function"] == 3:
         return ReadRegisters(address, fields["register"], fields["count"])
     if fields["function"] == 8:
-        return Loopback(address, fields["data"])
+        return Diagnostics(address, fields["data"])
     return WriteRegister(address, fields["register"], fields["value"])
 
 
 def reply_message(fields: dict[str, Any]) -> Any:
     address, function = fields["address"], fields["function"]
     if fields.get("error") or "exception" in fields:
-        return ErrorReply(address, function, fields.get("exception"))
+        return ExceptionReply(address, function, fields.get("exception"))
     if function == 3:
-        return Registers(address, 3, tuple(fields["registers"]))
+        return RegisterValues(address, 3, tuple(fields["registers"]))
     if function == 8:
-        return Looped(address, fields["data"])
-    return Written(address, function, fields["register"], fields["value"])
+        return DiagnosticsReply(address, fields["data"])
+    return WriteAck(address, function, fields["register"], fields["value"])
 
 
 def names(vectors: list[Vector]) -> list[str]:
@@ -87,7 +87,7 @@ def test_the_misprinted_reply_fails_its_crc_with_both_numbers() -> None:
     assert (caught.value.found, caught.value.expected) == (0xA821, 0xF42C)
     assert vector.canonical is not None
     whole = codec_for(vector).decode_reply(ReadRegisters(1, 0, 4), vector.canonical)
-    assert whole == Complete(Registers(1, 3, (5000, 2, 5000, 0)), 13)
+    assert whole == Complete(RegisterValues(1, 3, (5000, 2, 5000, 0)), 13)
 
 
 SHORT_ERRORS = [each for each in REPLIES if each.fields.get("error")]
@@ -98,11 +98,11 @@ def test_a_short_error_is_the_reply_to_any_request_of_its_function_t15(vector: V
     function = vector.fields["function"]
     asked = ReadRegisters(1, 101, 2) if function == 3 else WriteRegister(1, 101, 5)
     verdict = codec_for(vector).decode_reply(asked, vector.data)
-    assert verdict == Complete(ErrorReply(1, function, None), len(vector.data))
+    assert verdict == Complete(ExceptionReply(1, function, None), len(vector.data))
 
 
-def exchanges(family: str, encoding: str) -> list[Exchange]:
-    found = [each for each in load(family) if each.encoding == encoding]
+def exchanges(family: str, encoding: str) -> list[CodecExchange]:
+    found = [each for each in load_vectors(family) if each.encoding == encoding]
     answered = {each.line["reply_to"]: each for each in found if "reply_to" in each.line and each.plain}
     made = []
     for vector in found:
@@ -110,11 +110,13 @@ def exchanges(family: str, encoding: str) -> list[Exchange]:
             reply = answered.get(vector.id)
             message = None if reply is None else reply_message(reply.fields)
             received = b"" if reply is None else reply.data
-            made.append(Exchange(vector.id, request_message(vector.fields), vector.data, message, received))
+            made.append(CodecExchange(vector.id, request_message(vector.fields), vector.data, message, received))
         elif vector.fields.get("error"):
             asked = ReadRegisters(1, 101, 2) if vector.fields["function"] == 3 else WriteRegister(1, 101, 5)
             sent = codec_for(vector).encode_request(asked)
-            made.append(Exchange(vector.id, asked, sent, reply_message(vector.fields), vector.data, normal=False))
+            made.append(
+                CodecExchange(vector.id, asked, sent, reply_message(vector.fields), vector.data, is_normal_reply=False)
+            )
     return made
 
 
@@ -122,10 +124,10 @@ def exchanges(family: str, encoding: str) -> list[Exchange]:
 def test_the_codec_kit_finds_no_fault_and_no_believed_flip(family: str, encoding: str) -> None:
     """Whole, byte by byte, glued, noise, every single-bit flip (G03), sizes, foreign exceptions (I8)."""
     made = exchanges(family, encoding)
-    codec = codec_for(next(each for each in load(family) if each.encoding == encoding))
-    report = check_codec(codec, made, noise=120)
-    assert set(report.believed_flips) == {each.name for each in made if each.received}
-    assert not any(report.believed_flips.values())
+    codec = codec_for(next(each for each in load_vectors(family) if each.encoding == encoding))
+    report = check_codec(codec, made, garbage_frames=120)
+    assert set(report.accepted_flips) == {each.name for each in made if each.received}
+    assert not any(report.accepted_flips.values())
 
 
 RTU = [each for each in (*REQUESTS, *ANSWERED) if each.encoding == "rtu"]
@@ -160,7 +162,7 @@ def test_no_three_flipped_bits_of_a_command_are_believed_g03(name: str) -> None:
 
 def test_only_a_write_of_a0xxh_to_0023h_awaits_silence_at_address_1_t15() -> None:
     """Ruling 11: the 5-byte error is decided by its request; 22 * 256 * 3 writes around the one case are tried."""
-    codec, error = RtuCodec("short"), bytes.fromhex("01 06 00 23 A0")
+    codec, error = ModbusRtuCodec("short"), bytes.fromhex("01 06 00 23 A0")
     waiting = set()
     for register in range(0x15, 0x2B):
         for high in range(256):
@@ -168,30 +170,30 @@ def test_only_a_write_of_a0xxh_to_0023h_awaits_silence_at_address_1_t15() -> Non
                 verdict = codec.decode_reply(WriteRegister(1, register, value), error)
                 if isinstance(verdict, CompleteIfSilent):
                     waiting.add((register, high))
-                    assert verdict == CompleteIfSilent(ErrorReply(1, 6, None), 5, 8)
+                    assert verdict == CompleteIfSilent(ExceptionReply(1, 6, None), 5, 8)
                 else:
-                    assert verdict == Complete(ErrorReply(1, 6, None), 5)
+                    assert verdict == Complete(ExceptionReply(1, 6, None), 5)
     assert waiting == {(0x23, 0xA0)}
 
 
 @pytest.mark.parametrize("size", range(5, 8))
 def test_an_error_that_may_be_an_echo_waits_for_the_rest_of_it(size: int) -> None:
-    codec, asked = RtuCodec("short"), WriteRegister(1, 0x23, 0xA012)
+    codec, asked = ModbusRtuCodec("short"), WriteRegister(1, 0x23, 0xA012)
     echo = codec.encode_request(asked)
-    assert codec.decode_reply(asked, echo[:size]) == CompleteIfSilent(ErrorReply(1, 6, None), 5, 8)
-    assert codec.decode_reply(asked, echo) == Complete(Written(1, 6, 0x23, 0xA012), 8)
+    assert codec.decode_reply(asked, echo[:size]) == CompleteIfSilent(ExceptionReply(1, 6, None), 5, 8)
+    assert codec.decode_reply(asked, echo) == Complete(WriteAck(1, 6, 0x23, 0xA012), 8)
     with pytest.raises(ChecksumError):
         codec.decode_reply(asked, echo[:5] + b"\xff\xff\xff")
 
 
 def test_each_address_has_one_echo_that_begins_like_its_error() -> None:
     """Computed for all stations: the register's low byte and the value's high byte are the error's CRC."""
-    codec = RtuCodec("short")
+    codec = ModbusRtuCodec("short")
     for address in range(1, 248):
-        error = codec.encode_reply(ErrorReply(address, 6, None))
+        error = codec.encode_reply(ExceptionReply(address, 6, None))
         register, value = error[3], error[4] << 8
         verdict = codec.decode_reply(WriteRegister(address, register, value), error)
         assert isinstance(verdict, CompleteIfSilent)
         assert codec.decode_reply(WriteRegister(address, register ^ 1, value), error) == Complete(
-            ErrorReply(address, 6, None), 5
+            ExceptionReply(address, 6, None), 5
         )

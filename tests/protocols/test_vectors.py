@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from vectorfile import FAMILIES, FOLDER, Vector, everything, load
+from fixtures.vectors import FAMILIES, VECTORS_FOLDER, Vector, all_vectors, load_vectors
 
-SCHEMA: dict[str, Any] = json.loads((FOLDER / "schema.json").read_text(encoding="utf-8"))
+SCHEMA: dict[str, Any] = json.loads((VECTORS_FOLDER / "schema.json").read_text(encoding="utf-8"))
 TYPES: dict[str, Any] = {
     "object": dict,
     "array": list,
@@ -90,7 +90,7 @@ CHECKS: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("vector", everything(), ids=lambda vector: vector.id)
+@pytest.mark.parametrize("vector", all_vectors(), ids=lambda vector: vector.id)
 def test_a_vector_fits_the_schema_and_its_file(vector: Vector) -> None:
     assert faults(vector.line, SCHEMA) == []
     assert vector.id.startswith(vector.family + "-")
@@ -101,10 +101,10 @@ def test_a_vector_fits_the_schema_and_its_file(vector: Vector) -> None:
 
 
 def test_every_id_is_used_once_and_every_family_has_frames() -> None:
-    names = [vector.id for vector in everything()]
+    names = [vector.id for vector in all_vectors()]
     assert len(names) == len(set(names))
-    assert all(load(family) for family in FAMILIES)
-    assert {vector.family for vector in everything()} == set(FAMILIES)
+    assert all(load_vectors(family) for family in FAMILIES)
+    assert {vector.family for vector in all_vectors()} == set(FAMILIES)
 
 
 @pytest.mark.parametrize(
@@ -121,12 +121,12 @@ def test_every_id_is_used_once_and_every_family_has_frames() -> None:
     ],
 )
 def test_a_bad_vector_is_refused(change: dict[str, Any], expected: str) -> None:
-    good = next(each for each in load("vc660") if each.plain).line
+    good = next(each for each in load_vectors("vc660") if each.plain).line
     assert faults(good, SCHEMA) == []
     assert any(expected in each for each in faults(good | change, SCHEMA))
 
 
 def test_the_sources_name_every_file_and_no_machine() -> None:
-    text = (FOLDER / "SOURCES.md").read_text(encoding="utf-8")
+    text = (VECTORS_FOLDER / "SOURCES.md").read_text(encoding="utf-8")
     assert all(f"`{family}.jsonl`" in text for family in FAMILIES)
     assert not re.search(r"(^|\s)/\w+/|\\\\|[A-Z]:\\", text)

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from cli.children import COMMAND, ENVIRONMENT
-from real.witness import Plant, plant
+from fixtures.child_process import COMMAND, ENVIRONMENT
+from real.recorded_bench import RecordedPlant, recorded_plant
 
 HERE = Path(__file__).parent
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -34,17 +34,17 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def plants(tmp_path: Path) -> Iterator[Callable[..., Plant]]:
+def plants(tmp_path: Path) -> Iterator[Callable[..., RecordedPlant]]:
     """Make a plant of these lines; it ends with the test."""
     with ExitStack() as made:
         count = 0
 
-        def make(*lines: dict[str, Any], adapters: int = 1) -> Plant:
+        def make(*lines: dict[str, Any], adapters: int = 1) -> RecordedPlant:
             nonlocal count
             count += 1
             folder = tmp_path / f"plant{count}"
             folder.mkdir()
-            return made.enter_context(plant(folder, *lines, adapters=adapters))
+            return made.enter_context(recorded_plant(folder, *lines, adapters=adapters))
 
         yield make
 
@@ -59,8 +59,11 @@ def started() -> Iterator[Start]:
         program = [sys.executable, str(HERE / str(words[0]))] if ours else [*COMMAND, str(words[0])]
         process = subprocess.Popen(
             [*program, *(str(word) for word in words[1:])],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | ENVIRONMENT | env,
-        )  # fmt: skip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | ENVIRONMENT | env,
+        )
         running.append(process)
         return process
 

@@ -19,21 +19,21 @@ from typing import Any
 
 from drivebus import profiles
 from drivebus.bus import Bus
-from drivebus.drives import Drive, MemoryStore, gate
-from drivebus.drives.state import DriveState, Verdict
-from drivebus.drives.talk import Surroundings
+from drivebus.drives import Drive, MemoryStore, permissives
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import DrivebusError
-from drivebus.message import Ask, Effect, Lane
 from drivebus.ports import open_port
+from drivebus.protocols.codec import BusRequest, Effect, RequestPriority
 
 
-def tell(**what: Any) -> None:
+def print_event(**what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
 def made(bus: Bus, model: str, address: int = 1) -> Drive:
     """A drive whose replies may be late by a third of a second: nobody knows how busy this machine is."""
-    timing = replace(profiles.load(model).timing, adapter_s=0.3)
+    timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
     return Drive(bus, model, address, store=MemoryStore(), timing=timing)
 
 
@@ -42,16 +42,16 @@ async def run(model: str, urls: list[str]) -> None:
     for bus in buses:
         await bus.open()
     drives = [made(bus, model) for bus in buses]
-    tell(event="open")
+    print_event(event="open")
     for number, drive in enumerate(drives):
         outcome = await drive.run(20.0)
         drive.monitor(period_s=0.2)
-        tell(event="started", line=number, word=outcome.word)
-    tell(event="all")
+        print_event(event="started", line=number, word=outcome.word)
+    print_event(event="all")
     await asyncio.sleep(3600)
 
 
-async def wish(drive: Drive) -> dict[str, Any]:
+async def issue_commands(drive: Drive) -> dict[str, Any]:
     try:
         outcome = await drive.run(20.0)
         return {"address": drive.address, "word": outcome.word}
@@ -62,37 +62,41 @@ async def wish(drive: Drive) -> dict[str, Any]:
 async def start(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
         drives = [made(bus, model, address) for address in range(1, count + 1)]
-        wishes = [asyncio.create_task(wish(drive)) for drive in drives]
+        wishes = [asyncio.create_task(issue_commands(drive)) for drive in drives]
         await asyncio.sleep(0)
-        tell(event="queued")
+        print_event(event="queued")
         for done in wishes:
-            tell(event="ended", **await done)
+            print_event(event="ended", **await done)
 
 
-def start_of(bus: Bus, drive: Drive) -> Ask:
+def start_of(bus: Bus, drive: Drive) -> BusRequest:
     """A start with the gate's own permit, as if all checks were done."""
-    now, generation = bus.now(), bus.generation(drive.address)
-    command = gate.Command("test", gate.Kind.START, now, generation)
-    stopped = Verdict(DriveState.STOPPED)
-    evidence = gate.Evidence(stopped, now, can_tell=True, preflight_done=True, within_limits=True)
-    around = Surroundings(now, generation=generation)
+    now, generation = bus.now(), bus.stop_epoch(drive.address)
+    command = permissives.DriveCommand("test", permissives.Kind.START, now, generation)
+    stopped = DerivedState(DriveState.STOPPED)
+    evidence = permissives.PermitInputs(stopped, now, can_tell=True, preflight_done=True, within_limits=True)
+    around = BusConditions(now, generation=generation)
     frame = drive.dialect.start(None, 2000)[0]
-    permit = gate.grant(command, drive.address, Effect.MOTION, frame.write_class, around, evidence, "sifang")
-    return Ask(drive.address, frame.request, Lane.COMMAND, frame.write_class, permit)
+    permit = permissives.grant_permit(
+        command, drive.address, Effect.MOTION, frame.retry_policy, around, evidence, "sifang"
+    )
+    return BusRequest(drive.address, frame.request, RequestPriority.COMMAND, frame.retry_policy, permit)
 
 
 async def queue(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
         drives = [made(bus, model, address) for address in range(1, count + 1)]
-        first = asyncio.create_task(bus.transact(Ask(1, drives[0].dialect.plain_read())))
+        first = asyncio.create_task(bus.transact(BusRequest(1, drives[0].dialect.echo_test_read())))
         await asyncio.sleep(0)
         starts = [asyncio.create_task(bus.transact(start_of(bus, drive))) for drive in drives]
         await asyncio.sleep(0)
-        tell(event="queued")
+        print_event(event="queued")
         os.kill(os.getpid(), signal.SIGSTOP)
         await first
         for drive, answer in zip(drives, await asyncio.gather(*starts), strict=True):
-            tell(event="ended", address=drive.address, error=answer.error and answer.error.key, sent=answer.sent.hex())
+            print_event(
+                event="ended", address=drive.address, error=answer.error and answer.error.key, sent=answer.sent.hex()
+            )
 
 
 def main() -> None:

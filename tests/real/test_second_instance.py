@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 
 from drivebus.bus import Bus
-from drivebus.drives.state import OutcomeWord
-from drivebus.errors import GateError
-from drivebus.lab.manual import Does
+from drivebus.drives.state import OutcomeStatus
+from drivebus.errors import StartInhibited
 from drivebus.ports import open_port
 from real.conftest import Start
 from real.host_process import made
-from real.witness import PATIENCE_S, Plant, c320, until, vc660
+from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, vc660, wait_until
+from verification.reference_tables import RequestEffect
 
-Plants = Callable[..., Plant]
-SOMEBODY, ANOTHER, ROOT = 65534, 65533, 0
+Plants = Callable[..., RecordedPlant]
+FIRST_USER, SECOND_USER, ROOT = 65534, 65533, 0
 TRIALS = 100
 
 
@@ -44,14 +44,19 @@ def homes() -> Iterator[Callable[[int], dict[str, str]]]:
 
 
 def refusals(
-    plant: Plant, started: Start, homes: Callable[[int], dict[str, str]], first: int, second: int, exclusive: int = 0
+    plant: RecordedPlant,
+    started: Start,
+    homes: Callable[[int], dict[str, str]],
+    first: int,
+    second: int,
+    exclusive: int = 0,
 ) -> tuple[int, Counter[tuple[str, int]]]:
     """The owner's pid, and what the second one was told each time."""
     device = os.path.realpath(plant.path())
     owner = started("user_process.py", first, exclusive, "hold", device, env=homes(first))
     assert owner.stdout is not None and owner.stdout.readline() == "open\n"
     other = started("user_process.py", second, exclusive, TRIALS, device, env=homes(second))
-    out, errors = other.communicate(timeout=PATIENCE_S)
+    out, errors = other.communicate(timeout=PROCESS_TIMEOUT_S)
     assert other.returncode == 0, errors
     said = [json.loads(line) for line in out.splitlines()]
     assert all(str(owner.pid) in each["text"] for each in said if "text" in each)
@@ -70,7 +75,7 @@ def test_a_second_instance_of_the_same_user_is_refused_100_times_of_100_with_the
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be several users")
 @pytest.mark.parametrize(
     ("first", "second", "exclusive"),
-    [(SOMEBODY, ANOTHER, 0), (SOMEBODY, ANOTHER, 1), (ROOT, SOMEBODY, 0), (SOMEBODY, ROOT, 0)],
+    [(FIRST_USER, SECOND_USER, 0), (FIRST_USER, SECOND_USER, 1), (ROOT, FIRST_USER, 0), (FIRST_USER, ROOT, 0)],
     ids=["somebody else", "somebody else, TIOCEXCL", "root was first", "root is second and asks for the lock"],
 )
 def test_a_second_instance_of_another_user_is_refused_100_times_of_100_with_the_owners_pid(
@@ -111,23 +116,23 @@ async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_a
             await asyncio.sleep(0.3)
         await eventually(lambda: bus.health(1).foreign_master)
         assert [one.data for one in plant.requests(since=before)] == [data, data]
-        with pytest.raises(GateError) as caught:
+        with pytest.raises(StartInhibited) as caught:
             await drive.run(10.0)
         assert caught.value.key == "drives.foreign_master"
-        assert (await drive.stop()).word is OutcomeWord.CONFIRMED
+        assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
         os.close(stranger)
     plant.settle()
-    ours = [one.does for one in plant.requests() if one.data != data]
-    assert Does.STOP in ours and Does.MOVE not in ours
+    ours = [one.effect for one in plant.requests() if one.data != data]
+    assert RequestEffect.STOP in ours and RequestEffect.MOVE not in ours
 
 
-def foreign(plant: Plant, data: bytes, since: float) -> int:
+def foreign(plant: RecordedPlant, data: bytes, since: float) -> int:
     return sum(one.data == data for one in plant.requests(since=since))
 
 
 async def eventually(there: Callable[[], bool]) -> None:
     """``until`` for a test whose own loop must go on."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(PROCESS_TIMEOUT_S):
         while not there():  # noqa: ASYNC110  # another process' record
             await asyncio.sleep(0.02)
 
@@ -138,6 +143,6 @@ def test_the_lock_of_a_killed_owner_stands_in_nobodys_way(plants: Plants, starte
     first = started("user_process.py", *words)
     assert first.stdout is not None and first.stdout.readline() == "open\n"
     first.kill()
-    until(lambda: first.poll() is not None, "its end")
+    wait_until(lambda: first.poll() is not None, "its end")
     second = started("user_process.py", *words)
     assert second.stdout is not None and second.stdout.readline() == "open\n"

@@ -11,36 +11,36 @@ import subprocess
 from collections.abc import Callable
 from typing import Any
 
-from drivebus.lab.manual import Does
 from real.conftest import Start
-from real.witness import PATIENCE_S, Plant, c320, patient, until
+from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, slow_machine_c320, wait_until
+from verification.reference_tables import RequestEffect
 
-Plants = Callable[..., Plant]
-MOMENTS: tuple[tuple[str, Callable[[Plant, int], bool]], ...] = (
+Plants = Callable[..., RecordedPlant]
+MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (
     ("the first read is out", lambda plant, line: len(plant.requests(line)) >= 1),
     ("it is being looked at", lambda plant, line: len(plant.requests(line)) >= 4),
-    ("the start is out", lambda plant, line: Does.MOVE in acts(plant, line)),
+    ("the start is out", lambda plant, line: RequestEffect.MOVE in host_actions(plant, line)),
     ("the motor turns", lambda plant, line: plant.on(line)),
-    ("it has run for a while", lambda plant, line: len(acts(plant, line, reads_after_the_start=True)) > 6),
+    ("it has run for a while", lambda plant, line: len(host_actions(plant, line, reads_after_the_start=True)) > 6),
 )
 
 
-def acts(plant: Plant, line: int, *, reads_after_the_start: bool = False) -> list[Does]:
+def host_actions(plant: RecordedPlant, line: int, *, reads_after_the_start: bool = False) -> list[RequestEffect]:
     """What hosts had the drive do, in order."""
-    all_of_them = [one.does for one in plant.requests(line)]
+    all_of_them = [one.effect for one in plant.requests(line)]
     if reads_after_the_start:
-        return all_of_them[all_of_them.index(Does.MOVE) :] if Does.MOVE in all_of_them else []
-    return [one for one in all_of_them if one is not Does.READ]
+        return all_of_them[all_of_them.index(RequestEffect.MOVE) :] if RequestEffect.MOVE in all_of_them else []
+    return [one for one in all_of_them if one is not RequestEffect.READ]
 
 
-def run(started: Start, plant: Plant, line: int = 0) -> subprocess.Popen[str]:
-    model = patient(plant.record.parent)
+def run(started: Start, plant: RecordedPlant, line: int = 0) -> subprocess.Popen[str]:
+    model = slow_machine_c320(plant.record.parent)
     return started("run", plant.url(line), "--model", model, "--address", "1", "--frequency", "20", "--json")
 
 
-def told(process: subprocess.Popen[str]) -> dict[str, Any]:
+def last_document(process: subprocess.Popen[str]) -> dict[str, Any]:
     """The last document that it printed before it ended."""
-    out, _ = process.communicate(timeout=PATIENCE_S)
+    out, _ = process.communicate(timeout=PROCESS_TIMEOUT_S)
     last: dict[str, Any] = json.loads(out.splitlines()[-1])
     return last
 
@@ -51,17 +51,19 @@ def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_
     plant = plants(*(c320(ramp_s=0.3, keypad={}) for _ in MOMENTS))
     runs = [run(started, plant, line) for line in range(len(MOMENTS))]
     for line, (moment, come) in enumerate(MOMENTS):
-        until(lambda line=line, come=come: come(plant, line), moment)  # type: ignore[misc]
+        wait_until(lambda line=line, come=come: come(plant, line), moment)  # type: ignore[misc]
         runs[line].send_signal(signal.SIGTERM)
-    said = [told(process) for process in runs]
+    said = [last_document(process) for process in runs]
     plant.settle()
     for line, (moment, _) in enumerate(MOMENTS):
         assert runs[line].returncode == 130, moment
         assert (said[line]["event"], said[line]["outcome"]) == ("stopped", "confirmed"), moment
-        done = acts(plant, line)
+        done = host_actions(plant, line)
         assert not plant.on(line), moment
-        assert done[-1] is Does.STOP and Does.MOVE not in done[done.index(Does.STOP) :], moment
-    assert [acts(plant, line).count(Does.MOVE) for line in (2, 3, 4)] == [1, 1, 1]
+        assert done[-1] is RequestEffect.STOP and RequestEffect.MOVE not in done[done.index(RequestEffect.STOP) :], (
+            moment
+        )
+    assert [host_actions(plant, line).count(RequestEffect.MOVE) for line in (2, 3, 4)] == [1, 1, 1]
 
 
 def test_a_run_whose_drive_does_not_answer_the_stop_says_that_it_is_not_confirmed(
@@ -69,11 +71,11 @@ def test_a_run_whose_drive_does_not_answer_the_stop_says_that_it_is_not_confirme
 ) -> None:
     plant = plants(c320(ramp_s=0.3, keypad={}))
     process = run(started, plant)
-    until(lambda: plant.on(), "the start")
+    wait_until(lambda: plant.on(), "the start")
     plant.order(faults={"silent": True})
     process.send_signal(signal.SIGTERM)
-    said = told(process)
+    said = last_document(process)
     assert process.returncode == 4
     assert said["error"]["type"] == "StopUnconfirmed" if "error" in said else said["outcome"] == "unknown"
-    assert acts(plant, 0).count(Does.STOP) >= 2, "it is repeated"
+    assert host_actions(plant, 0).count(RequestEffect.STOP) >= 2, "it is repeated"
     assert plant.on()

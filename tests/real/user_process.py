@@ -15,10 +15,10 @@ import os
 import sys
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports import device, listing, open_port, posix
+from drivebus.ports import device, discovery, open_port, tty
 
 
-class Nobody:
+class IgnoringReceiver:
     def data_received(self, data: bytes, marks: int = 0) -> None: ...
 
     def port_lost(self, error: Exception) -> None: ...
@@ -27,7 +27,7 @@ class Nobody:
 async def attempt(path: str) -> dict[str, object]:
     port = open_port(path)
     try:
-        await port.open(Nobody())
+        await port.open(IgnoringReceiver())
     except PortUnavailable as error:
         return {"key": error.key, "pid": error.params.get("pid"), "text": str(error)}
     await port.close()
@@ -35,7 +35,7 @@ async def attempt(path: str) -> dict[str, object]:
 
 
 async def hold(path: str) -> None:
-    await open_port(path).open(Nobody())
+    await open_port(path).open(IgnoringReceiver())
     print("open", flush=True)
     await asyncio.sleep(600)
 
@@ -44,9 +44,9 @@ async def warmed_up() -> None:
     """Everything that is loaded when it is first used, and no folder made that would be this user's."""
     home = os.environ["XDG_STATE_HOME"]
     os.environ["XDG_STATE_HOME"] = "/dev/null"
-    listing.known_ports()
+    discovery.discover_ports()
     with contextlib.suppress(PortUnavailable):
-        await open_port("/dev/null").open(Nobody())
+        await open_port("/dev/null").open(IgnoringReceiver())
     os.environ["XDG_STATE_HOME"] = home
 
 
@@ -54,8 +54,8 @@ async def main() -> None:
     user, exclusive, what, path = int(sys.argv[1]), sys.argv[2] == "1", sys.argv[3], sys.argv[4]
     await warmed_up()
     if exclusive:
-        posix.is_pty = lambda _: False
-        device._refuse_company = lambda *_: None  # the pty's far end holds it open too
+        tty.is_pty = lambda _: False
+        device._refuse_if_in_use = lambda *_: None  # the pty's far end holds it open too
     if os.getuid() == 0:
         os.setgroups([])
         os.setgid(user)

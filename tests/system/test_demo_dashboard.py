@@ -14,8 +14,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivebus.cli.demo.history import HOURS
 from drivebus.cli.demo.layout import LINES
-from drivebus.cli.demo.shift import HOURS
 
 DRIVES = {part.key for line in LINES for part in line.drives}
 PATIENCE_S = 60.0

@@ -9,24 +9,24 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Poll, Presence
-from drivebus.message import Answer
-from drivebus.protocols import dzb, modbus, sifang
-from drivebus.reading import Quality
-from system.plant import (
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import BusResult
+from drivebus.values import Quality
+from fixtures.system_bench import (
     C320,
     FAMILIES,
     VC660,
-    Kind,
-    Plant,
+    SystemBench,
+    SystemVariant,
     every_family,
-    every_telling_drive,
+    every_reporting_drive,
     on_four_lines,
-    plant,
-    story,
+    run_virtual,
+    system_bench,
 )
 
 ADDRESSES = {"c320": "0-30", "dzb100": "1-31", "vc660": "1-31", "df800": "1-31"}
-FRAMES = {
+POLL_LENGTHS = {
     "c320-ascii": (14, 18),
     "c320-hex": (14, 18),
     "dzb100": (11, 11),
@@ -37,25 +37,27 @@ FRAMES = {
 """Characters of a poll and of its answer, by the manuals: class 1 and its reply, a Q, FC03 of four registers."""
 
 
-def request(kind: Kind, address: int) -> Any:
+def request(kind: SystemVariant, address: int) -> Any:
     """One poll: d.0, Q01, 3001H-3004H, F0.00-F0.03."""
     if kind.model == "c320":
-        return sifang.ReadMonitor(address, 0)
+        return sunfar.ReadMonitor(address, 0)
     if kind.model == "dzb100":
-        return dzb.Query(address, 1)
+        return dzb100.Dzb100Query(address, 1)
     return modbus.ReadRegisters(address, 0x3001 if kind.model == "vc660" else 0, 4)
 
 
-class Round:
+class PollRound:
     """Polls every drive as often as the bus allows and writes down when each answered."""
 
-    def __init__(self, here: Plant) -> None:
-        self.answers: dict[int, list[Answer]] = defaultdict(list)
+    def __init__(self, here: SystemBench) -> None:
+        self.answers: dict[int, list[BusResult]] = defaultdict(list)
         self.times: dict[int, list[float]] = defaultdict(list)
         for address in here.drives:
-            here.bus.watch(address, [Poll(request(here.kind, address), 0.0)], lambda a, n=address: self._heard(n, a))
+            here.bus.start_polling(
+                address, [Poll(request(here.kind, address), 0.0)], lambda a, n=address: self._on_answer(n, a)
+            )
 
-    def _heard(self, address: int, answer: Answer) -> None:
+    def _on_answer(self, address: int, answer: BusResult) -> None:
         if answer.error is None:
             assert answer.received_at is not None
             self.answers[address].append(answer)
@@ -67,43 +69,47 @@ class Round:
         return (times[-1] - times[0]) / (len(times) - 1)
 
 
-def transaction_s(kind: Kind, here: Plant) -> float:
+def transaction_s(kind: SystemVariant, here: SystemBench) -> float:
     """Gap, request, the drive's own delay, answer: what the manuals' arithmetic says."""
     character = here.bench.line.character_s
-    asked, answered = FRAMES[kind.name]
+    asked, answered = POLL_LENGTHS[kind.name]
     gap = max(kind.gap_characters * character, kind.gap_floor_s)
     return gap + (asked + answered) * character + max(kind.station_s, kind.station_characters * character)
 
 
 @every_family
-def test_polling_31_drives_takes_what_the_arithmetic_says(kind: Kind) -> None:
+def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -> None:
     async def told() -> None:
-        async with plant(kind, ADDRESSES[kind.model]) as here:
+        async with system_bench(kind, ADDRESSES[kind.model]) as here:
             await asyncio.sleep(1.0)
-            polls = Round(here)
+            polls = PollRound(here)
             await asyncio.sleep(20.0)
             expected = transaction_s(kind, here)
-            first = here.tap.asked[0].start
-            ends = [one.end for one in here.tap.answered]
+            first = here.tap.requests_sent[0].start
+            ends = [one.end for one in here.tap.replies_sent]
             gap = max(kind.gap_characters * here.bench.line.character_s, kind.gap_floor_s)
             assert first == 1.0, "the line had been silent: nothing to wait for"
             for number, end in enumerate(ends, start=1):
                 assert end == pytest.approx(first - gap + number * expected, abs=1e-6)
-            assert len(ends) == len(here.tap.asked) - (len(here.tap.asked) > len(ends)) >= int(20.0 / expected)
+            assert (
+                len(ends)
+                == len(here.tap.requests_sent) - (len(here.tap.requests_sent) > len(ends))
+                >= int(20.0 / expected)
+            )
             counts = [len(polls.answers[address]) for address in here.drives]
             assert sum(counts) == sum(end + gap <= 21.0 for end in ends), "every answer was credited after its gap"
             assert max(counts) - min(counts) <= 2
             here.tap.check(kind)
 
-    story(told())
+    run_virtual(told())
 
 
 @on_four_lines
 @every_family
-def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: Kind, weather: str) -> None:
+def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVariant, weather: str) -> None:
     async def told() -> None:
-        async with plant(kind, ADDRESSES[kind.model], weather) as here:
-            polls = Round(here)
+        async with system_bench(kind, ADDRESSES[kind.model], weather) as here:
+            polls = PollRound(here)
             await asyncio.sleep(40.0)
             counts = {address: len(polls.answers[address]) for address in here.drives}
             assert all(count >= 5 for count in counts.values()), counts
@@ -112,21 +118,21 @@ def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: Kind, weat
             if kind.model != "dzb100" and "late" not in weather:  # its manual gives no gap; the pretend one is stricter
                 assert not any(station.gap_violations for station in here.bench.stations)
 
-    story(told())
+    run_virtual(told())
 
 
 @pytest.mark.parametrize("dead", [1, 5, 15, 30])
 @pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
-def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(kind: Kind, dead: int) -> None:
+def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(kind: SystemVariant, dead: int) -> None:
     """G08: the cycle of the living stretches by 11.2 % at most for any number of dead drives."""
 
     async def told() -> None:
-        async with plant(kind, ADDRESSES[kind.model]) as here:
+        async with system_bench(kind, ADDRESSES[kind.model]) as here:
             addresses = list(here.drives)
             silent, living = addresses[:dead], addresses[dead:]
             for address in silent:
                 here.station(address).faults.silent = True
-            polls = Round(here)
+            polls = PollRound(here)
             await asyncio.sleep(20.0)
             begun = here.bus.now()
             await asyncio.sleep(60.0)
@@ -141,15 +147,15 @@ def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(
             assert {here.bus.presence(address) for address in addresses} == {Presence.ONLINE}
             here.tap.check(kind)
 
-    story(told())
+    run_virtual(told())
 
 
-@every_telling_drive
-def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: Kind) -> None:
+@every_reporting_drive
+def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVariant) -> None:
     """I4, G17: within three periods (1 s at least) and a timeout nothing of it is good; it all comes back with it."""
 
     async def told() -> None:
-        async with plant(kind) as here, _closing(here.drive.monitor()) as monitor:
+        async with system_bench(kind) as here, _closing(here.drive.monitor()) as monitor:
             await asyncio.sleep(8.0)
             fresh = monitor.status()
             assert fresh.state == "stopped"
@@ -157,7 +163,7 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: Kind) ->
             assert "output_frequency" in good
             here.station().faults.silent = True
             longest = max(3 * signal.period_s for signal in here.drive.profile.signals.values())
-            timeout = here.link().timing.timeout_s(here.bus.line, 18)
+            timeout = here.link().timing.timeout_s(here.bus.settings, 18)
             await asyncio.sleep(max(longest, 1.0) + timeout + 0.01)
             stale = monitor.status()
             assert stale.state == "unknown" and stale.reason == "drives.stale"
@@ -169,18 +175,20 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: Kind) ->
             assert back.state == "stopped"
             assert {name for name, reading in back.readings.items() if reading.quality is Quality.GOOD} >= good
 
-    story(told())
+    run_virtual(told())
 
 
 @every_family
-def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_values_good_as_long(kind: Kind) -> None:
+def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_values_good_as_long(
+    kind: SystemVariant,
+) -> None:
     """For lines with more drives than the profile's own periods allow; good for three periods (ruling 12)."""
 
     async def told() -> None:
-        async with plant(kind) as here:
+        async with system_bench(kind) as here:
             monitor = here.drive.monitor(period_s=5.0)
             await asyncio.sleep(60.0)
-            often = Counter(one.data for one in here.tap.asked)
+            often = Counter(one.data for one in here.tap.requests_sent)
             assert max(often.values()) <= 13
             assert max(often.values()) >= 12
             here.station().faults.silent = True
@@ -194,7 +202,7 @@ def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_va
             assert {found[name].quality for name in good} == {Quality.BAD}
             monitor.close()
 
-    story(told())
+    run_virtual(told())
 
 
 def _closing(monitor: Any) -> Any:
@@ -209,4 +217,4 @@ def _closing(monitor: Any) -> Any:
 
 
 def test_the_table_of_frames_speaks_of_every_family() -> None:
-    assert set(FRAMES) == {kind.name for kind in FAMILIES}
+    assert set(POLL_LENGTHS) == {kind.name for kind in FAMILIES}

@@ -11,35 +11,35 @@ import pytest
 
 from drivebus.drives import Monitor
 from drivebus.errors import DrivebusError
-from drivebus.reading import Quality
-from drivebus.sim.motor import Trip
-from system.plant import WEATHERS, Kind, Plant, every_family, plant, story
+from drivebus.simulator.motor import Trip
+from drivebus.values import Quality
+from fixtures.system_bench import LINE_QUALITIES, SystemBench, SystemVariant, every_family, run_virtual, system_bench
 
 MINUTES = 3
-LONGEST_PREPARATION_S = 5.0
-EXPIRY_S = 2.0
+PREPARATION_MAX_S = 5.0
+COMMAND_EXPIRY_S = 2.0
 """A frame that moves leaves no later than this after the command, and the command no later than that after the wish."""
-SETTLED_S = 6.0
+STATE_SETTLED_MAX_S = 6.0
 """What has been so for this long must not be reported otherwise."""
 
 
-class Person:
+class RandomUser:
     """Wishes at random instants, and remembers them: each start or new frequency, and each stop."""
 
-    def __init__(self, here: Plant, chance: random.Random) -> None:
+    def __init__(self, here: SystemBench, chance: random.Random) -> None:
         self.here, self.chance = here, chance
-        self.wishes: dict[int, list[tuple[float, float]]] = {address: [] for address in here.drives}
+        self.commands: dict[int, list[tuple[float, float]]] = {address: [] for address in here.drives}
         """When a motion was wished for, and when that wish had ended."""
         self.runs = dict.fromkeys(here.drives, 0)
         self.tasks: set[asyncio.Task[None]] = set()
 
-    def act(self) -> None:
+    def command(self) -> None:
         """One more wish, whatever becomes of the older ones."""
-        task = asyncio.ensure_future(self._act(self.chance.choice(list(self.here.drives))))
+        task = asyncio.ensure_future(self._issue_command(self.chance.choice(list(self.here.drives))))
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
 
-    async def _act(self, address: int) -> None:
+    async def _issue_command(self, address: int) -> None:
         drive, begun = self.here.drives[address], self.here.bus.now()
         wish = self.chance.choice(("run", "run", "stop", "stop", "set", "reset"))
         try:
@@ -55,10 +55,10 @@ class Person:
         except DrivebusError:
             pass
         if wish in ("run", "set"):
-            self.wishes[address].append((begun, self.here.bus.now()))
+            self.commands[address].append((begun, self.here.bus.now()))
 
 
-def spoil(here: Plant, chance: random.Random) -> None:
+def disturb(here: SystemBench, chance: random.Random) -> None:
     """One more thing goes wrong, or right again."""
     station = here.station(chance.choice(list(here.drives)))
     match chance.randrange(9):
@@ -71,7 +71,7 @@ def spoil(here: Plant, chance: random.Random) -> None:
         case 4:
             station.power_cycle(chance.uniform(0.5, 5.0))
         case 5:
-            here.bench.weather = chance.choice(list(WEATHERS.values()))
+            here.bench.weather = chance.choice(list(LINE_QUALITIES.values()))
         case 6:
             station.press_stop()
         case 7:
@@ -80,14 +80,14 @@ def spoil(here: Plant, chance: random.Random) -> None:
             here.bench.replug()
 
 
-class Truth:
+class MotorObserver:
     """Since when each motor has been on or off."""
 
-    def __init__(self, here: Plant) -> None:
+    def __init__(self, here: SystemBench) -> None:
         self.here = here
         self.since: dict[int, tuple[bool, float]] = {}
 
-    def look(self) -> None:
+    def observe(self) -> None:
         now = self.here.bus.now()
         for address in self.here.drives:
             on = self.here.station(address).motor.energised
@@ -103,23 +103,23 @@ class Truth:
                 age = reading.age_s(now)
                 assert age is not None and age <= max(3 * signals[name].period_s, 1.0) + 0.4
         on, since = self.since[address]
-        if now - since > SETTLED_S:
+        if now - since > STATE_SETTLED_MAX_S:
             assert status.state != ("stopped" if on else "running")
 
 
-def moved(here: Plant, person: Person) -> None:
+def check_motion_frames(here: SystemBench, person: RandomUser) -> None:
     """I1, I10: every frame that may start or speed up a motor lies within a wish, and soon after it."""
-    for one in here.tap.asked:
+    for one in here.tap.requests_sent:
         address = address_in(here.kind, one.data)
         if not moves(here.kind, one.data):
             continue
         assert any(
-            begun - 1e-9 <= one.start <= min(ended, begun + LONGEST_PREPARATION_S + EXPIRY_S) + 0.1
-            for begun, ended in person.wishes[address]
+            begun - 1e-9 <= one.start <= min(ended, begun + PREPARATION_MAX_S + COMMAND_EXPIRY_S) + 0.1
+            for begun, ended in person.commands[address]
         ), f"nobody wished for {one}"
 
 
-def address_in(kind: Kind, frame: bytes) -> int:
+def address_in(kind: SystemVariant, frame: bytes) -> int:
     """By the manuals' tables."""
     if kind.encoding == "hex":
         return frame[2]
@@ -130,7 +130,7 @@ def address_in(kind: Kind, frame: bytes) -> int:
     return int(frame[1:3], 16)
 
 
-def moves(kind: Kind, frame: bytes) -> bool:
+def moves(kind: SystemVariant, frame: bytes) -> bool:
     """Does this frame start or jog? Starts by the manuals' tables, with no codec."""
     if kind.model == "c320":
         return frame[5] in (b"\x11\x12\x01\x02" if kind.encoding == "hex" else b"") or frame[4:6] in (
@@ -147,21 +147,21 @@ def moves(kind: Kind, frame: bytes) -> bool:
 
 @pytest.mark.parametrize("seed", [1, 2, 18])
 @every_family
-def test_three_bad_minutes_break_no_invariant(kind: Kind, seed: int) -> None:
+def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) -> None:
     async def told() -> None:
         chance = random.Random(seed)
-        async with plant(kind, "1-4", "clean", seed=seed) as here:
-            person, truth = Person(here, chance), Truth(here)
+        async with system_bench(kind, "1-4", "clean", seed=seed) as here:
+            person, truth = RandomUser(here, chance), MotorObserver(here)
             monitors = {address: drive.monitor() for address, drive in here.drives.items()}
             for step in range(MINUTES * 120):
                 await asyncio.sleep(0.5)
                 if step % 4 == 0:
-                    person.act()
+                    person.command()
                 if step % 10 == 0:
-                    spoil(here, chance)
+                    disturb(here, chance)
                 if step % 60 == 59:
                     here.bench.replug()
-                truth.look()
+                truth.observe()
                 for address, monitor in monitors.items():
                     truth.check(address, monitor)
             here.bench.replug()
@@ -171,7 +171,7 @@ def test_three_bad_minutes_break_no_invariant(kind: Kind, seed: int) -> None:
                 station.motor.reset()
             await asyncio.sleep(130.0)
             assert not person.tasks, "every wish has ended"
-            moved(here, person)
+            check_motion_frames(here, person)
             for address in here.drives:
                 assert here.station(address).motor.starts <= person.runs[address], "I2"
             here.tap.check(kind)
@@ -179,6 +179,6 @@ def test_three_bad_minutes_break_no_invariant(kind: Kind, seed: int) -> None:
                 monitor.close()
             for drive in here.drives.values():
                 assert (await drive.stop()).done
-            assert all(not here.station(n).motor.energised for n in here.drives) or not kind.tells
+            assert all(not here.station(n).motor.energised for n in here.drives) or not kind.reports_running
 
-    story(told())
+    run_virtual(told())

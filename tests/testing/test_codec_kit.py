@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ChecksumError, HeaderError, ProtocolError
-from drivebus.message import Codec, Complete, Incomplete, Verdict
-from drivebus.testing.codec_kit import CodecFault, Exchange, check_codec
+from drivebus.protocols.codec import Codec, Complete, DecodeResult, Incomplete
+from drivebus.testing.codec_kit import CodecExchange, CodecFault, check_codec
 
 
 class Toy:
@@ -31,7 +31,7 @@ class Toy:
     def check(self, octets: bytes) -> int:
         return sum(octets) & 0xFF
 
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         if len(data) < 4:
             return Incomplete(4)
         if data[0] != head:
@@ -40,10 +40,10 @@ class Toy:
             raise ChecksumError("protocols.checksum", expected=self.check(data[:3]), found=data[3])
         return Complete((data[1], data[2]), 4)
 
-    def decode_request(self, data: bytes, /) -> Verdict:
+    def decode_request(self, data: bytes, /) -> DecodeResult:
         return self.decode(0x55, data)
 
-    def decode_reply(self, request: Any, data: bytes, /) -> Verdict:
+    def decode_reply(self, request: Any, data: bytes, /) -> DecodeResult:
         return self.decode(0x56, data)
 
     def reply_size(self, request: tuple[int, int], /) -> int:
@@ -57,8 +57,8 @@ class Toy:
 
 
 EXCHANGES = [
-    Exchange("speed", (3, 7), bytes.fromhex("55 03 07 5F"), (3, 7), bytes.fromhex("56 03 07 60")),
-    Exchange("all stop", (0, 0), bytes.fromhex("55 00 00 55")),
+    CodecExchange("speed", (3, 7), bytes.fromhex("55 03 07 5F"), (3, 7), bytes.fromhex("56 03 07 60")),
+    CodecExchange("all stop", (0, 0), bytes.fromhex("55 00 00 55")),
 ]
 
 
@@ -66,11 +66,11 @@ def test_a_codec_that_keeps_its_promises_passes() -> None:
     codec: Codec = Toy()
     report = check_codec(codec, EXCHANGES)
     assert report.checks > 1000
-    assert report.believed_flips == {"speed": []}
+    assert report.accepted_flips == {"speed": []}
 
 
 class NoCheck(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         if len(data) < 4:
             return Incomplete(4)
         if data[0] != head:
@@ -79,20 +79,20 @@ class NoCheck(Toy):
 
 
 class Hunter(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         start = max(data.find(head), 0)
         verdict = super().decode(head, data[start:])
         return Complete(verdict.message, verdict.size) if isinstance(verdict, Complete) else Incomplete(start + 4)
 
 
 class Greedy(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         verdict = super().decode(head, data)
         return Complete(verdict.message, len(data)) if isinstance(verdict, Complete) else verdict
 
 
 class Impatient(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         return Complete((data[1], data[2]), 4) if len(data) == 3 and data[0] == head else super().decode(head, data)
 
 
@@ -102,26 +102,26 @@ class Liar(Toy):
 
 
 class Asker(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         return Incomplete(len(data)) if len(data) < 4 else super().decode(head, data)
 
 
 class Crasher(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         if data[:1] not in (b"", b"\x55", b"\x56", b"\xff"):
             raise ValueError(data)
         return super().decode(head, data)
 
 
 class Moody(Toy):
-    def decode(self, head: int, data: bytes) -> Verdict:
+    def decode(self, head: int, data: bytes) -> DecodeResult:
         if len(data) == 1 and data[0] not in (head, 0xFF):
             raise HeaderError("protocols.start", expected=head, found=data[0])
         return super().decode(head, data)
 
 
 class Forgetful(Toy):
-    def decode_request(self, data: bytes, /) -> Verdict:
+    def decode_request(self, data: bytes, /) -> DecodeResult:
         verdict = super().decode_request(data)
         return Complete((verdict.message[0], 0), 4) if isinstance(verdict, Complete) else verdict
 
@@ -150,11 +150,11 @@ def test_a_broken_promise_is_named(broken: type[Toy], promise: str) -> None:
 
 def test_a_protocol_without_a_check_gets_its_believed_flips_counted() -> None:
     report = check_codec(NoCheck(), EXCHANGES, detects_flips=False)
-    assert len(report.believed_flips["speed"]) == 24
+    assert len(report.accepted_flips["speed"]) == 24
 
 
 def test_a_wrong_vector_is_blamed() -> None:
-    wrong = Exchange("speed", (3, 8), bytes.fromhex("55 03 07 5F"))
+    wrong = CodecExchange("speed", (3, 8), bytes.fromhex("55 03 07 5F"))
     with pytest.raises(CodecFault) as caught:
         check_codec(Toy(), [wrong])
     assert caught.value.promise == "encode_request gives the proven bytes"

@@ -6,69 +6,73 @@ from typing import Any
 
 import pytest
 
-from drivebus.protocols import dzb, sifang
+from drivebus.protocols import dzb100, sunfar
 from drivebus.protocols.modbus import (
-    AsciiCodec,
-    Loopback,
-    Looped,
+    Diagnostics,
+    DiagnosticsReply,
+    ModbusAsciiCodec,
+    ModbusRtuCodec,
     ReadRegisters,
-    Registers,
-    RtuCodec,
+    RegisterValues,
+    WriteAck,
     WriteRegister,
-    Written,
 )
-from drivebus.testing.codec_kit import Exchange, check_codec
-from vectorfile import Vector, load
+from drivebus.testing.codec_kit import CodecExchange, check_codec
+from fixtures.vectors import Vector, load_vectors
 
 
-def asked_sifang(fields: dict[str, Any]) -> sifang.Request:
+def asked_sifang(fields: dict[str, Any]) -> sunfar.SunfarRequest:
     """Without the operation of the manual's reads and writes, which no request of ours has (T01)."""
     address, kind = fields["address"], fields["class"]
     if kind == 0:
-        return sifang.ReadIdentity(address, fields["group"])
+        return sunfar.ReadIdentity(address, fields["group"])
     if kind == 1:
-        return sifang.ReadMonitor(address, fields["item"])
+        return sunfar.ReadMonitor(address, fields["item"])
     if kind == 2:
-        return sifang.ReadParameter(address, fields["group"], fields["item"])
+        return sunfar.SunfarReadParameter(address, fields["group"], fields["item"])
     if kind == 4:
-        return sifang.Control(address, sifang.Operation(fields["operation"]), fields["data"], expected_item=0)
-    return sifang.WriteParameter(address, fields["group"], fields["item"], fields["data"], save=kind == 5)
+        return sunfar.SunfarControl(
+            address, sunfar.SunfarOperation(fields["operation"]), fields["data"], expected_item=0
+        )
+    return sunfar.SunfarWriteParameter(address, fields["group"], fields["item"], fields["data"], save=kind == 5)
 
 
-def answered_sifang(fields: dict[str, Any]) -> sifang.Reply:
+def answered_sifang(fields: dict[str, Any]) -> sunfar.SunfarReply:
     item, data = (None, None) if "info" in fields else (fields["item"], fields["data"])
-    state, response = sifang.State(fields["state"]), sifang.Response(fields["response"])
-    return sifang.Reply(fields["address"], response, state, fields["group"], item, data, info=fields.get("info"))
+    state, response = sunfar.SunfarState(fields["state"]), sunfar.SunfarResponse(fields["response"])
+    return sunfar.SunfarReply(fields["address"], response, state, fields["group"], item, data, info=fields.get("info"))
 
 
-def asked_dzb(fields: dict[str, Any]) -> dzb.Request:
+def asked_dzb(fields: dict[str, Any]) -> dzb100.Dzb100Request:
     address = fields["address"]
     if fields["head"] == "C":
-        return dzb.Control(address, dzb.Command(fields["command"]), fields["data"], fields.get("broadcast", False))
+        return dzb100.Dzb100Control(
+            address, dzb100.Dzb100Command(fields["command"]), fields["data"], fields.get("broadcast", False)
+        )
     if fields["head"] == "P":
-        return dzb.WriteParameter(address, fields["parameter"], fields["data"])
-    return dzb.ReadParameter(address, fields["parameter"])
+        return dzb100.Dzb100WriteParameter(address, fields["parameter"], fields["data"])
+    return dzb100.Dzb100ReadParameter(address, fields["parameter"])
 
 
-def answered_dzb(fields: dict[str, Any]) -> dzb.Reply:
+def answered_dzb(fields: dict[str, Any]) -> dzb100.Dzb100Reply:
     index = fields["command"] if fields["head"] == "C" else fields["parameter"]
-    return dzb.Reply(fields["head"], fields["address"], index, fields["data"], fields["accepted"])
+    return dzb100.Dzb100Reply(fields["head"], fields["address"], index, fields["data"], fields["accepted"])
 
 
 def asked_modbus(fields: dict[str, Any]) -> Any:
     if fields["function"] == 3:
         return ReadRegisters(fields["address"], fields["register"], fields["count"])
     if fields["function"] == 8:
-        return Loopback(fields["address"], fields["data"])
+        return Diagnostics(fields["address"], fields["data"])
     return WriteRegister(fields["address"], fields["register"], fields["value"])
 
 
 def answered_modbus(fields: dict[str, Any]) -> Any:
     if fields["function"] == 3:
-        return Registers(fields["address"], 3, tuple(fields["registers"]))
+        return RegisterValues(fields["address"], 3, tuple(fields["registers"]))
     if fields["function"] == 8:
-        return Looped(fields["address"], fields["data"])
-    return Written(fields["address"], 6, fields["register"], fields["value"])
+        return DiagnosticsReply(fields["address"], fields["data"])
+    return WriteAck(fields["address"], 6, fields["register"], fields["value"])
 
 
 WORDS = {
@@ -84,10 +88,10 @@ def sendable(vector: Vector) -> bytes:
     return vector.canonical if vector.canonical is not None and vector.family == "c320" else vector.data
 
 
-def exchanges(family: str, encoding: str) -> list[Exchange]:
+def exchanges(family: str, encoding: str) -> list[CodecExchange]:
     """Each request of a family's file with the reply that the file has for it."""
     asked, answered = WORDS[family]
-    found = [vector for vector in load(family) if vector.encoding == encoding]
+    found = [vector for vector in load_vectors(family) if vector.encoding == encoding]
     replies = {vector.line["reply_to"]: vector for vector in found if "reply_to" in vector.line}
     made = []
     for vector in found:
@@ -96,16 +100,16 @@ def exchanges(family: str, encoding: str) -> list[Exchange]:
             fields = None if reply is None else reply.fields | reply.line.get("meant", {})
             message = None if fields is None else answered(fields)
             received = b"" if reply is None else reply.canonical or reply.data
-            made.append(Exchange(vector.id, asked(vector.fields), sendable(vector), message, received))
+            made.append(CodecExchange(vector.id, asked(vector.fields), sendable(vector), message, received))
     return made
 
 
 CODECS: list[tuple[str, str, Any, Any]] = [
-    ("c320", "ascii", sifang.SifangCodec("ascii"), lambda heard: heard.request),
-    ("c320", "hex", sifang.SifangCodec("hex"), lambda heard: heard.request),
-    ("vc660", "rtu", RtuCodec(), lambda request: request),
-    ("df800", "rtu", RtuCodec("short"), lambda request: request),
-    ("df800", "ascii", AsciiCodec("short"), lambda request: request),
+    ("c320", "ascii", sunfar.SunfarCodec("ascii"), lambda heard: heard.request),
+    ("c320", "hex", sunfar.SunfarCodec("hex"), lambda heard: heard.request),
+    ("vc660", "rtu", ModbusRtuCodec(), lambda request: request),
+    ("df800", "rtu", ModbusRtuCodec("short"), lambda request: request),
+    ("df800", "ascii", ModbusAsciiCodec("short"), lambda request: request),
 ]
 
 
@@ -113,8 +117,8 @@ CODECS: list[tuple[str, str, Any, Any]] = [
 def test_a_codec_with_a_check_believes_no_flip(family: str, encoding: str, codec: Any, heard: Any) -> None:
     made = exchanges(family, encoding)
     assert made
-    report = check_codec(codec, made, heard=heard, noise=60)
-    assert not any(report.believed_flips.values())
+    report = check_codec(codec, made, request_of=heard, garbage_frames=60)
+    assert not any(report.accepted_flips.values())
 
 
 def test_dzb100_believes_flips_and_the_kit_counts_them() -> None:
@@ -122,10 +126,10 @@ def test_dzb100_believes_flips_and_the_kit_counts_them() -> None:
 
     A write and a command echo their data, so only byte 2 is left: 07H refuses, 02H and 04H are state digits (T20).
     """
-    report = check_codec(dzb.DzbCodec(), exchanges("dzb100", "ascii"), detects_flips=False, noise=60)
-    believed = {name: {place for place, _ in flips} for name, flips in report.believed_flips.items() if flips}
+    report = check_codec(dzb100.Dzb100Codec(), exchanges("dzb100", "ascii"), detects_flips=False, garbage_frames=60)
+    believed = {name: {place for place, _ in flips} for name, flips in report.accepted_flips.items() if flips}
     assert believed == {"dzb100-1-request": {2}, "dzb100-2-request": {2}, "dzb100-3-request": {2, 7, 8, 9, 10}}
-    assert {name: len(flips) for name, flips in report.believed_flips.items() if flips} == {
+    assert {name: len(flips) for name, flips in report.accepted_flips.items() if flips} == {
         "dzb100-1-request": 3,
         "dzb100-2-request": 1,
         "dzb100-3-request": 15,

@@ -1,23 +1,23 @@
 """Who speaks when on one line: ``Bus`` is the master; everything that it decides is decided in the pure ``core``."""
 
-from drivebus.bus.master import Bus
-from drivebus.bus.planner import BusArithmetic, DriveArithmetic, Poll, arithmetic
-from drivebus.bus.shell import Watch
-from drivebus.bus.stations import Health, Presence
+from drivebus.bus.bus import Bus
+from drivebus.bus.poll_schedule import BusLoad, DriveLoad, Poll, estimate_bus_load
+from drivebus.bus.shell import PollSubscription
+from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics, StationStatistics
-from drivebus.bus.trace import Kind, TraceEvent
+from drivebus.bus.trace import TraceEvent, TraceKind
 
 __all__ = [
     "Bus",
-    "BusArithmetic",
+    "BusLoad",
     "BusStatistics",
-    "DriveArithmetic",
-    "Health",
-    "Kind",
+    "DriveLoad",
     "Poll",
+    "PollSubscription",
     "Presence",
+    "StationHealth",
     "StationStatistics",
     "TraceEvent",
-    "Watch",
-    "arithmetic",
+    "TraceKind",
+    "estimate_bus_load",
 ]

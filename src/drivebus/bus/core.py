@@ -13,270 +13,291 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from drivebus.bus import aftermath, unasked
-from drivebus.bus.babble import BABBLE_S, Patience
-from drivebus.bus.effects import Act, Done, Transmit, WakeAt
-from drivebus.bus.job import Job
-from drivebus.bus.planner import Poll, PollJob
-from drivebus.bus.rights import checked_job
-from drivebus.bus.scheduler import FOREVER
+from drivebus.bus import classify, failure
+from drivebus.bus.commands import CoreCommand, DeliverResult, Send, SetTimer
+from drivebus.bus.poll_schedule import Poll, PreparedPoll
+from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.scheduler import NEVER
+from drivebus.bus.silence import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.state import BusState
-from drivebus.bus.statistics import retire
-from drivebus.bus.trace import Kind, TraceEvent
+from drivebus.bus.statistics import merge_counters
+from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
-from drivebus.errors import LineFault, NoReply, PortLost, Superseded
-from drivebus.line import LineSettings
-from drivebus.message import Answer, Ask, Effect, Lane
+from drivebus.bus.validation import validate_request
+from drivebus.errors import LineError, NoReply, PortLost, Superseded
+from drivebus.protocols.codec import BusRequest, BusResult, Effect, RequestPriority
+from drivebus.serial_settings import SerialSettings
 
-STALL_S = 0.2
+HOST_STALL_TOLERANCE_S = 0.2
 """Where the host itself was late to look (``woke`` did not come at the deadline), bytes may have come in time: they
 are looked at up to so much later. It is still the one request outstanding; beyond, the value would be too old (I4)."""
-SERVED = -1.0
-"""The last WakeAt has been served: the next one is said even if it is None again."""
+TIMER_FIRED = -1.0
+"""The last SetTimer has been served: the next one is said even if it is None again."""
 
 
 class BusCore(BusState):
     """The bus itself: what is wanted of it, what happens to it, and what it does then."""
 
-    _quiet_since = 0.0
-    _wake: float | None = None
+    _silent_since = 0.0
+    _timer_at: float | None = None
 
-    def __init__(self, line: LineSettings, **options: Any) -> None:
+    def __init__(self, settings: SerialSettings, **options: Any) -> None:
         """Options as ``BusState``: name, paced, echo, allow_mixed."""
-        super().__init__(line, **options)
-        self._patience = Patience(line)
+        super().__init__(settings, **options)
+        self._silence_timeout = SilenceTimeout(settings)
 
     # --- wishes ------------------------------------------------------------------------------------------------
 
-    def submit(self, ask: Ask, token: Any, now: float) -> list[Act]:
+    def submit(self, ask: BusRequest, token: Any, now: float) -> list[CoreCommand]:
         """Queue one transaction; its Done comes when it is over. Raises ValueError for a request out of range."""
-        job = checked_job(ask, token, self.stations, self.line)
-        if not isinstance(job, Job):
-            return self._refuse(ask, token, job)
+        job = validate_request(ask, token, self.stations, self.settings)
+        if not isinstance(job, PreparedRequest):
+            return self._reject(ask, token, job)
         if not self.is_open:
-            return self._refuse(ask, token, PortLost("bus.not_open"))
+            return self._reject(ask, token, PortLost("bus.not_open"))
         if job.effect is Effect.STOP:
-            stopped = list(self.stations.values()) if job.broadcast else [job.station]
+            stopped = list(self.stations.values()) if job.is_broadcast else [job.station]
             for old in self.scheduler.supersede(stopped):
-                self.finish(old, Superseded("bus.superseded", station=old.station.address))
-        elif (refused := job.refusal(now)) is not None:
-            return self._refuse(ask, token, refused)
-        self.scheduler.put(job)
-        return self._go_on(now)
+                self.complete(old, Superseded("bus.superseded", station=old.station.address))
+        elif (refused := job.permit_error(now)) is not None:
+            return self._reject(ask, token, refused)
+        self.scheduler.enqueue(job)
+        return self._advance(now)
 
-    def cancel(self, token: Any, now: float) -> list[Act]:
+    def cancel(self, token: Any, now: float) -> list[CoreCommand]:
         """Nobody waits for this any more: what has not been sent never will be, unless it is a stop (ruling 5)."""
-        self._drop(token)
-        return self._go_on(now)
+        self._withdraw(token)
+        return self._advance(now)
 
-    def watch(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[Act]:
+    def start_polling(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[CoreCommand]:
         """Send these polls for ever; each answer is a Done under ``token``. Raises KeyError, ValueError."""
         station = self.stations[address]
         jobs = []
         for poll in polls:
-            job = PollJob(poll, token, station, self.line, now + self.scheduler.plan.phase(poll))
+            job = PreparedPoll(
+                poll, token, station, self.settings, now + self.scheduler.poll_schedule.next_phase_s(poll)
+            )
             if job.effect is not Effect.NONE:
                 raise ValueError(f"poll {poll.request!r}: a poll only reads, this one is {job.effect.value}")
             jobs.append(job)
         for job in jobs:
-            self.scheduler.plan.put(job)
-        return self._go_on(now)
+            self.scheduler.poll_schedule.add(job)
+        return self._advance(now)
 
-    def unwatch(self, token: Any, now: float) -> list[Act]:
+    def stop_polling(self, token: Any, now: float) -> list[CoreCommand]:
         """No more of these polls, and no more Done under this token."""
-        self.scheduler.plan.cancel(lambda job: job.token is token)
+        self.scheduler.poll_schedule.cancel_if(lambda job: job.token is token)
         for station in self.stations.values():
-            station.parked = [job for job in station.parked if job.token is not token]
-        self._drop(token)
-        return self._go_on(now)
+            station.suspended_polls = [job for job in station.suspended_polls if job.token is not token]
+        self._withdraw(token)
+        return self._advance(now)
 
-    def _drop(self, token: Any) -> None:
+    def _withdraw(self, token: Any) -> None:
         """Out of the queues; what is on the wire gets no second attempt. A stop is not taken back."""
-        self.scheduler.withdraw(lambda job: job.token is token and job.effect is not Effect.STOP)
-        if self.flight is not None and self.flight.job.token is token and self.flight.job.effect is not Effect.STOP:
-            self.flight.job.attempts_allowed = 0
-            if isinstance(self.flight.job, PollJob):
-                self.flight.job.cancelled = True
+        self.scheduler.remove_if(lambda job: job.token is token and job.effect is not Effect.STOP)
+        if (
+            self.transaction is not None
+            and self.transaction.prepared.token is token
+            and self.transaction.prepared.effect is not Effect.STOP
+        ):
+            self.transaction.prepared.max_attempts = 0
+            if isinstance(self.transaction.prepared, PreparedPoll):
+                self.transaction.prepared.cancelled = True
 
-    def remove(self, address: int, now: float) -> list[Act]:
+    def remove_station(self, address: int, now: float) -> list[CoreCommand]:
         """Forget a station: its polls end, what is queued for it fails."""
         station = self.stations.pop(address)
-        station.generation += 1
-        self.gone[address] = station
-        retire(self.counters, station.counters)
-        self.scheduler.forget(station)
-        gone = self.scheduler.withdraw(lambda job: job.station is station)
+        station.stop_epoch += 1
+        self.removed_stations[address] = station
+        merge_counters(self.counters, station.counters)
+        self.scheduler.remove_station(station)
+        gone = self.scheduler.remove_if(lambda job: job.station is station)
         for job in gone:
-            self.finish(job, NoReply("bus.removed", station=address))
-        return self._go_on(now)
+            self.complete(job, NoReply("bus.removed", station=address))
+        return self._advance(now)
 
     # --- events ------------------------------------------------------------------------------------------------
 
-    def opened(self, now: float) -> list[Act]:
+    def on_port_open(self, now: float) -> list[CoreCommand]:
         """The port is open (again). Nothing older is replayed (I10)."""
         self.is_open = True
         self.opened_at = now
-        self.begun_at = now if self.begun_at is None else self.begun_at
-        self._quiet_since = max(now, self._quiet_since)  # our last frame may still be leaving (I6)
-        self.echo.opened()
-        self.listener.take()
+        self.first_opened_at = now if self.first_opened_at is None else self.first_opened_at
+        self._silent_since = max(now, self._silent_since)  # our last frame may still be leaving (I6)
+        self.echo.reset()
+        self.unsolicited.drain()
         for station in self.stations.values():
-            station.backoff_s = station.probe_at = 0.0
-        return self._go_on(now)
+            station.probe_backoff_s = station.next_probe_at = 0.0
+        return self._advance(now)
 
-    def lost(self, error: PortLost, now: float) -> list[Act]:
+    def on_port_lost(self, error: PortLost, now: float) -> list[CoreCommand]:
         """The port is gone: everything pending fails, every station owes a fence, every permit is void."""
         self.is_open = False
-        flight, self.flight = self.flight, None
+        flight, self.transaction = self.transaction, None
         if flight is not None:
-            self.count(flight, now)
-            self.finish(flight.job, error, flight)
-        for job in self.scheduler.withdraw(lambda job: True):
-            self.finish(job, error)
+            self.record_bus_time(flight, now)
+            self.complete(flight.prepared, error, flight)
+        for job in self.scheduler.remove_if(lambda job: True):
+            self.complete(job, error)
         for station in self.stations.values():
-            station.generation += 1
-            station.doubt(now)
-            self.scheduler.doubts(station)
-        self._patience.renew()
-        return self._go_on(now)
+            station.stop_epoch += 1
+            station.mark_suspect(now)
+            self.scheduler.mark_suspect(station)
+        self._silence_timeout.reset()
+        return self._advance(now)
 
-    def received(self, data: bytes, now: float, marks: int = 0) -> list[Act]:
+    def on_data(self, data: bytes, now: float, line_errors: int = 0) -> list[CoreCommand]:
         """Bytes came; ``marks`` of them with a parity or framing error (G20)."""
         self.counters.bytes_received += len(data)
-        flight = self.flight
-        if marks:
-            self.counters.kind("marks", marks)
-        if marks and flight is not None:
-            flight.job.station.counters.kind("marks", marks)
-        if flight is not None and flight.message is None and now > flight.final_at + STALL_S:
-            self._conclude(flight, now)
-            flight = self.flight
-        if now > self._quiet_since:
-            self._quiet_since = now
+        flight = self.transaction
+        if line_errors:
+            self.counters.count_event("marks", line_errors)
+        if line_errors and flight is not None:
+            flight.prepared.station.counters.count_event("marks", line_errors)
+        if flight is not None and flight.message is None and now > flight.ends_at + HOST_STALL_TOLERANCE_S:
+            self._finish_transaction(flight, now)
+            flight = self.transaction
+        if now > self._silent_since:
+            self._silent_since = now
         if flight is not None:
-            flight.received(data, now, marks)
+            flight.on_data(data, now, line_errors)
         else:
-            self.listener.heard(data, now)
-        return self._go_on(now)
+            self.unsolicited.add(data, now)
+        return self._advance(now)
 
-    def woke(self, now: float) -> list[Act]:
+    def on_timer(self, now: float) -> list[CoreCommand]:
         """It is ``now``: whatever was waited for may have come."""
-        self._wake = SERVED
-        return self._go_on(now)
+        self._timer_at = TIMER_FIRED
+        return self._advance(now)
 
     # --- the machine -------------------------------------------------------------------------------------------
 
-    def _go_on(self, now: float) -> list[Act]:
-        flight = self.flight
-        if flight is not None and now >= flight.final_at:
-            self._conclude(flight, now)
-            flight = self.flight
+    def _advance(self, now: float) -> list[CoreCommand]:
+        flight = self.transaction
+        if flight is not None and now >= flight.ends_at:
+            self._finish_transaction(flight, now)
+            flight = self.transaction
         if flight is not None:
-            self._sleep(flight.final_at)
+            self._set_timer(flight.ends_at)
         elif self.is_open:
             self._send_next(now)
         else:
-            self._sleep(None)
-        out, self.out = self.out, []
+            self._set_timer(None)
+        out, self.commands = self.commands, []
         return out
 
     def _send_next(self, now: float) -> None:
         """Choose, wait for the gap, transmit. The choice is made again at every wake, so a stop always comes first."""
         job = self.scheduler.next(now)
-        while self.scheduler.refused:
-            refused, error = self.scheduler.refused.pop(0)
-            self.finish(refused, error)
-        heard = self.listener.buffer
-        at = self._quiet_since + (job.gap_s if job is not None else self._longest_gap_s() if heard else 0.0)
-        if job is not None and job.station.second_answers and job.lane is not Lane.STOP:
-            at = max(at, job.station.again_at(now))
-        if now < at and (job is None or not self._patience.over(job, now)):
-            self._sleep(at if job is None else min(at, self._patience.until(job, now)))
+        while self.scheduler.rejected:
+            refused, error = self.scheduler.rejected.pop(0)
+            self.complete(refused, error)
+        heard = self.unsolicited.buffer
+        at = self._silent_since + (job.gap_s if job is not None else self._max_gap_s() if heard else 0.0)
+        if job is not None and job.station.duplicate_reply_times and job.priority is not RequestPriority.STOP:
+            at = max(at, job.station.next_allowed_at(now))
+        if now < at and (job is None or not self._silence_timeout.expired(job, now)):
+            self._set_timer(at if job is None else min(at, self._silence_timeout.deadline(job, now)))
             return
         if heard:
-            unasked.sort_out(self, now)
+            classify.classify_idle(self, now)
             self._send_next(now)  # what was heard may have made a station suspect: choose again
         elif job is None:
-            self._patience.renew()
-            self._sleep(None if self.scheduler.wake_at == FOREVER else self.scheduler.wake_at)
-        elif now < at and job.lane is not Lane.STOP:
-            self._fail_unsent(job, LineFault("bus.no_silence", seconds=BABBLE_S), now)
+            self._silence_timeout.reset()
+            self._set_timer(None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at)
+        elif now < at and job.priority is not RequestPriority.STOP:
+            self._fail_unsent(job, LineError("bus.no_silence", seconds=SILENCE_TIMEOUT_S), now)
         else:
             self._transmit(job, now)
 
-    def _transmit(self, job: Job, now: float) -> None:
-        self.scheduler.took(job, now)
-        self._patience.renew()
+    def _transmit(self, job: PreparedRequest, now: float) -> None:
+        self.scheduler.on_sent(job, now)
+        self._silence_timeout.reset()
         job.attempts += 1
         job.sent_at = now
         station = job.station
-        station.asked = job
+        station.last_request = job
         counters = station.counters
         counters.transactions += 1
         counters.bytes_sent += len(job.data)
-        flight = Transaction(job, now, self.character_s, paced=self.paced, echo=self.echo.filter_for(job))
-        self.flight = flight
-        self._quiet_since = station.asked_at = flight.sent_end
-        self.out.append(Transmit(job.data))
+        flight = Transaction(
+            job, now, self.character_s, has_line_timing=self.has_line_timing, echo=self.echo.filter_for(job)
+        )
+        self.transaction = flight
+        self._silent_since = station.last_request_sent_at = flight.tx_end_at
+        self.commands.append(Send(job.data))
         if self.tracing:
-            self.trace(TraceEvent(now, Kind.SENT, job.data, station.address, job.request, attempt=job.attempts))
-        self._sleep(flight.final_at)
+            self.trace(TraceEvent(now, TraceKind.SENT, job.data, station.address, job.request, attempt=job.attempts))
+        self._set_timer(flight.ends_at)
 
-    def _conclude(self, flight: Transaction, now: float) -> None:
+    def _finish_transaction(self, transaction: Transaction, now: float) -> None:
         """The transaction is over: believe its reply, or see what is wrong and go on from there."""
-        self.flight = None
-        self.count(flight, now)
-        if flight.early or flight.foreign:
-            unasked.during(self, flight, now)
-        flight.job.station.answered = flight.heard >= flight.job.reply_bytes
-        error = flight.outcome()
-        plain = error is None and flight.echo is None and self.echo.proved and not flight.job.station.suspect
+        self.transaction = None
+        self.record_bus_time(transaction, now)
+        if transaction.bytes_before_tx_end or transaction.foreign_frames:
+            classify.count_extra(self, transaction, now)
+        transaction.prepared.station.last_request_answered = (
+            transaction.received_count >= transaction.prepared.reply_bytes
+        )
+        error = transaction.final_error()
+        plain = (
+            error is None
+            and transaction.echo is None
+            and self.echo.ruled_out
+            and not transaction.prepared.station.suspect
+        )
         if not plain:
-            if error is None and not flight.job.broadcast:
-                error = aftermath.disbelief(self, flight)
-            self.echo.concluded(flight)
+            if error is None and not transaction.prepared.is_broadcast:
+                error = failure.reject_reason(self, transaction)
+            self.echo.observe(transaction)
         if error is None:
-            self._accept(flight, now)
+            self._accept_reply(transaction, now)
         else:
-            aftermath.failed(self, flight, error, now)
+            failure.handle_failure(self, transaction, error, now)
 
-    def _accept(self, flight: Transaction, now: float) -> None:
-        job = flight.job
+    def _accept_reply(self, transaction: Transaction, now: float) -> None:
+        job = transaction.prepared
         station = job.station
-        if not job.broadcast:
-            assert flight.heard_at is not None
-            station.last_heard_at = flight.heard_at
-            station.counters.replied(flight.heard_at - flight.sent_end, now)
-            if job.fence:
-                self.believe(station, now, really=True)
+        if not job.is_broadcast:
+            assert transaction.last_byte_at is not None
+            station.last_reply_at = transaction.last_byte_at
+            station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
+            if job.is_sync_probe:
+                self.trust_station(station, now, verified=True)
             station.seen = True
-        if self.tracing and not job.broadcast:
+        if self.tracing and not job.is_broadcast:
             self.trace(
-                TraceEvent(flight.heard_at or now, Kind.REPLY, bytes(flight.buffer), station.address, flight.message)
+                TraceEvent(
+                    transaction.last_byte_at or now,
+                    TraceKind.REPLY,
+                    bytes(transaction.buffer),
+                    station.address,
+                    transaction.message,
+                )
             )
-        self.finish(job, None, flight)
+        self.complete(job, None, transaction)
 
     # --- small things ------------------------------------------------------------------------------------------
 
-    def _refuse(self, ask: Ask, token: Any, error: Exception) -> list[Act]:
-        return [Done(token, Answer(ask, error=error))]
+    def _reject(self, ask: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
+        return [DeliverResult(token, BusResult(ask, error=error))]
 
-    def _fail_unsent(self, job: Job, error: Exception, now: float) -> None:
+    def _fail_unsent(self, job: PreparedRequest, error: Exception, now: float) -> None:
         """The line babbles: this frame is not sent, whoever waits is told, the next one gets its turn."""
-        self.scheduler.took(job, now)
-        self._patience.renew()
-        self.counters.kind("no_silence")
-        self.finish(job, error)
-        if job.fence:
-            job.station.doubt(now)
-            for waiting in self.scheduler.withdraw(lambda other: other.station is job.station):
-                self.finish(waiting, error)
-        self._sleep(now + job.gap_s)
+        self.scheduler.on_sent(job, now)
+        self._silence_timeout.reset()
+        self.counters.count_event("no_silence")
+        self.complete(job, error)
+        if job.is_sync_probe:
+            job.station.mark_suspect(now)
+            for waiting in self.scheduler.remove_if(lambda other: other.station is job.station):
+                self.complete(waiting, error)
+        self._set_timer(now + job.gap_s)
 
-    def _longest_gap_s(self) -> float:
+    def _max_gap_s(self) -> float:
         return max((station.gap_s for station in self.stations.values()), default=3.5 * self.character_s)
 
-    def _sleep(self, when: float | None) -> None:
-        if when != self._wake:
-            self._wake = when
-            self.out.append(WakeAt(when))
+    def _set_timer(self, when: float | None) -> None:
+        if when != self._timer_at:
+            self._timer_at = when
+            self.commands.append(SetTimer(when))

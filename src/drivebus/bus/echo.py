@@ -22,14 +22,14 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from drivebus.bus.job import Job
+from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.errors import ProtocolError
-from drivebus.message import Incomplete
+from drivebus.protocols.codec import Incomplete
 
 if TYPE_CHECKING:
     from drivebus.bus.transaction import Transaction
 
-DOUBTS = 3
+MAX_MISSING_ECHOES = 3
 """So many frames in a row without their echo make a detected echo uncertain again."""
 
 
@@ -45,12 +45,12 @@ class EchoFilter:
         self.collided = False
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         return self.matched == len(self.sent)
 
     def strip(self, data: bytes) -> bytes:
         """The bytes that are no echo."""
-        if self.whole or self.collided:
+        if self.is_complete or self.collided:
             return data
         expected = self.sent[self.matched : self.matched + len(data)]
         if data.startswith(expected):
@@ -73,81 +73,83 @@ class EchoState(Enum):
     OFF = "off"
 
 
-class EchoKeeper:
+class EchoDetector:
     """Knows for one port whether it echoes, and whether a mirrored reply may be believed."""
 
-    __slots__ = ("_mirrored", "_missing", "count", "detect", "proved", "state")
+    __slots__ = ("_mirrored_frame", "_missing_echoes", "autodetect", "echo_count", "ruled_out", "state")
 
     def __init__(self, setting: str) -> None:
-        self.detect = setting == "detect"
-        self.state = EchoState.UNKNOWN if self.detect else EchoState(setting)
-        self.proved = False
+        self.autodetect = setting == "detect"
+        self.state = EchoState.UNKNOWN if self.autodetect else EchoState(setting)
+        self.ruled_out = False
         """A reply unlike its request came with no echo before it: there is none on this port."""
-        self.count = 0
-        self._missing = 0
-        self._mirrored = b""
+        self.echo_count = 0
+        self._missing_echoes = 0
+        self._mirrored_frame = b""
         """The last frame that came back whole and was not believed to be a reply."""
 
-    def opened(self) -> None:
+    def reset(self) -> None:
         """Another adapter may be in its place now: everything has to be found out again."""
-        self.proved = False
-        self._missing, self._mirrored = 0, b""
-        if self.detect:
+        self.ruled_out = False
+        self._missing_echoes, self._mirrored_frame = 0, b""
+        if self.autodetect:
             self.state = EchoState.UNKNOWN
 
-    def filter_for(self, job: Job) -> EchoFilter | None:
+    def filter_for(self, job: PreparedRequest) -> EchoFilter | None:
         """What to listen to this frame with."""
-        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and mirrorable(job)):
+        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and is_mirrorable(job)):
             return None
         return EchoFilter(job.data, tentative=self.state is EchoState.UNKNOWN)
 
-    def concluded(self, flight: Transaction) -> None:
+    def observe(self, transaction: Transaction) -> None:
         """Learn from a finished transaction."""
-        used = flight.echo
-        if used is not None and used.whole and used.sent:
-            self.count += 1
-            self._missing = 0
+        used = transaction.echo
+        if used is not None and used.is_complete and used.sent:
+            self.echo_count += 1
+            self._missing_echoes = 0
             self.state = EchoState.ON
         elif used is not None and used.tentative:
-            alone = not used.matched and flight.message is not None and flight.outcome() is None
+            alone = not used.matched and transaction.message is not None and transaction.final_error() is None
             self.state = EchoState.OFF if alone else EchoState.UNKNOWN
         elif used is not None:
-            self._missing += 1
-            if self.detect and self._missing >= DOUBTS:
-                self.opened()
-        elif self.detect and (_came_back_early(flight) or _came_back_instead(flight)):
-            self.state, self.proved = EchoState.ON, False
+            self._missing_echoes += 1
+            if self.autodetect and self._missing_echoes >= MAX_MISSING_ECHOES:
+                self.reset()
+        elif self.autodetect and (_echoed_before_tx_end(transaction) or _echoed_as_reply(transaction)):
+            self.state, self.ruled_out = EchoState.ON, False
 
-    def believes(self, flight: Transaction) -> bool:
+    def accepts(self, transaction: Transaction) -> bool:
         """May this whole reply be the station's, or could it be our own frame? Learns from replies that can't."""
-        used = flight.echo
-        if used is not None and used.whole and used.sent:
+        used = transaction.echo
+        if used is not None and used.is_complete and used.sent:
             return True
-        if flight.buffer != flight.job.data:
-            self.proved = self.proved or not flight.early
+        if transaction.buffer != transaction.prepared.data:
+            self.ruled_out = self.ruled_out or not transaction.bytes_before_tx_end
             return True
-        self._mirrored = flight.job.data if self.detect and not self.proved else b""
-        return self.proved
+        self._mirrored_frame = transaction.prepared.data if self.autodetect and not self.ruled_out else b""
+        return self.ruled_out
 
-    def came_again(self, data: bytes) -> None:
+    def note_repeat(self, data: bytes) -> None:
         """A frame that nobody asked for: the one that was taken for a reply was our own, and this is its reply."""
-        if data and data == self._mirrored:
-            self.state, self._mirrored = EchoState.ON, b""
+        if data and data == self._mirrored_frame:
+            self.state, self._mirrored_frame = EchoState.ON, b""
 
 
-def _came_back_early(flight: Transaction) -> bool:
+def _echoed_before_tx_end(transaction: Transaction) -> bool:
     """Our frame was heard, and not all of it after our own last bit, when nobody can have answered yet."""
-    return bool(flight.early) and (flight.early + flight.buffer).startswith(flight.job.data)
+    return bool(transaction.bytes_before_tx_end) and (transaction.bytes_before_tx_end + transaction.buffer).startswith(
+        transaction.prepared.data
+    )
 
 
-def _came_back_instead(flight: Transaction) -> bool:
+def _echoed_as_reply(transaction: Transaction) -> bool:
     """It was heard where a reply should stand and is none, or twice: once as our frame, once as its mirrored reply."""
-    data, heard = flight.job.data, bytes(flight.buffer)
-    found = heard.startswith(data + data) if mirrorable(flight.job) else data in heard
-    return flight.error is not None and found
+    data, heard = transaction.prepared.data, bytes(transaction.buffer)
+    found = heard.startswith(data + data) if is_mirrorable(transaction.prepared) else data in heard
+    return transaction.error is not None and found
 
 
-def mirrorable(job: Job) -> bool:
+def is_mirrorable(job: PreparedRequest) -> bool:
     """Could the request's own bytes pass for the beginning of its reply?"""
     try:
         return not isinstance(job.codec.decode_reply(job.request, job.data), Incomplete)

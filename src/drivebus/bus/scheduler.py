@@ -20,150 +20,166 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from drivebus.bus.job import Job
-from drivebus.bus.planner import Plan, PollJob
-from drivebus.bus.stations import ProbeBudget, Station
+from drivebus.bus.poll_schedule import PollSchedule, PreparedPoll
+from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
-from drivebus.message import Effect, Lane
+from drivebus.protocols.codec import Effect, RequestPriority
 
 if TYPE_CHECKING:
-    from drivebus.line import LineSettings
+    from drivebus.serial_settings import SerialSettings
 
-FOREVER = float("inf")
-URGENT_RUN = 4
-POLL_RUN = 9
+NEVER = float("inf")
+MAX_COMMANDS_IN_ROW = 4
+MAX_POLLS_IN_ROW = 9
 
 
 class Scheduler:
     """The queues of one bus. ``wake_at``: when the last ``next`` may answer differently without anything new."""
 
     __slots__ = (
-        "_commands", "_line", "_polls", "_stopped", "_urgent", "budget", "doubted", "lanes", "plan", "refused",
-        "wake_at",
-    )  # fmt: skip
+        "_commands_in_row",
+        "_last_stop_at",
+        "_polls_in_row",
+        "_settings",
+        "_urgent_in_row",
+        "next_wake_at",
+        "poll_schedule",
+        "probe_budget",
+        "queues",
+        "rejected",
+        "untrusted_stations",
+    )
 
-    def __init__(self, line: LineSettings) -> None:
-        self._line = line
-        self.lanes: tuple[deque[Job], ...] = tuple(deque() for _ in Lane)
-        self.plan = Plan()
-        self.budget = ProbeBudget()
-        self.doubted: list[Station] = []
+    def __init__(self, settings: SerialSettings) -> None:
+        self._settings = settings
+        self.queues: tuple[deque[PreparedRequest], ...] = tuple(deque() for _ in RequestPriority)
+        self.poll_schedule = PollSchedule()
+        self.probe_budget = ProbeBudget()
+        self.untrusted_stations: list[Station] = []
         """Stations that owe a fence: suspect or dead."""
-        self.refused: list[tuple[Job, Exception]] = []
-        self.wake_at = FOREVER
-        self._commands = self._urgent = 0
-        self._polls = 0
-        self._stopped: dict[Station, float] = {}
+        self.rejected: list[tuple[PreparedRequest, Exception]] = []
+        self.next_wake_at = NEVER
+        self._commands_in_row = self._urgent_in_row = 0
+        self._polls_in_row = 0
+        self._last_stop_at: dict[Station, float] = {}
         """When each station's last stop left."""
 
-    def put(self, job: Job) -> None:
-        self.lanes[job.lane].append(job)
+    def enqueue(self, job: PreparedRequest) -> None:
+        self.queues[job.priority].append(job)
 
-    def again(self, job: Job) -> None:
+    def requeue(self, job: PreparedRequest) -> None:
         """One more attempt: first in its lane, but a stop lets the other drives' stops go first."""
-        if job.lane is Lane.STOP:
-            self.lanes[job.lane].append(job)
+        if job.priority is RequestPriority.STOP:
+            self.queues[job.priority].append(job)
         else:
-            self.lanes[job.lane].appendleft(job)
+            self.queues[job.priority].appendleft(job)
 
-    def next(self, now: float) -> Job | None:
+    def next(self, now: float) -> PreparedRequest | None:
         """The frame that is to be sent next (its gap may still have to pass), or None.
 
         A stop that was asked for in another lane (the levels that follow a VC660's stop pulse) lets stops go first.
         """
-        self.wake_at = FOREVER
-        stops, commands, parameters, polls, probes = self.lanes
+        self.next_wake_at = NEVER
+        stops, commands, parameters, polls, probes = self.queues
         if stops:
-            return min(stops, key=self._stop_turn)
-        if self._urgent >= URGENT_RUN and (job := self._others_turn(polls, now)):
+            return min(stops, key=self._stop_order)
+        if self._urgent_in_row >= MAX_COMMANDS_IN_ROW and (job := self._next_background(polls, now)):
             return job
-        for lane in (parameters, commands) if self._commands >= URGENT_RUN else (commands, parameters):
-            if lane and (job := self._first(lane, now)):
+        for lane in (parameters, commands) if self._commands_in_row >= MAX_COMMANDS_IN_ROW else (commands, parameters):
+            if lane and (job := self._next_sendable(lane, now)):
                 return job
-        if self.doubted and (job := self._fence(now)):
+        if self.untrusted_stations and (job := self._next_sync_probe(now)):
             return job
-        if probes and self._polls >= POLL_RUN and (job := self._first(probes, now)):
+        if probes and self._polls_in_row >= MAX_POLLS_IN_ROW and (job := self._next_sendable(probes, now)):
             return job
-        if job := self._poll(polls, now):
+        if job := self._next_poll(polls, now):
             return job
-        return self._first(probes, now) if probes else None
+        return self._next_sendable(probes, now) if probes else None
 
-    def took(self, job: Job, now: float) -> None:
+    def on_sent(self, job: PreparedRequest, now: float) -> None:
         """``job`` is being sent."""
-        if job.fence:
-            job.station.fence_waiting = None
-        elif isinstance(job, PollJob) and not job.retrying:
-            self.plan.took(job, now)
+        if job.is_sync_probe:
+            job.station.pending_sync_probe = None
+        elif isinstance(job, PreparedPoll) and not job.retry_queued:
+            self.poll_schedule.mark_sent(job, now)
         else:
-            if isinstance(job, PollJob):
-                job.retrying = False
-            self.lanes[job.lane].remove(job)
-        lane = job.lane
-        if lane is Lane.STOP and not job.broadcast:
-            self._stopped[job.station] = now
-        self._urgent = self._urgent + 1 if lane is Lane.PARAMETER or lane is Lane.COMMAND else 0
-        if lane is Lane.PARAMETER:
-            self._commands = 0
-        elif lane is Lane.COMMAND and self.lanes[Lane.PARAMETER]:
-            self._commands += 1
-        self._polls = self._polls + 1 if lane is Lane.POLL else 0
+            if isinstance(job, PreparedPoll):
+                job.retry_queued = False
+            self.queues[job.priority].remove(job)
+        lane = job.priority
+        if lane is RequestPriority.STOP and not job.is_broadcast:
+            self._last_stop_at[job.station] = now
+        self._urgent_in_row = (
+            self._urgent_in_row + 1 if lane is RequestPriority.PARAMETER or lane is RequestPriority.COMMAND else 0
+        )
+        if lane is RequestPriority.PARAMETER:
+            self._commands_in_row = 0
+        elif lane is RequestPriority.COMMAND and self.queues[RequestPriority.PARAMETER]:
+            self._commands_in_row += 1
+        self._polls_in_row = self._polls_in_row + 1 if lane is RequestPriority.POLL else 0
 
-    def withdraw(self, unwanted: Callable[[Job], bool]) -> list[Job]:
+    def remove_if(self, unwanted: Callable[[PreparedRequest], bool]) -> list[PreparedRequest]:
         """Take jobs out of the queues (not out of the plan)."""
-        gone: list[Job] = []
-        for lane in self.lanes:
+        gone: list[PreparedRequest] = []
+        for lane in self.queues:
             found = [job for job in lane if unwanted(job)]
             for job in found:
                 lane.remove(job)
-                if isinstance(job, PollJob):
-                    job.retrying = False
+                if isinstance(job, PreparedPoll):
+                    job.retry_queued = False
             gone += found
         return gone
 
-    def supersede(self, stations: Iterable[Station]) -> list[Job]:
+    def supersede(self, stations: Iterable[Station]) -> list[PreparedRequest]:
         """A stop for these stations: their queued commands go, and every older permit is void (6.5)."""
         stopped = set(stations)
         for station in stopped:
-            station.generation += 1
-        return self.withdraw(lambda job: job.station in stopped and _is_command(job))
+            station.stop_epoch += 1
+        return self.remove_if(lambda job: job.station in stopped and _is_command(job))
 
-    def forget(self, station: Station) -> None:
+    def remove_station(self, station: Station) -> None:
         """The station is no longer of this bus."""
-        self.plan.cancel(lambda job: job.station is station)
-        self._stopped.pop(station, None)
-        station.parked.clear()
-        if station in self.doubted:
-            self.doubted.remove(station)
+        self.poll_schedule.cancel_if(lambda job: job.station is station)
+        self._last_stop_at.pop(station, None)
+        station.suspended_polls.clear()
+        if station in self.untrusted_stations:
+            self.untrusted_stations.remove(station)
 
-    def doubts(self, station: Station) -> None:
-        if station not in self.doubted:
-            self.doubted.append(station)
+    def mark_suspect(self, station: Station) -> None:
+        if station not in self.untrusted_stations:
+            self.untrusted_stations.append(station)
 
-    def trusts(self, station: Station, now: float) -> None:
-        if station in self.doubted:
-            self.doubted.remove(station)
-        self.plan.resume(station, now)
+    def mark_trusted(self, station: Station, now: float) -> None:
+        if station in self.untrusted_stations:
+            self.untrusted_stations.remove(station)
+        self.poll_schedule.resume(station, now)
 
     def __len__(self) -> int:
-        return sum(len(lane) for lane in self.lanes)
+        return sum(len(lane) for lane in self.queues)
 
-    def _first(self, lane: deque[Job], now: float) -> Job | None:
+    def _next_sendable(self, lane: deque[PreparedRequest], now: float) -> PreparedRequest | None:
         """The first of a lane that may be sent; a suspect station's fence goes in its place."""
         head = lane[0]
-        if not head.station.suspect and head.expires_at is None and head.permit is None and head.refusal(now) is None:
+        if (
+            not head.station.suspect
+            and head.expires_at is None
+            and head.permit is None
+            and head.permit_error(now) is None
+        ):
             return head
         for job in tuple(lane):
-            if self._stale(lane, job, now):
+            if self._reject_if_stale(lane, job, now):
                 continue
             station = job.station
             if not station.suspect:
                 return job
             if now >= station.quarantined_until:
-                return station.fence_job(self._line)
-            self._wake(station.quarantined_until)
+                return station.sync_probe(self._settings)
+            self._wake_no_later_than(station.quarantined_until)
         return None
 
-    def _stale(self, lane: deque[Job], job: Job, now: float) -> bool:
+    def _reject_if_stale(self, lane: deque[PreparedRequest], job: PreparedRequest, now: float) -> bool:
         """Refuse what is too old (ruling 12) or has lost its permit (I1); nothing is sent of it."""
         error: Exception | None = None
         if job.expires_at is not None:
@@ -171,55 +187,59 @@ class Scheduler:
                 late_ms = round((now - job.expires_at) * 1000)
                 error = Expired("bus.expired", station=job.station.address, late_ms=late_ms)
             else:
-                self._wake(job.expires_at + 1e-3)
-        error = error or job.refusal(now)
+                self._wake_no_later_than(job.expires_at + 1e-3)
+        error = error or job.permit_error(now)
         if error is None:
             return False
         lane.remove(job)
-        self.refused.append((job, error))
+        self.rejected.append((job, error))
         return True
 
-    def _stop_turn(self, job: Job) -> tuple[bool, bool, float]:
+    def _stop_order(self, job: PreparedRequest) -> tuple[bool, bool, float]:
         """Least first; equals in the order in which they were asked for."""
-        return job.ask.lane is not Lane.STOP, not job.broadcast, self._stopped.get(job.station, 0.0)
+        return (
+            job.bus_request.priority is not RequestPriority.STOP,
+            not job.is_broadcast,
+            self._last_stop_at.get(job.station, 0.0),
+        )
 
-    def _others_turn(self, polls: deque[Job], now: float) -> Job | None:
-        fence = self._fence(now) if self.doubted else None
-        return fence or self._poll(polls, now)
+    def _next_background(self, polls: deque[PreparedRequest], now: float) -> PreparedRequest | None:
+        fence = self._next_sync_probe(now) if self.untrusted_stations else None
+        return fence or self._next_poll(polls, now)
 
-    def _poll(self, retries: deque[Job], now: float) -> Job | None:
-        if retries and (job := self._first(retries, now)):
+    def _next_poll(self, retries: deque[PreparedRequest], now: float) -> PreparedRequest | None:
+        if retries and (job := self._next_sendable(retries, now)):
             return job
-        if not self.plan:
+        if not self.poll_schedule:
             return None
-        if poll := self.plan.first(now):
+        if poll := self.poll_schedule.next_due(now):
             return poll
-        due = self.plan.next_due()
+        due = self.poll_schedule.next_due_at()
         if due is not None:
-            self._wake(due)
+            self._wake_no_later_than(due)
         return None
 
-    def _fence(self, now: float) -> Job | None:
+    def _next_sync_probe(self, now: float) -> PreparedRequest | None:
         """The fence that has been due longest: of a suspect station, or a probe of a silent one within the budget."""
-        budget_at = self.budget.allowed_at
+        budget_at = self.probe_budget.allowed_at
         best: Station | None = None
-        for station in self.doubted:
-            at = station.fence_at(budget_at)
+        for station in self.untrusted_stations:
+            at = station.sync_due_at(budget_at)
             if at > now:
-                self._wake(at)
-            elif best is None or _since(station) < _since(best):
+                self._wake_no_later_than(at)
+            elif best is None or _sync_due_since(station) < _sync_due_since(best):
                 best = station
-        return None if best is None else best.fence_job(self._line)
+        return None if best is None else best.sync_probe(self._settings)
 
-    def _wake(self, at: float) -> None:
-        if at < self.wake_at:
-            self.wake_at = at
-
-
-def _since(station: Station) -> float:
-    return station.probe_at if station.dead else station.quarantined_until
+    def _wake_no_later_than(self, at: float) -> None:
+        if at < self.next_wake_at:
+            self.next_wake_at = at
 
 
-def _is_command(job: Job) -> bool:
+def _sync_due_since(station: Station) -> float:
+    return station.next_probe_at if station.dead else station.quarantined_until
+
+
+def _is_command(job: PreparedRequest) -> bool:
     """Stops have a lane of their own, whatever they were asked in."""
-    return job.lane is Lane.COMMAND or job.effect is Effect.MOTION
+    return job.priority is RequestPriority.COMMAND or job.effect is Effect.MOTION

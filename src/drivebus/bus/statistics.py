@@ -9,19 +9,28 @@ from typing import NamedTuple
 
 from drivebus.errors import NoReply
 
-RECENT = 512
+RECENT_TRANSACTIONS = 512
 """So many transactions are remembered for the recent figures of a bus."""
 RECENT_REPLIES = 128
 """So many reply times are remembered of each station."""
-WINDOW_S = 300.0
+ERROR_WINDOW_S = 300.0
 """Error rates look back so far (RELIABILITY 4: link-quality gate)."""
-SLICES = 10
+ERROR_WINDOW_SLICES = 10
 
 
 class Counters:
     """What one station has seen. A bus keeps one of its own for what belongs to no station; the rest is added up."""
 
-    __slots__ = ("bytes_received", "bytes_sent", "errors", "kinds", "recent", "replies", "transactions", "window")
+    __slots__ = (
+        "bytes_received",
+        "bytes_sent",
+        "error_window",
+        "errors",
+        "events",
+        "replies",
+        "reply_times_s",
+        "transactions",
+    )
 
     def __init__(self) -> None:
         self.transactions = 0
@@ -29,68 +38,68 @@ class Counters:
         self.bytes_sent = 0
         self.bytes_received = 0
         self.errors: dict[str, int] = {}
-        self.kinds: dict[str, int] = {}
-        self.recent: deque[float] = deque(maxlen=RECENT_REPLIES)
-        self.window = ErrorWindow()
+        self.events: dict[str, int] = {}
+        self.reply_times_s: deque[float] = deque(maxlen=RECENT_REPLIES)
+        self.error_window = ErrorWindow()
 
-    def kind(self, name: str, amount: int = 1) -> None:
-        self.kinds[name] = self.kinds.get(name, 0) + amount
+    def count_event(self, name: str, amount: int = 1) -> None:
+        self.events[name] = self.events.get(name, 0) + amount
 
-    def failed(self, error: Exception, now: float) -> None:
+    def record_failure(self, error: Exception, now: float) -> None:
         name = type(error).__name__
         self.errors[name] = self.errors.get(name, 0) + 1
-        self.window.add(now, SILENT if isinstance(error, NoReply) else DAMAGED)
+        self.error_window.add(now, NO_REPLY if isinstance(error, NoReply) else DAMAGED)
 
-    def replied(self, reply_s: float, now: float) -> None:
+    def record_reply(self, reply_s: float, now: float) -> None:
         self.replies += 1
-        self.recent.append(reply_s)
-        self.window.add(now, GOOD)
+        self.reply_times_s.append(reply_s)
+        self.error_window.add(now, GOOD)
 
 
-GOOD, SILENT, DAMAGED = range(3)
+GOOD, NO_REPLY, DAMAGED = range(3)
 
 
 class ErrorWindow:
     """How the transactions of the last five minutes ended, in ten slices."""
 
-    __slots__ = ("_ends_at", "_last", "_slices")
+    __slots__ = ("_current", "_ends_at", "_slices")
 
     def __init__(self) -> None:
-        self._slices: deque[list[int]] = deque(maxlen=SLICES)
-        self._last = [0, 0, 0]
+        self._slices: deque[list[int]] = deque(maxlen=ERROR_WINDOW_SLICES)
+        self._current = [0, 0, 0]
         self._ends_at = float("-inf")
 
     def add(self, now: float, ending: int) -> None:
         if now >= self._ends_at:
-            self._move(now)
-        self._last[ending] += 1
+            self._advance(now)
+        self._current[ending] += 1
 
-    def _move(self, now: float) -> None:
+    def _advance(self, now: float) -> None:
         """A slice begins with the first event after the last one's end; what nobody used counts as empty slices."""
-        slice_s = WINDOW_S / SLICES
-        missed = int(min(float(SLICES), (now - self._ends_at) / slice_s))
+        slice_s = ERROR_WINDOW_S / ERROR_WINDOW_SLICES
+        missed = int(min(float(ERROR_WINDOW_SLICES), (now - self._ends_at) / slice_s))
         self._slices.extend([0, 0, 0] for _ in range(1 + missed))
-        self._last = self._slices[-1]
+        self._current = self._slices[-1]
         self._ends_at = now + slice_s
 
     def totals(self, now: float) -> tuple[int, int, int]:
         """Good, silent and damaged ones."""
         if now >= self._ends_at:
-            self._move(now)
+            self._advance(now)
         good, silent, damaged = map(sum, zip(*self._slices, strict=True))
         return good, silent, damaged
 
-    def figures(self, now: float) -> tuple[float, int, float]:
+    def rates(self, now: float) -> tuple[float, int, float]:
         """Share that failed, how many were damaged, and their share; 0 where nothing happened."""
         totals = self.totals(now)
-        failed, damaged = _shares(totals)
+        failed, damaged = _rates(totals)
         return failed, totals[DAMAGED], damaged
 
 
-def _shares(totals: tuple[int, int, int]) -> tuple[float, float]:
+def _rates(totals: tuple[int, int, int]) -> tuple[float, float]:
     """Failed, and damaged, of all."""
     count = sum(totals)
-    return ((totals[SILENT] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
+    return ((totals[NO_REPLY] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +142,7 @@ class BusStatistics(StationStatistics):
     stations: Mapping[int, StationStatistics] = field(default_factory=dict)
 
 
-class Share(NamedTuple):
+class BusShare(NamedTuple):
     """What somebody took of a bus's recent time: load %, occupied %, transactions per second."""
 
     load_percent: float = 0.0
@@ -141,25 +150,25 @@ class Share(NamedTuple):
     transactions_per_s: float = 0.0
 
 
-NOTHING = Share()
+NO_SHARE = BusShare()
 
 
-class Activity:
+class RecentActivity:
     """The most recent transactions of a bus: when each ended, how long it used the wire and kept the bus, and whose."""
 
     __slots__ = ("_recent",)
 
     def __init__(self) -> None:
-        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT)
+        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT_TRANSACTIONS)
 
     def add(self, now: float, wire_s: float, kept_s: float, station: Counters) -> None:
         self._recent.append((now, wire_s, kept_s, station))
 
-    def shares(self, now: float, since: float) -> dict[Counters | None, Share]:
+    def shares(self, now: float, since: float) -> dict[Counters | None, BusShare]:
         """Of the whole bus (None) and of each station that was spoken to, over the last minute at most."""
         earliest = max(since, now - 60.0)
         recent = [entry for entry in self._recent if entry[0] > earliest]
-        full = len(recent) == RECENT
+        full = len(recent) == RECENT_TRANSACTIONS
         begun = recent[0][0] if full else earliest
         span = max(now - begun, 1e-9)
         sums: dict[Counters | None, tuple[float, float, int]] = {}
@@ -168,19 +177,30 @@ class Activity:
                 wire, kept, count = sums.get(whose, (0.0, 0.0, 0))
                 sums[whose] = wire + wire_s, kept + kept_s, count + 1
         return {
-            whose: Share(min(100.0, 100 * wire / span), min(100.0, 100 * kept / span), count / span)
+            whose: BusShare(min(100.0, 100 * wire / span), min(100.0, 100 * kept / span), count / span)
             for whose, (wire, kept, count) in sums.items()
         }
 
 
-def figures(counters: Counters, share: Share, now: float) -> StationStatistics:
+def station_snapshot(counters: Counters, share: BusShare, now: float) -> StationStatistics:
     """A picture of one station's counters and of its share of the bus."""
-    p50, p95, p99 = percentiles(sorted(counters.recent))
-    failed, damaged, damage_rate = counters.window.figures(now)
+    p50, p95, p99 = percentiles(sorted(counters.reply_times_s))
+    failed, damaged, damage_rate = counters.error_window.rates(now)
     return StationStatistics(
-        counters.transactions, counters.replies, counters.bytes_sent, counters.bytes_received, p50, p95, p99,
-        failed, dict(counters.errors), dict(counters.kinds), damaged, damage_rate, *share,
-    )  # fmt: skip
+        counters.transactions,
+        counters.replies,
+        counters.bytes_sent,
+        counters.bytes_received,
+        p50,
+        p95,
+        p99,
+        failed,
+        dict(counters.errors),
+        dict(counters.events),
+        damaged,
+        damage_rate,
+        *share,
+    )
 
 
 def percentiles(ordered: list[float]) -> tuple[float | None, float | None, float | None]:
@@ -191,25 +211,48 @@ def percentiles(ordered: list[float]) -> tuple[float | None, float | None, float
     return p50, p95, p99
 
 
-def snapshot(
-    name: str, counters: Counters, activity: Activity, stations: Mapping[int, Counters], *, now: float, begun: float,
-    since: float, queued: int, echoes: int,
-) -> BusStatistics:  # fmt: skip
+def bus_snapshot(
+    name: str,
+    counters: Counters,
+    activity: RecentActivity,
+    stations: Mapping[int, Counters],
+    *,
+    now: float,
+    first_opened_at: float,
+    opened_at: float,
+    queued: int,
+    echoes: int,
+) -> BusStatistics:
     """The whole bus at ``now``, first opened at ``begun``, last at ``since``. ``counters``: no station's (any more)."""
-    shares = activity.shares(now, since)
+    shares = activity.shares(now, opened_at)
     everyone = [counters, *stations.values()]
-    good, silent, spoiled = (sum(ending) for ending in zip(*(one.window.totals(now) for one in everyone), strict=True))
-    failed, damaged = _shares((good, silent, spoiled))
-    p50, p95, p99 = percentiles(sorted(reply_s for one in everyone for reply_s in one.recent))
+    good, silent, spoiled = (
+        sum(ending) for ending in zip(*(one.error_window.totals(now) for one in everyone), strict=True)
+    )
+    failed, damaged = _rates((good, silent, spoiled))
+    p50, p95, p99 = percentiles(sorted(reply_s for one in everyone for reply_s in one.reply_times_s))
     return BusStatistics(
-        sum(one.transactions for one in everyone), sum(one.replies for one in everyone),
-        sum(one.bytes_sent for one in everyone), counters.bytes_received, p50, p95, p99, failed, dict(counters.errors),
-        {**counters.kinds, "echo": echoes}, spoiled, damaged, *shares.get(None, NOTHING), name, now - begun, queued,
-        {address: figures(one, shares.get(one, NOTHING), now) for address, one in stations.items()},
-    )  # fmt: skip
+        sum(one.transactions for one in everyone),
+        sum(one.replies for one in everyone),
+        sum(one.bytes_sent for one in everyone),
+        counters.bytes_received,
+        p50,
+        p95,
+        p99,
+        failed,
+        dict(counters.errors),
+        {**counters.events, "echo": echoes},
+        spoiled,
+        damaged,
+        *shares.get(None, NO_SHARE),
+        name,
+        now - first_opened_at,
+        queued,
+        {address: station_snapshot(one, shares.get(one, NO_SHARE), now) for address, one in stations.items()},
+    )
 
 
-def retire(counters: Counters, station: Counters) -> None:
+def merge_counters(counters: Counters, station: Counters) -> None:
     """A station leaves; what it counted stays in the sums of its bus."""
     counters.transactions += station.transactions
     counters.replies += station.replies

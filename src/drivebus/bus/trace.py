@@ -7,15 +7,15 @@ from enum import StrEnum
 from typing import Any
 
 
-class Kind(StrEnum):
+class TraceKind(StrEnum):
     """What became of some bytes."""
 
     SENT = "sent"
     REPLY = "reply"
     """Accepted as the answer to our request."""
-    VOID = "void"
+    INVALID = "void"
     """Came while we waited and was refused; ``error`` says why."""
-    SILENCE = "silence"
+    NO_REPLY = "silence"
     """Nothing (or nothing whole) came before the deadline."""
     FOREIGN = "foreign"
     """Another station's frame (F02)."""
@@ -23,11 +23,11 @@ class Kind(StrEnum):
     """The answer to a request that had been given up (F01)."""
     DUPLICATE = "duplicate"
     """A second answer to a request that has its answer (F15)."""
-    MASTER = "master"
+    FOREIGN_REQUEST = "master"
     """A request that we did not send: somebody else is master here (F14)."""
     UNSOLICITED = "unsolicited"
     """Bytes that nobody can place."""
-    EARLY = "early"
+    BEFORE_TX_END = "early"
     """Before our own last stop bit: can be no answer (F03)."""
 
 
@@ -36,7 +36,7 @@ class TraceEvent:
     """Some bytes on the wire and their meaning. ``time``: monotonic second of the first bit sent or last heard."""
 
     time: float
-    kind: Kind
+    kind: TraceKind
     data: bytes = b""
     station: int | None = None
     message: Any = None
@@ -47,9 +47,9 @@ class TraceEvent:
     @property
     def direction(self) -> str:
         """``sent`` or ``received``."""
-        return "sent" if self.kind is Kind.SENT else "received"
+        return "sent" if self.kind is TraceKind.SENT else "received"
 
-    def line(self, level: int = 2) -> str:
+    def text(self, level: int = 2) -> str:
         """One line of text. Level 0: that it was; 1: its bytes too; 2: its meaning too."""
         parts = [f"{self.time:.6f}", self.kind.value, "-" if self.station is None else str(self.station)]
         if level >= 1:

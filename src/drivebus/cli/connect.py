@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, DriveLimits
-    from drivebus.line import LineSettings
-    from drivebus.ports.port import Port
+    from drivebus.ports.base import Port
     from drivebus.profiles import DriveProfile
+    from drivebus.serial_settings import SerialSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +40,17 @@ class Target:
 
         return profiles.load(self.model)
 
-    def settings(self) -> dict[str, Any]:
+    def drive_options(self) -> dict[str, Any]:
         """``--set`` as values. Raises ConfigurationError for a name or value that the profile does not know."""
         profile = self.profile()
-        return {name: _value(profile, name, text) for name, text in self.set}
+        return {name: _option_value(profile, name, text) for name, text in self.set}
 
-    def line(self) -> LineSettings:
+    def serial_settings(self) -> SerialSettings:
         """Settings of the line: the options', else the LINK's, else the profile's."""
         return open_port(self.link, self.profile(), self.baud, self.format).settings
 
 
-def _value(profile: DriveProfile, name: str, text: str) -> Any:
+def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     from drivebus.errors import ConfigurationError
 
     if name not in profile.settings:
@@ -58,20 +58,20 @@ def _value(profile: DriveProfile, name: str, text: str) -> Any:
         raise ConfigurationError("cli.setting_unknown", model=profile.model, found=name, expected=known)
     question = next((one for one in profile.open_questions if one.setting == name), None)
     choices = question.choices if question else ()
-    value = _typed(text, profile.settings[name])
+    value = _convert_like(text, profile.settings[name])
     if value is None or (choices and value not in choices):
         expected = ", ".join(str(choice) for choice in choices) or type(profile.settings[name]).__name__
         raise ConfigurationError("cli.setting_value", name=name, found=text, expected=expected)
     return value
 
 
-_WORDS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+_BOOLEANS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
 
 
-def _typed(text: str, like: Any) -> Any:
+def _convert_like(text: str, like: Any) -> Any:
     """``text`` as a value of the same type as ``like``; None where it is none."""
     if isinstance(like, bool):
-        return _WORDS.get(text.lower())
+        return _BOOLEANS.get(text.lower())
     try:
         return type(like)(text) if isinstance(like, int | float) else text
     except ValueError:
@@ -79,86 +79,86 @@ def _typed(text: str, like: Any) -> Any:
 
 
 def open_port(link: str, profile: DriveProfile | None, baud: int | None, format: str | None) -> Port:
-    """An unopened port. What neither the options nor the LINK say comes from the profile's line. Raises LinkError."""
+    """An unopened port. What neither the options nor the LINK say comes from the profile's line. Raises PortUrlError."""
     from drivebus import ports
-    from drivebus.ports.link import parse_link
+    from drivebus.ports.url import parse_port_url
 
     if profile is not None:
-        given = parse_link(link).given
-        baud = baud if baud is not None or "baud" in given else profile.line.baud
-        format = format if format is not None or "format" in given else profile.line.format
+        given = parse_port_url(link).explicit
+        baud = baud if baud is not None or "baud" in given else profile.serial.baud
+        format = format if format is not None or "format" in given else profile.serial.format
     return ports.open_port(link, baud=baud, format=format)
 
 
 @asynccontextmanager
-async def drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
+async def open_drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
     """The open bus with the drive on it, within the user's ``limits``; closed afterwards.
 
-    Raises PortUnavailable, LinkError, ProfileError; CaptureError where ``record`` can't be created. With ``service``
+    Raises PortUnavailable, PortUrlError, ProfileError; CaptureError where ``record`` can't be created. With ``service``
     the same face over the service that owns the bus; raises what that says.
     """
     if target.service is not None:
-        async with _served(target) as served:
+        async with _open_remote(target) as served:
             yield served
         return
     from drivebus.bus import Bus
-    from drivebus.cli import voice
+    from drivebus.cli import output
     from drivebus.drives import Drive
     from drivebus.errors import BusError
 
     profile = target.profile()
-    settings = target.settings()
-    with recorded(open_port(target.link, profile, target.baud, target.format), target.record) as port:
+    settings = target.drive_options()
+    with record_port(open_port(target.link, profile, target.baud, target.format), target.record) as port:
         async with Bus(port) as bus:
             found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings, limits=limits)
             try:
                 yield bus, found
             except BusError:
                 if bus.health(target.address).foreign_master:
-                    voice.note("hint.foreign_master")
+                    output.print_note("hint.foreign_master")
                 raise
             finally:
                 found.close()
 
 
 @asynccontextmanager
-async def _served(target: Target) -> AsyncIterator[tuple[Any, Any]]:
-    from drivebus.cli.service.client import opened
-    from drivebus.cli.service.drive import ServedBus, ServedDrive
+async def _open_remote(target: Target) -> AsyncIterator[tuple[Any, Any]]:
+    from drivebus.cli.remote.client import open_client
+    from drivebus.cli.remote.drive import RemoteBus, RemoteDrive
 
     assert target.service is not None
-    async with opened(target.service) as client:
-        found = ServedDrive(client, target.drive, target.address, target.profile())
+    async with open_client(target.service) as client:
+        found = RemoteDrive(client, target.drive, target.address, target.profile())
         try:
-            yield ServedBus(), found
+            yield RemoteBus(), found
         finally:
             await found.close()
 
 
 @contextmanager
-def recorded(port: Port, file: str | None) -> Iterator[Port]:
+def record_port(port: Port, file: str | None) -> Iterator[Port]:
     """The port, with a capture of all that passes through it where ``file`` names one; says so at the end."""
-    with recording(file) as around:
+    with record_ports(file) as around:
         yield around(port)
 
 
 @contextmanager
-def recording(file: str | None) -> Iterator[Callable[[Port], Port]]:
+def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
     """What puts one capture around port after port, each opened before the next; says at the end what became of it.
 
     A disk that fails ends the capture, never what the bus does.
     """
-    from drivebus.cli import voice
+    from drivebus.cli import output
 
     if file is None:
         yield lambda port: port
         return
-    from drivebus.ports.capturing import CapturingPort
+    from drivebus.ports.recording import RecordingPort
 
-    capturing: list[CapturingPort] = []
+    capturing: list[RecordingPort] = []
 
     def around(port: Port) -> Port:
-        capturing[:] = [capturing[0].around(port) if capturing else CapturingPort(port, file)]
+        capturing[:] = [capturing[0].continue_on(port) if capturing else RecordingPort(port, file)]
         return capturing[0]
 
     try:
@@ -168,6 +168,6 @@ def recording(file: str | None) -> Iterator[Callable[[Port], Port]]:
             one.end_capture()
     error = capturing[0].error if capturing else None
     if error is not None:
-        voice.note("record.cut", file=file, reason=error.strerror or str(error))
+        output.print_note("record.cut", file=file, reason=error.strerror or str(error))
     elif capturing:
-        voice.note("record.done", file=file)
+        output.print_note("record.done", file=file)

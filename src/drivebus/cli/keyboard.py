@@ -9,44 +9,44 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class Keys:
+class KeyQueue:
     """A queue of keys; ``None`` in it means that the terminal is gone."""
 
     def __init__(self) -> None:
         self._queue: asyncio.Queue[str | None] = asyncio.Queue()
-        self.last: str | None = None
-        self.last_at = float("-inf")
+        self.last_key: str | None = None
+        self.last_key_at = float("-inf")
 
-    def press(self, text: str | None) -> None:
+    def on_keys(self, text: str | None) -> None:
         """Called from the event loop for each chunk of keys."""
-        self.last_at = asyncio.get_running_loop().time()
+        self.last_key_at = asyncio.get_running_loop().time()
         for key in text or ():
-            self.last = key
+            self.last_key = key
             self._queue.put_nowait(key)
         if text is None:
-            self.last = None
+            self.last_key = None
             self._queue.put_nowait(None)
 
     async def get(self, timeout_s: float | None = None) -> str | None:
         """The next key. Raises TimeoutError after ``timeout_s``."""
         return await asyncio.wait_for(self._queue.get(), timeout_s)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop what was pressed meanwhile."""
         while not self._queue.empty():
             self._queue.get_nowait()
 
 
 @contextmanager
-def reading() -> Iterator[Keys]:
+def raw_keyboard() -> Iterator[KeyQueue]:
     """Keys of the terminal, unbuffered and unseen; its former mode comes back whatever happens."""
-    keys = Keys()
-    with _windows(keys) if sys.platform == "win32" else _posix(keys):
+    keys = KeyQueue()
+    with _read_windows(keys) if sys.platform == "win32" else _read_posix(keys):
         yield keys
 
 
 @contextmanager
-def _posix(keys: Keys) -> Iterator[None]:
+def _read_posix(keys: KeyQueue) -> Iterator[None]:
     import termios
     import tty
 
@@ -60,7 +60,7 @@ def _posix(keys: Keys) -> Iterator[None]:
             data = b""
         if not data:
             loop.remove_reader(fd)
-        keys.press(data.decode(errors="replace") if data else None)
+        keys.on_keys(data.decode(errors="replace") if data else None)
 
     tty.setcbreak(fd)
     loop.add_reader(fd, ready)
@@ -75,7 +75,7 @@ def _posix(keys: Keys) -> Iterator[None]:
 
 
 @contextmanager
-def _windows(keys: Keys) -> Iterator[None]:
+def _read_windows(keys: KeyQueue) -> Iterator[None]:
     import msvcrt  # the only keyboard that Windows consoles have
     import threading
 
@@ -84,7 +84,7 @@ def _windows(keys: Keys) -> Iterator[None]:
     def watch() -> None:
         while not over.wait(0.01):
             while msvcrt.kbhit():  # type: ignore[attr-defined,unused-ignore]
-                loop.call_soon_threadsafe(keys.press, msvcrt.getwch())  # type: ignore[attr-defined,unused-ignore]
+                loop.call_soon_threadsafe(keys.on_keys, msvcrt.getwch())  # type: ignore[attr-defined,unused-ignore]
 
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from drivebus.cli import voice
-from drivebus.cli.command import Argument, OneOf, Option
+from drivebus.cli import output
+from drivebus.cli.click_ext import Argument, Choice, Option
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -18,76 +18,78 @@ else:
     _Type = click.ParamType
 
 
-def _models(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def _complete_models(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from drivebus import profiles
 
     return [CompletionItem(name) for name in profiles.models() if name.startswith(incomplete)]
 
 
-def _links(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from drivebus import ports
 
     found = [str(port.device) for port in ports.list_ports()]
     return [CompletionItem(name) for name in [*found, "sim://", "tcp://", "rfc2217://"] if name.startswith(incomplete)]
 
 
-def link(name: str = "link") -> click.Argument:
+def port_argument(name: str = "link") -> click.Argument:
     """LINK: where the line is."""
-    return Argument([name], metavar="LINK", key="help.argument.link", shell_complete=_links)
+    return Argument([name], metavar="LINK", key="help.argument.link", shell_complete=_complete_ports)
 
 
-def source() -> click.Argument:
+def source_argument() -> click.Argument:
     """LINK or a capture file."""
-    return Argument(["source"], metavar="LINK|FILE", shell_complete=_links)
+    return Argument(["source"], metavar="LINK|FILE", shell_complete=_complete_ports)
 
 
-def line() -> list[click.Parameter]:
+def serial_options() -> list[click.Parameter]:
     """--baud and --format; without them the LINK's own, else the profile's."""
     bauds = click.IntRange(50, 4_000_000)
     return [
-        Option(["--baud"], type=Checked(bauds, "cli.expect.baud"), metavar="BAUD", example="--baud 19200"),
+        Option(["--baud"], type=CheckedType(bauds, "cli.expect.baud"), metavar="BAUD", example="--baud 19200"),
         Option(["--format"], type=FORMAT, metavar="FORMAT", example="--format 8E1"),
     ]
 
 
-def model(required: bool = True) -> click.Option:
-    return Option(["--model"], required=required, metavar="MODEL", shell_complete=_models, example="--model c320")
+def model_option(required: bool = True) -> click.Option:
+    return Option(
+        ["--model"], required=required, metavar="MODEL", shell_complete=_complete_models, example="--model c320"
+    )
 
 
-def encoding() -> click.Option:
-    return Option(["--encoding"], type=OneOf(["ascii", "hex", "rtu"]), metavar="ENCODING", example="--encoding rtu")
+def encoding_option() -> click.Option:
+    return Option(["--encoding"], type=Choice(["ascii", "hex", "rtu"]), metavar="ENCODING", example="--encoding rtu")
 
 
-def drive() -> list[click.Parameter]:
+def drive_options() -> list[click.Parameter]:
     """LINK and all that names one drive on it."""
-    station = Checked(click.IntRange(0, 247), "cli.expect.address")
+    station = CheckedType(click.IntRange(0, 247), "cli.expect.address")
     return [
-        link(),
-        model(),
+        port_argument(),
+        model_option(),
         Option(["--address"], required=True, type=station, metavar="N", example="--address 1"),
-        *line(),
-        encoding(),
-        setting(),
-        record(),
+        *serial_options(),
+        encoding_option(),
+        profile_option(),
+        record_option(),
     ]
 
 
-def setting() -> click.Option:
+def profile_option() -> click.Option:
     """--set: an open question of the family, answered."""
     example = "--set setpoint_coding=hex-0.1"
     return Option(["--set"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
 
 
-def record() -> click.Option:
+def record_option() -> click.Option:
     """--record: a capture of every byte, for ``monitor`` and for evidence."""
     return Option(["--record"], type=CAPTURE, metavar="FILE", example="--record trip-of-pump-3.dbcap")
 
 
-def dry_run() -> click.Option:
+def dry_run_option() -> click.Option:
     return Option(["--dry-run"], is_flag=True)
 
 
-class Checked(_Type):
+class CheckedType(_Type):
     """click's type, with a complaint in the user's language: ``key`` says what was expected."""
 
     def __init__(self, inner: _Type, key: str) -> None:
@@ -99,82 +101,82 @@ class Checked(_Type):
         try:
             return self.inner.convert(value, param, ctx)
         except click.BadParameter:
-            self.fail(voice.say("cli.found_expected", found=value, expected=voice.say(self.key)), param, ctx)
+            self.fail(output.text("cli.found_expected", found=value, expected=output.text(self.key)), param, ctx)
 
 
-class Number(_Type):
+class NumberType(_Type):
     """A number from ``low`` to ``high``, a whole one where these are; the complaint is in the user's language."""
 
     name = "number"
 
     def __init__(self, low: float, high: float) -> None:
         self.low, self.high = low, high
-        self.kind = int if isinstance(low, int) else float
+        self.number_type = int if isinstance(low, int) else float
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
-            found = self.kind(value)
+            found = self.number_type(value)
         except (ValueError, OverflowError):
             found = None
         if found is None or not self.low <= found <= self.high:
-            self.fail(voice.say("cli.found_expected", found=value, expected=self._expected()), param, ctx)
+            self.fail(output.text("cli.found_expected", found=value, expected=self._expected()), param, ctx)
         return found
 
     def _expected(self) -> str:
-        if self.kind is int:
-            return voice.say("cli.expect.whole", low=self.low, high=self.high)
-        return voice.say("cli.expect.number", low=f"{self.low:g}", high=f"{self.high:g}")
+        if self.number_type is int:
+            return output.text("cli.expect.whole", low=self.low, high=self.high)
+        return output.text("cli.expect.number", low=f"{self.low:g}", high=f"{self.high:g}")
 
 
-class Parsed(_Type):
+class ParsedType(_Type):
     """A value read by one function that raises ValueError; ``key`` says what was expected."""
 
     def __init__(self, name: str, read: Callable[[str], Any], key: str) -> None:
         self.name = name
-        self.read = read
+        self.parse = read
         self.key = key
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not isinstance(value, str):
             return value
         try:
-            return self.read(value)
+            return self.parse(value)
         except ValueError:
-            self.fail(voice.say("cli.found_expected", found=value, expected=voice.say(self.key)), param, ctx)
+            self.fail(output.text("cli.found_expected", found=value, expected=output.text(self.key)), param, ctx)
 
 
-def _format(text: str) -> str:
-    from drivebus.line import LineSettings
+def _parse_format(text: str) -> str:
+    from drivebus.serial_settings import SerialSettings
 
-    return LineSettings.parse(9600, text).format
+    return SerialSettings.parse(9600, text).format
 
 
-def addresses(text: str) -> tuple[int, ...]:
+def parse_addresses(text: str) -> tuple[int, ...]:
     """``0-3,7`` → (0, 1, 2, 3, 7). Raises ValueError."""
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        low, high = _station(first), _station(last if dash else first)
+        low, high = _parse_address(first), _parse_address(last if dash else first)
         if high < low:
             raise ValueError(part)
         found += range(low, high + 1)
     return tuple(dict.fromkeys(found))
 
 
-def _station(text: str) -> int:
+def _parse_address(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and int(text) <= 247):
         raise ValueError(text)
     return int(text)
 
 
-def _frequency(text: str) -> float:
+def _parse_frequency(text: str) -> float:
     value = float(text)
     if not 0.0 <= value <= 4000.0:
         raise ValueError(text)
     return value
 
 
-def assignment(text: str) -> tuple[str, str]:
+def parse_assignment(text: str) -> tuple[str, str]:
     """``NAME=VALUE``. Raises ValueError."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not (name and equals and value):
@@ -182,18 +184,18 @@ def assignment(text: str) -> tuple[str, str]:
     return name, value
 
 
-def _capture(text: str) -> str:
+def _parse_capture_file(text: str) -> str:
     if not text.endswith(".dbcap"):
         raise ValueError(text)
     return text
 
 
-FILE = Checked(click.Path(dir_okay=False, path_type=Path), "cli.expect.file")
-FOLDER = Checked(click.Path(file_okay=False, path_type=Path), "cli.expect.folder")
-SEED = Number(0, 2**32 - 1)
-PERIOD_S = Number(0.1, 86_400.0)
-CAPTURE = Parsed("capture", _capture, "cli.expect.capture")
-FORMAT = Parsed("format", _format, "cli.expect.format")
-ADDRESSES = Parsed("addresses", addresses, "cli.expect.addresses")
-FREQUENCY = Parsed("frequency", _frequency, "cli.expect.frequency")
-ASSIGNMENT = Parsed("assignment", assignment, "cli.expect.assignment")
+FILE = CheckedType(click.Path(dir_okay=False, path_type=Path), "cli.expect.file")
+FOLDER = CheckedType(click.Path(file_okay=False, path_type=Path), "cli.expect.folder")
+SEED = NumberType(0, 2**32 - 1)
+PERIOD = NumberType(0.1, 86_400.0)
+CAPTURE = ParsedType("capture", _parse_capture_file, "cli.expect.capture")
+FORMAT = ParsedType("format", _parse_format, "cli.expect.format")
+ADDRESSES = ParsedType("addresses", parse_addresses, "cli.expect.addresses")
+FREQUENCY = ParsedType("frequency", _parse_frequency, "cli.expect.frequency")
+ASSIGNMENT = ParsedType("assignment", parse_assignment, "cli.expect.assignment")

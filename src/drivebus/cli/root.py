@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import click
 
-from drivebus.cli.command import LazyGroup, Option
+from drivebus.cli.click_ext import LazyGroup, Option
 
 
-def _verbs(*names: str) -> dict[str, str]:
-    return {name: f"drivebus.cli.verbs.{name.replace('-', '_')}:command" for name in names}
+def _commands(*names: str) -> dict[str, str]:
+    return {name: f"drivebus.cli.commands.{name.replace('-', '_')}:command" for name in names}
 
 
 SECTIONS = {
-    "cli.section.first": _verbs("demo", "simulate"),
-    "cli.section.look": _verbs("status", "monitor", "read", "scan"),
-    "cli.section.move": _verbs("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
-    "cli.section.change": _verbs("write", "prove"),
-    "cli.section.plant": _verbs("init", "check", "serve", "stop-all", "user", "audit"),
+    "cli.section.first": _commands("demo", "simulate"),
+    "cli.section.look": _commands("status", "monitor", "read", "scan"),
+    "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
+    "cli.section.change": _commands("write", "prove"),
+    "cli.section.plant": _commands("init", "check", "serve", "stop-all", "user", "audit"),
     "cli.section.tools": {
-        **_verbs("decode", "models", "ports", "profile", "capture", "completion"),
-        "lab": "drivebus.lab.verbs:command",
+        **_commands("decode", "models", "ports", "profile", "capture", "completion"),
+        "lab": "verification.cli:command",
     },
 }
 

@@ -13,38 +13,38 @@ from datetime import UTC, datetime, timedelta
 from struct import pack
 from typing import Final
 
-from drivebus import pcapng
-from drivebus.capture import Capture, CaptureError
-from drivebus.commissioning.frames import Frame
+from drivebus.capture import pcapng
+from drivebus.capture.dbcap import Capture, CaptureError
+from drivebus.commissioning.decode.framing import CapturedFrame
 
 MODBUS_PORT: Final = 50502
 """Of a station that speaks Modbus RTU; Wireshark is told it with ``mbrtu.udp.port``."""
 OTHER_PORT: Final = 50501
 """Of a station that speaks anything else."""
 MASTER_PORT: Final = 50500
-OPTIONS: Final = f"-o mbrtu.udp.port:{MODBUS_PORT} -o mbrtu.crc_verification:TRUE"
+WIRESHARK_OPTIONS: Final = f"-o mbrtu.udp.port:{MODBUS_PORT} -o mbrtu.crc_verification:TRUE"
 """What Wireshark and tshark need to dissect the frames as Modbus RTU, with the right side asking, and to check them."""
-LARGEST: Final = 4096
+MAX_DATAGRAM_OCTETS: Final = 4096
 """Octets of one datagram; a longer burst becomes several."""
 _MASTER: Final = bytes((198, 51, 100, 1))
-_UNTOLD: Final = bytes((198, 51, 100, 2))
+_UNKNOWN_STATION: Final = bytes((198, 51, 100, 2))
 """A station that does not stand in the frame's first octet."""
 _STATIONS: Final = bytes((192, 0, 2))
 _LINKTYPE_IPV4: Final = 228
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def encode(capture: Capture, frames: Sequence[Frame], comment: str = "") -> bytes:
+def encode_wireshark(capture: Capture, frames: Sequence[CapturedFrame], comment: str = "") -> bytes:
     """The pcapng file. Raises CaptureError where a time is later than such a file can tell."""
-    header, began_us = capture.header, began(capture) or 0
-    if frames and began_us + round(frames[-1].time_s * 1e6) > pcapng.LAST_US:
+    header, began_us = capture.header, capture_start_us(capture) or 0
+    if frames and began_us + round(frames[-1].time_s * 1e6) > pcapng.MAX_TIME_US:
         raise CaptureError("capture.export.too_late", time_s=f"{frames[-1].time_s:g}")
-    interface = pcapng.Interface(_LINKTYPE_IPV4, header.port, str(header.settings), header.settings.baud)
+    interface = pcapng.PcapngInterface(_LINKTYPE_IPV4, header.port, str(header.settings), header.settings.baud)
     packets = (one for frame in frames for one in _packets(frame, began_us))
     return pcapng.encode(packets, interface, header.writer, comment)
 
 
-def began(capture: Capture) -> int | None:
+def capture_start_us(capture: Capture) -> int | None:
     """Microseconds of the Unix epoch at which the capture says that it began; None where it does not say."""
     try:
         at = datetime.fromisoformat(capture.header.started)
@@ -54,25 +54,25 @@ def began(capture: Capture) -> int | None:
     return since_us if since_us >= 0 else None
 
 
-def _packets(frame: Frame, began_us: int) -> Iterator[pcapng.Packet]:
-    time_us, damaged = began_us + round(frame.time_s * 1e6), frame.marks > 0
-    for at in range(0, max(1, len(frame.data)), LARGEST):
-        data = _datagram(frame, frame.data[at : at + LARGEST])
-        yield pcapng.Packet(time_us, data, frame.heard, damaged, () if at else frame.events)
+def _packets(frame: CapturedFrame, began_us: int) -> Iterator[pcapng.PcapngPacket]:
+    time_us, damaged = began_us + round(frame.time_s * 1e6), frame.line_errors > 0
+    for at in range(0, max(1, len(frame.data)), MAX_DATAGRAM_OCTETS):
+        data = _datagram(frame, frame.data[at : at + MAX_DATAGRAM_OCTETS])
+        yield pcapng.PcapngPacket(time_us, data, frame.received, damaged, () if at else frame.events)
 
 
-def _datagram(frame: Frame, data: bytes) -> bytes:
+def _datagram(frame: CapturedFrame, data: bytes) -> bytes:
     """IPv4 and UDP around the octets: from the master, or to it."""
-    station = _STATIONS + frame.data[:1] if frame.modbus and frame.data else _UNTOLD
+    station = _STATIONS + frame.data[:1] if frame.modbus and frame.data else _UNKNOWN_STATION
     port = MODBUS_PORT if frame.modbus else OTHER_PORT
     ports, addresses = (MASTER_PORT, port), (_MASTER, station)
-    way = 1 if frame.by_master else -1
+    way = 1 if frame.from_master else -1
     udp = pack(">4H", *ports[::way], 8 + len(data), 0) + data
     head, ends = pack(">2B3H2B", 0x45, 0, 20 + len(udp), 0, 0, 64, 17), b"".join(addresses[::way])
-    return head + _checksum(head + ends) + ends + udp
+    return head + _ipv4_checksum(head + ends) + ends + udp
 
 
-def _checksum(octets: bytes) -> bytes:
+def _ipv4_checksum(octets: bytes) -> bytes:
     """Of an IPv4 header without its own field (RFC 791, 3.1)."""
     total = sum(int.from_bytes(octets[at : at + 2], "big") for at in range(0, len(octets), 2))
     total = (total & 0xFFFF) + (total >> 16)

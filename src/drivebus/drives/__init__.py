@@ -1,11 +1,11 @@
 """What the user means: drives of every family, driven by their profiles. ``Drive`` and ``bus_stop`` are the doors."""
 
-from drivebus.drives.busstop import StopReport, bus_stop
+from drivebus.drives.bus_stop import StopReport, stop_bus
+from drivebus.drives.context import DriveLimits
+from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.drive import Drive
-from drivebus.drives.make import make_dialect
-from drivebus.drives.memory import DriveLimits
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, Outcome, OutcomeWord
+from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, Outcome, OutcomeStatus
 from drivebus.drives.store import FileStore, MemoryStore
 
 __all__ = [
@@ -19,8 +19,8 @@ __all__ = [
     "MemoryStore",
     "Monitor",
     "Outcome",
-    "OutcomeWord",
+    "OutcomeStatus",
     "StopReport",
-    "bus_stop",
-    "make_dialect",
+    "create_dialect",
+    "stop_bus",
 ]

@@ -9,10 +9,10 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.model import Text
-from drivebus.reading import Reading
+from drivebus.values import Reading
 
 
-class Named(StrEnum):
+class LocalizedEnum(StrEnum):
     """A word that shows itself in the reader's language (``i18n`` asks for ``en`` and ``zh``)."""
 
     @property
@@ -27,13 +27,13 @@ class Named(StrEnum):
 
     @property
     def _key(self) -> str:
-        return f"drives.{_GROUPS[type(self).__name__]}_{self.value}"
+        return f"drives.{_KEY_PREFIXES[type(self).__name__]}_{self.value}"
 
 
-_GROUPS = {"DriveState": "state", "Direction": "way", "Kind": "kind"}
+_KEY_PREFIXES = {"DriveState": "state", "Direction": "way", "Kind": "kind"}
 
 
-class DriveState(Named):
+class DriveState(LocalizedEnum):
     """What the drive itself reports. UNKNOWN is a state; it is never replaced by a guess (ruling 4)."""
 
     STOPPED = "stopped"
@@ -52,27 +52,27 @@ class DriveState(Named):
     @property
     def turning(self) -> bool:
         """The drive drives, brakes or will drive the motor by itself: never "not executed" (ruling 6)."""
-        return self in _TURNING
+        return self in _TURNING_STATES
 
     @property
     def driven(self) -> bool:
         """The drive obeys a run command."""
-        return self in _DRIVEN
+        return self in _DRIVEN_STATES
 
     @property
     def output_off(self) -> bool:
         """A stop is finished; FAULT and NOT_READY finish it too, and are said so (ruling 5)."""
-        return self in _OUTPUT_OFF
+        return self in _OUTPUT_OFF_STATES
 
 
-_DRIVEN = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.RESTARTING})
-_TURNING = _DRIVEN | {DriveState.DECELERATING, DriveState.JOGGING, DriveState.BRAKING, DriveState.PAUSED}
-_OUTPUT_OFF = frozenset(
+_DRIVEN_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.RESTARTING})
+_TURNING_STATES = _DRIVEN_STATES | {DriveState.DECELERATING, DriveState.JOGGING, DriveState.BRAKING, DriveState.PAUSED}
+_OUTPUT_OFF_STATES = frozenset(
     {DriveState.STOPPED, DriveState.EMERGENCY_STOPPED, DriveState.FAULT, DriveState.NOT_READY},
 )
 
 
-class Direction(Named):
+class Direction(LocalizedEnum):
     """Which way round, as the drive counts it."""
 
     FORWARD = "forward"
@@ -91,7 +91,7 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class DerivedState:
     """What a dialect makes of the newest replies."""
 
     state: DriveState
@@ -101,7 +101,7 @@ class Verdict:
     """Why the state is UNKNOWN (an i18n key)."""
 
 
-UNKNOWN = Verdict(DriveState.UNKNOWN, reason="drives.not_read")
+STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class DriveStatus:
     """Monotonic second of the oldest reply that the state rests on."""
 
 
-class OutcomeWord(StrEnum):
+class OutcomeStatus(StrEnum):
     """Ruling 1: how a command ended."""
 
     CONFIRMED = "confirmed"
@@ -134,7 +134,7 @@ class OutcomeWord(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class FrameExchange:
     """One frame of a command and what came back: the evidence of an outcome."""
 
     sent: bytes
@@ -151,10 +151,10 @@ class Exchange:
 class Outcome:
     """How a command ended, in one word, one sentence (``key`` and ``params``) and its frames."""
 
-    word: OutcomeWord
+    word: OutcomeStatus
     key: str
     params: Mapping[str, Any] = field(default_factory=dict)
-    evidence: tuple[Exchange, ...] = ()
+    evidence: tuple[FrameExchange, ...] = ()
     status: DriveStatus | None = None
     notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     """Further sentences: what could not be checked, and how the user can."""
@@ -162,7 +162,7 @@ class Outcome:
     @property
     def done(self) -> bool:
         """Confirmed, or acknowledged where nothing more can be known."""
-        return self.word in (OutcomeWord.CONFIRMED, OutcomeWord.ACKNOWLEDGED)
+        return self.word in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
 
     def text(self, language: str = "en") -> str:
         """The sentence in ``language`` ("en" or "zh")."""

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from drivebus import files
+from drivebus import atomic_write
 from drivebus.errors import ConfigurationError
 
-FORMAT = 1
+STORE_FORMAT = 1
 
 
 class MemoryStore:
@@ -55,7 +55,7 @@ class FileStore:
             with _locked(self.path.with_suffix(".lock")):
                 values = self._read()
                 values[key] = change(values.get(key))
-                _replace(self.path, json.dumps({"format": FORMAT, "values": values}, indent=1, sort_keys=True))
+                _replace(self.path, json.dumps({"format": STORE_FORMAT, "values": values}, indent=1, sort_keys=True))
         except OSError as error:
             problem = error.strerror or str(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
@@ -71,10 +71,10 @@ class FileStore:
             found = json.loads(text)
         except ValueError as error:
             raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
-        values = found.get("values") if isinstance(found, dict) and found.get("format") == FORMAT else None
+        values = found.get("values") if isinstance(found, dict) and found.get("format") == STORE_FORMAT else None
         if not isinstance(values, dict) or not all(isinstance(v, str) for v in values.values()):
             raise ConfigurationError(
-                "drives.store_unreadable", file=str(self.path), problem=f"format {FORMAT} expected"
+                "drives.store_unreadable", file=str(self.path), problem=f"format {STORE_FORMAT} expected"
             )
         return values
 
@@ -87,7 +87,7 @@ def default_path() -> Path:
 
 def _replace(path: Path, text: str) -> None:
     """Under the lock."""
-    files.replace(path, text.encode(), lambda part: part.open("wb"))
+    atomic_write.atomic_write(path, text.encode(), lambda part: part.open("wb"))
 
 
 @contextlib.contextmanager

@@ -1,1 +1,1 @@
-"""The plant as others see it: REST and WebSocket, each over ``PlantClient``; they never meet."""
+"""The plant as others see it: REST and WebSocket, each over ``ServiceClient``; they never meet."""

@@ -22,7 +22,7 @@ import fcntl
 import termios
 
 
-class Busy(OSError):
+class DeviceBusy(OSError):
     """Somebody else owns the device; ``pid`` where it is a drivebus that says who it is."""
 
     def __init__(self, pid: int | None = None) -> None:
@@ -30,42 +30,42 @@ class Busy(OSError):
         self.pid = pid
 
 
-def state_dir() -> Path:
+def lock_dir() -> Path:
     """Where lock files live: XDG_STATE_HOME/drivebus/locks, else ~/.local/state/drivebus/locks."""
     base = os.environ.get("XDG_STATE_HOME", "")
     root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
     return root / "drivebus" / "locks"
 
 
-def owner(device: str) -> int | None:
+def lock_owner(device: str) -> int | None:
     """The pid of the living drivebus that owns ``device``, as its lock file says."""
     try:
-        file = os.open(_file(device), os.O_RDWR | os.O_CLOEXEC)
+        file = os.open(_lock_path(device), os.O_RDWR | os.O_CLOEXEC)
     except OSError:
         return None
     try:
         _flock(file)
-    except Busy:
+    except DeviceBusy:
         return _pid(file)
     finally:
         os.close(file)
     return None
 
 
-class Lock:
+class DeviceLock:
     """Ownership of a device from construction to ``release``. Raises Busy, or OSError where the device is gone."""
 
     def __init__(self, fd: int, device: str, *, exclusive: bool = True) -> None:
         """``exclusive``: TIOCEXCL too. Not for a pty: its flag would outlive us for as long as its peer lives."""
         self._fd = fd
         self._exclusive = exclusive
-        self._file = _claim(device)
+        self._lock_file = _take_lock_file(device)
         try:
             _flock(fd)
             if exclusive:
                 fcntl.ioctl(fd, termios.TIOCEXCL)
         except BaseException:
-            self._forget()
+            self._release_lock_file()
             raise
 
     def release(self) -> None:
@@ -74,19 +74,19 @@ class Lock:
             self._exclusive = False
             with contextlib.suppress(OSError):
                 fcntl.ioctl(self._fd, termios.TIOCNXCL)
-        self._forget()
+        self._release_lock_file()
 
-    def _forget(self) -> None:
-        file, self._file = self._file, -1
+    def _release_lock_file(self) -> None:
+        file, self._lock_file = self._lock_file, -1
         if file >= 0:
             with contextlib.suppress(OSError):
                 os.ftruncate(file, 0)
             os.close(file)
 
 
-def _claim(device: str) -> int:
+def _take_lock_file(device: str) -> int:
     """Our lock file, locked and with our pid in it; -1 where the state directory can't be written (flock remains)."""
-    path = _file(device)
+    path = _lock_path(device)
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -96,10 +96,10 @@ def _claim(device: str) -> int:
         _flock(file)
         os.ftruncate(file, 0)
         os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
-    except Busy:
+    except DeviceBusy:
         pid = _pid(file)
         os.close(file)
-        raise Busy(pid) from None
+        raise DeviceBusy(pid) from None
     except OSError:
         os.close(file)
         return -1
@@ -110,7 +110,7 @@ def _flock(fd: int) -> None:
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise Busy from None
+        raise DeviceBusy from None
 
 
 def _pid(file: int) -> int | None:
@@ -118,5 +118,5 @@ def _pid(file: int) -> int | None:
     return int(text) if text.isdigit() else None
 
 
-def _file(device: str) -> Path:
-    return state_dir() / (re.sub(r"[^A-Za-z0-9._-]", "-", device.strip("/")) + ".lock")
+def _lock_path(device: str) -> Path:
+    return lock_dir() / (re.sub(r"[^A-Za-z0-9._-]", "-", device.strip("/")) + ".lock")

@@ -10,10 +10,10 @@ from __future__ import annotations
 import asyncio
 from weakref import WeakValueDictionary
 
-from drivebus.errors import LinkError, PortLost, PortUnavailable
-from drivebus.line import LineSettings
-from drivebus.ports.link import Link
-from drivebus.ports.port import Capabilities, Echo, Receiver
+from drivebus.errors import PortLost, PortUnavailable, PortUrlError
+from drivebus.ports.base import Capabilities, EchoSetting, Receiver
+from drivebus.ports.url import PortUrl
+from drivebus.serial_settings import SerialSettings
 
 
 class _Wire:
@@ -30,14 +30,16 @@ class _Wire:
 class MemoryPort:
     """One end of a pair. See ``pair``."""
 
-    def __init__(self, wire: _Wire, name: str, settings: LineSettings, paced: bool, echo: Echo = "off") -> None:
+    def __init__(
+        self, wire: _Wire, name: str, settings: SerialSettings, paced: bool, echo: EchoSetting = "off"
+    ) -> None:
         self.settings = settings
-        self.capabilities = Capabilities(paced=paced)
-        self.echo: Echo = echo
+        self.capabilities = Capabilities(has_line_timing=paced)
+        self.echo: EchoSetting = echo
         self._wire = wire
         self._name = name
         self._receiver: Receiver | None = None
-        self._opening = 0
+        self._open_count = 0
         self._free_at = 0.0
         wire.ends.append(self)
 
@@ -50,7 +52,7 @@ class MemoryPort:
         return f"memory://{self._name}"
 
     @property
-    def other(self) -> MemoryPort:
+    def peer(self) -> MemoryPort:
         """The far end."""
         left, right = self._wire.ends
         return right if self is left else left
@@ -62,7 +64,7 @@ class MemoryPort:
         if self._receiver is not None:
             raise PortUnavailable("ports.already-open", port=self.url)
         self._receiver = receiver
-        self._opening += 1
+        self._open_count += 1
         self._free_at = 0.0
 
     def write(self, data: bytes, /) -> None:
@@ -70,20 +72,20 @@ class MemoryPort:
         if self._receiver is None:
             raise PortLost("ports.not-open", port=self.url)
         loop = asyncio.get_running_loop()
-        far = self.other
-        if not self.capabilities.paced:
-            loop.call_soon(far._arrive, bytes(data), far._opening)
+        far = self.peer
+        if not self.capabilities.has_line_timing:
+            loop.call_soon(far._deliver, bytes(data), far._open_count)
             return
         at = max(loop.time(), self._free_at)
         for index in range(len(data)):
             at += self.settings.character_s
-            loop.call_at(at, far._arrive, data[index : index + 1], far._opening)
+            loop.call_at(at, far._deliver, data[index : index + 1], far._open_count)
         self._free_at = at
 
     async def close(self) -> None:
         """Bytes still on their way to this end are dropped."""
         self._receiver = None
-        self._opening += 1
+        self._open_count += 1
 
     def unplug(self) -> None:
         """Both ends lose their port and can't be opened until ``plug``."""
@@ -97,35 +99,39 @@ class MemoryPort:
 
     def _lose(self) -> None:
         receiver, self._receiver = self._receiver, None
-        self._opening += 1
+        self._open_count += 1
         if receiver is not None:
             receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
 
-    def _arrive(self, data: bytes, opening: int) -> None:
-        if self._receiver is not None and opening == self._opening:
+    def _deliver(self, data: bytes, opening: int) -> None:
+        if self._receiver is not None and opening == self._open_count:
             self._receiver.data_received(data)
 
 
 _named: WeakValueDictionary[str, _Wire] = WeakValueDictionary()
 
 
-def pair(
-    settings: LineSettings | None = None, *, paced: bool = False, name: str = "pair", echo: Echo = "off"
+def create_pair(
+    settings: SerialSettings | None = None,
+    *,
+    has_line_timing: bool = False,
+    name: str = "pair",
+    echo: EchoSetting = "off",
 ) -> tuple[MemoryPort, MemoryPort]:
     """Two joined ports, not yet opened. What one writes, the other receives."""
     wire = _Wire()
-    line = settings or LineSettings()
-    return MemoryPort(wire, name, line, paced, echo), MemoryPort(wire, name, line, paced, echo)
+    line = settings or SerialSettings()
+    return MemoryPort(wire, name, line, has_line_timing, echo), MemoryPort(wire, name, line, has_line_timing, echo)
 
 
-def open_port(link: Link) -> MemoryPort:
-    """``memory://name``: the first caller gets one end, the second the other. Raises LinkError for a third."""
-    link.only("paced", "echo")
+def open_port(link: PortUrl) -> MemoryPort:
+    """``memory://name``: the first caller gets one end, the second the other. Raises PortUrlError for a third."""
+    link.reject_unknown_options("paced", "echo")
     wire = _named.get(link.path)
     if wire is None:
-        left, _ = pair(link.settings, paced=link.flag("paced"), name=link.path)
+        left, _ = create_pair(link.settings, has_line_timing=link.flag("paced"), name=link.path)
         wire = _named[link.path] = left._wire
     if wire.taken == 2:
-        raise LinkError("ports.memory-taken", link=link.text, name=link.path)
+        raise PortUrlError("ports.memory-taken", link=link.text, name=link.path)
     wire.taken += 1
     return wire.ends[wire.taken - 1]

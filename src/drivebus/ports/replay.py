@@ -11,18 +11,18 @@ import asyncio
 from collections import deque
 from dataclasses import dataclass
 
-from drivebus.capture import Bytes, Event, Record, read_capture
+from drivebus.capture.dbcap import BytesRecord, EventRecord, Record, read_capture
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.line import LineSettings
-from drivebus.ports.link import Link
-from drivebus.ports.port import Capabilities, Echo, Receiver
+from drivebus.ports.base import Capabilities, EchoSetting, Receiver
+from drivebus.ports.url import PortUrl
+from drivebus.serial_settings import SerialSettings
 
-END_S = 1.0
+REPLAY_END_DELAY_S = 1.0
 """The port is lost so long after the last record: a reply is believed only after a gap in silence, at any baud."""
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ReplayDifference:
     """A frame that was written otherwise than it was recorded."""
 
     time_s: float
@@ -30,7 +30,7 @@ class Difference:
     expected: bytes | None
     """None where the capture had nothing more to send."""
     found: bytes
-    line: int = 0
+    line_number: int = 0
     """Line of the capture that holds the expected frame."""
 
 
@@ -39,7 +39,7 @@ class ReplayReport:
     """How what was written compares with the capture."""
 
     matched: int
-    differences: tuple[Difference, ...]
+    differences: tuple[ReplayDifference, ...]
     unsent: int
     """Recorded frames that were not written (so far)."""
 
@@ -48,23 +48,31 @@ class ReplayPort:
     """Plays a capture. Loses the port where the capture did, and a second after its end."""
 
     def __init__(
-        self, records: tuple[Record, ...], settings: LineSettings, url: str, *, waits: bool = False, echo: Echo = "off"
+        self,
+        records: tuple[Record, ...],
+        settings: SerialSettings,
+        url: str,
+        *,
+        wait_for_request: bool = False,
+        echo: EchoSetting = "off",
     ) -> None:
         """``waits``: timing=request."""
         self.settings = settings
         self.capabilities = Capabilities()
-        self.echo: Echo = echo
+        self.echo: EchoSetting = echo
         self.url = url
         self.identity = url.partition("?")[0]
-        self._records = [record for record in records if isinstance(record, Bytes) or record.name == "lost"]
-        self._unsent = deque(record for record in records if isinstance(record, Bytes) and record.direction == "tx")
-        self._waits = waits
-        self._at = 0
-        self._zero = 0.0
+        self._records = [record for record in records if isinstance(record, BytesRecord) or record.name == "lost"]
+        self._unsent = deque(
+            record for record in records if isinstance(record, BytesRecord) and record.direction == "tx"
+        )
+        self._wait_for_request = wait_for_request
+        self._position = 0
+        self._started_at = 0.0
         self._last_s = 0.0
         self._written: deque[bytes] = deque()
         self._matched = 0
-        self._differences: list[Difference] = []
+        self._differences: list[ReplayDifference] = []
         self._receiver: Receiver | None = None
         self._handle: asyncio.Handle | None = None
 
@@ -76,60 +84,62 @@ class ReplayPort:
         """Begin, or go on after a recorded loss. Raises PortUnavailable at the end of the capture."""
         if self._receiver is not None:
             raise PortUnavailable("ports.already-open", port=self.url)
-        if self._records and self._at == len(self._records):
+        if self._records and self._position == len(self._records):
             raise PortUnavailable("ports.replay-end", port=self.url)
         self._loop = asyncio.get_running_loop()
         self._receiver = receiver
-        self._zero = self._loop.time() - self._last_s
+        self._started_at = self._loop.time() - self._last_s
         self._handle = self._loop.call_soon(self._play)
 
     def write(self, data: bytes, /) -> None:
         """Compare with what was sent. Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("ports.not-open", port=self.url)
-        if self._waits and self._unsent:
+        if self._wait_for_request and self._unsent:
             self._written.append(bytes(data))
-            self._again(self._loop.call_soon(self._play))
+            self._set_handle(self._loop.call_soon(self._play))
         else:
             self._compare(bytes(data))
 
     async def close(self) -> None:
         self._receiver = None
-        self._again(None)
+        self._set_handle(None)
 
     def _play(self) -> None:
         """Deliver all that is due, then sleep until the next record, a written frame, or the end."""
-        self._again(None)
+        self._set_handle(None)
         while self._receiver is not None:
-            if self._at == len(self._records):
-                end = self._zero + self._last_s + END_S
-                self._again(self._loop.call_at(end, self._lose, "end of the capture"))
+            if self._position == len(self._records):
+                end = self._started_at + self._last_s + REPLAY_END_DELAY_S
+                self._set_handle(self._loop.call_at(end, self._lose, "end of the capture"))
                 return
-            record = self._records[self._at]
-            if isinstance(record, Bytes) and record.direction == "tx":
-                if self._waits and not self._asked(record):
+            record = self._records[self._position]
+            if isinstance(record, BytesRecord) and record.direction == "tx":
+                if self._wait_for_request and not self._request_written(record):
                     return
-            elif self._zero + record.time_s > self._loop.time():
-                self._again(self._loop.call_at(self._zero + record.time_s, self._play))
+            elif self._started_at + record.time_s > self._loop.time():
+                self._set_handle(self._loop.call_at(self._started_at + record.time_s, self._play))
                 return
-            self._at += 1
+            self._position += 1
             self._last_s = record.time_s
             self._deliver(record)
 
     def _deliver(self, record: Record) -> None:
-        if isinstance(record, Event):
+        if isinstance(record, EventRecord):
             self._lose(str(record.details.get("reason", record.name)))
         elif record.direction == "rx" and self._receiver is not None:
-            self._receiver.data_received(record.data, record.marks)
+            self._receiver.data_received(record.data, record.line_errors)
 
-    def _asked(self, record: Bytes) -> bool:
+    def _request_written(self, record: BytesRecord) -> bool:
         """Whether the recorded frame has been written; anything else that was written is a difference."""
         while self._written:
             if self._written[0] == record.data:
-                self._zero = self._loop.time() - record.time_s
+                self._started_at = self._loop.time() - record.time_s
                 self._compare(self._written.popleft())
                 return True
-            self._differences.append(Difference(self._now_s(), record.data, self._written.popleft(), record.line))
+            self._differences.append(
+                ReplayDifference(self._now_s(), record.data, self._written.popleft(), record.line_number)
+            )
         return False
 
     def _compare(self, data: bytes) -> None:
@@ -137,31 +147,31 @@ class ReplayPort:
         if expected is not None and expected.data == data:
             self._matched += 1
         elif expected is not None:
-            self._differences.append(Difference(self._now_s(), expected.data, data, expected.line))
+            self._differences.append(ReplayDifference(self._now_s(), expected.data, data, expected.line_number))
         else:
-            self._differences.append(Difference(self._now_s(), None, data))
+            self._differences.append(ReplayDifference(self._now_s(), None, data))
 
     def _now_s(self) -> float:
-        return self._loop.time() - self._zero
+        return self._loop.time() - self._started_at
 
     def _lose(self, reason: str) -> None:
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
             receiver.port_lost(PortLost("ports.lost", port=self.url, reason=reason))
 
-    def _again(self, handle: asyncio.Handle | None) -> None:
+    def _set_handle(self, handle: asyncio.Handle | None) -> None:
         if self._handle is not None:
             self._handle.cancel()
         self._handle = handle
 
 
-def open_port(link: Link) -> ReplayPort:
-    """``replay://FILE.dbcap?timing=clock|request``. Raises LinkError, or CaptureError with file and line."""
-    link.only("echo", "timing")
+def open_port(link: PortUrl) -> ReplayPort:
+    """``replay://FILE.dbcap?timing=clock|request``. Raises PortUrlError, or CaptureError with file and line."""
+    link.reject_unknown_options("echo", "timing")
     capture = read_capture(link.path)
     recorded = capture.header.settings
-    baud = link.settings.baud if "baud" in link.given else recorded.baud
-    settings = LineSettings.parse(baud, (link.settings if "format" in link.given else recorded).format)
-    echo: Echo = link.echo() if "echo" in link.options else "off"
+    baud = link.settings.baud if "baud" in link.explicit else recorded.baud
+    settings = SerialSettings.parse(baud, (link.settings if "format" in link.explicit else recorded).format)
+    echo: EchoSetting = link.echo() if "echo" in link.options else "off"
     waits = link.choice("timing", ("clock", "request"), "clock") == "request"
-    return ReplayPort(capture.records, settings, link.text, waits=waits, echo=echo)
+    return ReplayPort(capture.records, settings, link.text, wait_for_request=waits, echo=echo)

@@ -1,6 +1,6 @@
 """A serial server that speaks RFC 2217: line settings travel with the connection. The protocol itself is ``telnet``.
 
-A server that never acknowledges a setting does not hold the opening up: after NEGOTIATION_S the port opens and
+A server that never acknowledges a setting does not hold the opening up: after NEGOTIATION_TIMEOUT_S the port opens and
 ``notes`` says what was not acknowledged. A server that acknowledges another value is refused (F07).
 """
 
@@ -11,32 +11,32 @@ from collections.abc import Callable
 
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports import telnet
-from drivebus.ports.link import Link
-from drivebus.ports.port import Capabilities, Echo, Note, Receiver
-from drivebus.ports.stream import CONNECT_S, Connection
+from drivebus.ports.base import Capabilities, EchoSetting, PortNote, Receiver
+from drivebus.ports.tcp_connection import CONNECT_TIMEOUT_S, TcpConnection
+from drivebus.ports.url import PortUrl
 
-NEGOTIATION_S = 1.5
+NEGOTIATION_TIMEOUT_S = 1.5
 """For each of two steps: the option, then the settings. Servers answer within a round trip."""
 
 
 class Rfc2217Port:
     """``rfc2217://HOST:PORT?baud=…&format=…&timeout=3``."""
 
-    def __init__(self, link: Link) -> None:
-        link.only("echo", "timeout")
+    def __init__(self, link: PortUrl) -> None:
+        link.reject_unknown_options("echo", "timeout")
         self.settings = link.settings
         self.capabilities = Capabilities()
-        self.echo: Echo = link.echo()
+        self.echo: EchoSetting = link.echo()
         self.url = link.text
         self.identity = f"rfc2217:{link.host}:{link.port}"
-        self.notes: tuple[Note, ...] = ()
+        self.notes: tuple[PortNote, ...] = ()
         """What the server did not acknowledge."""
         self._host, self._port = link.host, link.port or 0
-        self._timeout_s = link.number("timeout", CONNECT_S, 0.1, 60)
-        self._connection: Connection | None = None
+        self._timeout_s = link.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
+        self._connection: TcpConnection | None = None
         self._telnet = telnet.TelnetClient()
         self._receiver: Receiver | None = None
-        self._heard = asyncio.Event()
+        self._server_replied = asyncio.Event()
         self._failure: PortLost | None = None
 
     async def open(self, receiver: Receiver) -> None:
@@ -44,7 +44,7 @@ class Rfc2217Port:
         if self._connection is not None:
             raise PortUnavailable("ports.already-open", port=self.identity)
         self._telnet, self._failure = telnet.TelnetClient(), None
-        connection = Connection(self.identity, self._received, self._lost)
+        connection = TcpConnection(self.identity, self._received, self._lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
         try:
@@ -69,19 +69,19 @@ class Rfc2217Port:
         if connection is not None:
             connection.close()
 
-    async def _negotiate(self, connection: Connection) -> None:
-        connection.write(self._telnet.begin())
-        await self._wait(lambda: self._telnet.accepted is not None)
+    async def _negotiate(self, connection: TcpConnection) -> None:
+        connection.write(self._telnet.start())
+        await self._wait_until(lambda: self._telnet.accepted is not None)
         if self._telnet.accepted is False:
             raise PortUnavailable("ports.rfc2217-refused", port=self.identity, host=self._host, number=self._port)
-        if not self._telnet.spoken:
+        if not self._telnet.is_telnet:
             raise PortUnavailable("ports.rfc2217-silent", port=self.identity, host=self._host, number=self._port)
-        wanted = telnet.wanted(self.settings)
+        wanted = telnet.serial_commands(self.settings)
         connection.write(self._telnet.configure(self.settings))
-        await self._wait(lambda: {*wanted, telnet.PURGE_DATA} <= self._telnet.acknowledged.keys())
+        await self._wait_until(lambda: {*wanted, telnet.PURGE_DATA} <= self._telnet.acknowledged.keys())
         self.notes = self._compare(wanted)
 
-    def _compare(self, wanted: dict[int, bytes]) -> tuple[Note, ...]:
+    def _compare(self, wanted: dict[int, bytes]) -> tuple[PortNote, ...]:
         """Raises PortUnavailable for a setting that the server made otherwise."""
         missing = []
         for command, value in wanted.items():
@@ -93,15 +93,15 @@ class Rfc2217Port:
                 raise PortUnavailable(
                     "ports.rfc2217-value", port=self.identity, name=name, expected=expected, found=got
                 )
-        return (Note("ports.rfc2217-unacknowledged", {"names": ", ".join(missing)}),) if missing else ()
+        return (PortNote("ports.rfc2217-unacknowledged", {"names": ", ".join(missing)}),) if missing else ()
 
-    async def _wait(self, done: Callable[[], bool]) -> None:
+    async def _wait_until(self, done: Callable[[], bool]) -> None:
         """Until ``done``, the deadline, or the connection is lost (raises PortLost)."""
         try:
-            async with asyncio.timeout(NEGOTIATION_S):
+            async with asyncio.timeout(NEGOTIATION_TIMEOUT_S):
                 while not done() and self._failure is None:
-                    self._heard.clear()
-                    await self._heard.wait()
+                    self._server_replied.clear()
+                    await self._server_replied.wait()
         except TimeoutError:
             return
         if self._failure is not None:
@@ -109,25 +109,25 @@ class Rfc2217Port:
 
     def _received(self, chunk: bytes) -> None:
         heard = self._telnet.receive(chunk)
-        if heard.answer and self._connection is not None:
+        if heard.reply and self._connection is not None:
             try:
-                self._connection.write(heard.answer)
+                self._connection.write(heard.reply)
             except PortLost:
                 return  # the transport tells of it by itself
         if self._receiver is None:
-            self._heard.set()
-        elif heard.data or heard.marks:
-            self._receiver.data_received(heard.data, heard.marks)
+            self._server_replied.set()
+        elif heard.data or heard.line_errors:
+            self._receiver.data_received(heard.data, heard.line_errors)
 
     def _lost(self, error: PortLost) -> None:
         self._failure = error
-        self._heard.set()
+        self._server_replied.set()
         self._connection = None
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
             receiver.port_lost(error)
 
 
-def open_port(link: Link) -> Rfc2217Port:
-    """The factory of scheme ``rfc2217``. Raises LinkError."""
+def open_port(link: PortUrl) -> Rfc2217Port:
+    """The factory of scheme ``rfc2217``. Raises PortUrlError."""
     return Rfc2217Port(link)

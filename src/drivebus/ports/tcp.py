@@ -7,24 +7,24 @@ baud rate of the LINK must be the server's own: the timing of the bus is compute
 from __future__ import annotations
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports.link import Link
-from drivebus.ports.port import Capabilities, Echo, Receiver
-from drivebus.ports.stream import CONNECT_S, Connection
+from drivebus.ports.base import Capabilities, EchoSetting, Receiver
+from drivebus.ports.tcp_connection import CONNECT_TIMEOUT_S, TcpConnection
+from drivebus.ports.url import PortUrl
 
 
 class TcpPort:
     """``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
 
-    def __init__(self, link: Link) -> None:
-        link.only("echo", "timeout")
+    def __init__(self, link: PortUrl) -> None:
+        link.reject_unknown_options("echo", "timeout")
         self.settings = link.settings
         self.capabilities = Capabilities()
-        self.echo: Echo = link.echo()
+        self.echo: EchoSetting = link.echo()
         self.url = link.text
         self.identity = f"tcp:{link.host}:{link.port}"
         self._host, self._port = link.host, link.port or 0
-        self._timeout_s = link.number("timeout", CONNECT_S, 0.1, 60)
-        self._connection: Connection | None = None
+        self._timeout_s = link.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
+        self._connection: TcpConnection | None = None
 
     async def open(self, receiver: Receiver) -> None:
         """Connect. Raises PortUnavailable with why and what to do."""
@@ -35,7 +35,7 @@ class TcpPort:
             self._connection = None
             receiver.port_lost(error)
 
-        connection = Connection(self.identity, receiver.data_received, lost)
+        connection = TcpConnection(self.identity, receiver.data_received, lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
 
@@ -51,6 +51,6 @@ class TcpPort:
             connection.close()
 
 
-def open_port(link: Link) -> TcpPort:
-    """The factory of scheme ``tcp``. Raises LinkError."""
+def open_port(link: PortUrl) -> TcpPort:
+    """The factory of scheme ``tcp``. Raises PortUrlError."""
     return TcpPort(link)

@@ -20,19 +20,19 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivebus.errors import ProfileError
-from drivebus.profiles import build, check, complaint, locate, shape
-from drivebus.profiles.complaint import Problem, problem
+from drivebus.profiles import build, check, diagnostics, schema_errors, toml_lines
+from drivebus.profiles.diagnostics import Issue, issue
 from drivebus.profiles.model import DriveProfile
-from drivebus.profiles.notation import nearest
-from drivebus.profiles.schema import FORMAT, ProfileIn
+from drivebus.profiles.notation import nearest_names
+from drivebus.profiles.schema import NEWEST_FORMAT, ProfileIn
 
-DATA = Path(__file__).parent / "data"
-MOST_BYTES = 1_000_000
+DATA_DIRECTORY = Path(__file__).parent / "data"
+MAX_PROFILE_BYTES = 1_000_000
 """A profile is some kilobytes."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Source:
+class _TomlSource:
     """One file of a chain: the user's first, then what it extends."""
 
     path: Path
@@ -44,8 +44,8 @@ def models() -> list[str]:
     """Names that ``load`` knows: those that come with drivebus, then the user's own."""
     own = []
     with suppress(ProfileError):  # a directory that this user may not read
-        own = sorted(_own())
-    return [*_shipped(), *own]
+        own = sorted(_user_files())
+    return [*_builtin_files(), *own]
 
 
 def load(model: str | Path) -> DriveProfile:
@@ -53,51 +53,51 @@ def load(model: str | Path) -> DriveProfile:
 
     Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``complaints``.
     """
-    path = _find(model)
-    return _shipped_profile(path) if path.is_relative_to(DATA) else _profile(path)
+    path = _find_file(model)
+    return _builtin_profile(path) if path.is_relative_to(DATA_DIRECTORY) else _load_profile(path)
 
 
 @cache
-def _shipped_profile(path: Path) -> DriveProfile:
+def _builtin_profile(path: Path) -> DriveProfile:
     """One parse a process; profiles are frozen, so they can be shared. A user's file may change, and is read again."""
-    return _profile(path)
+    return _load_profile(path)
 
 
-def _profile(path: Path) -> DriveProfile:
-    sources = _chain(path)
-    merged = _merged(sources)
+def _load_profile(path: Path) -> DriveProfile:
+    sources = _read_chain(path)
+    merged = _merge_chain(sources)
     try:
         profile_in = ProfileIn.model_validate(merged)
     except ValidationError as error:
-        raise _refuse(sources, shape.from_pydantic(error)) from None
-    problems = list(check.problems(profile_in))
+        raise _located_error(sources, schema_errors.issues_from_pydantic(error)) from None
+    problems = list(check.check_profile(profile_in))
     if problems:
-        raise _refuse(sources, problems)
-    return build.profile(profile_in, str(path))
+        raise _located_error(sources, problems)
+    return build.build_profile(profile_in, str(path))
 
 
 @cache
-def _shipped() -> dict[str, Path]:
+def _builtin_files() -> dict[str, Path]:
     """Files whose name begins with ``_`` are only extended, they are no model."""
-    families = [_toml_files(family) for family in sorted(_inside(DATA)) if family.is_dir()]
+    families = [_toml_files(family) for family in sorted(_list_directory(DATA_DIRECTORY)) if family.is_dir()]
     return {path.stem: path for files in families for path in files if not path.name.startswith("_")}
 
 
-def own_directory() -> Path:
+def user_directory() -> Path:
     """Where the user's own profiles are looked for."""
     base = os.environ.get("XDG_CONFIG_HOME")
     return (Path(base) if base else Path.home() / ".config") / "drivebus" / "profiles"
 
 
-def _own() -> dict[str, Path]:
-    return {path.stem: path for path in _toml_files(own_directory())}
+def _user_files() -> dict[str, Path]:
+    return {path.stem: path for path in _toml_files(user_directory())}
 
 
 def _toml_files(folder: Path) -> list[Path]:
-    return sorted(path for path in _inside(folder) if path.suffix == ".toml")
+    return sorted(path for path in _list_directory(folder) if path.suffix == ".toml")
 
 
-def _inside(folder: Path) -> list[Path]:
+def _list_directory(folder: Path) -> list[Path]:
     """What is in a folder; nothing where there is none. Raises ProfileError: no file is missing because its folder
     could not be read."""
     try:
@@ -105,110 +105,112 @@ def _inside(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise _lone(folder, problem("unreadable", (), error.strerror or str(error))) from None
+        raise _single_error(folder, issue("unreadable", (), error.strerror or str(error))) from None
 
 
-def _find(model: str | Path, beside: Path | None = None) -> Path:
+def _find_file(model: str | Path, beside: Path | None = None) -> Path:
     """The file of a model name or path. Raises ProfileError where there is none, or two of one name."""
     name = str(model)
     if isinstance(model, Path) or name.endswith(".toml") or "/" in name or os.sep in name:
         path = (beside or Path()) / Path(name).expanduser()
         if not path.is_file():
-            raise _lone(path, problem("no_file", (), name))
+            raise _single_error(path, issue("no_file", (), name))
         return path.resolve()
-    shipped, own = _shipped().get(name), None
+    shipped, own = _builtin_files().get(name), None
     with suppress(ProfileError) if shipped else nullcontext():
-        own = _own().get(name)
+        own = _user_files().get(name)
     if shipped and own:
-        raise _lone(own, problem("shadows", (), name))
+        raise _single_error(own, issue("shadows", (), name))
     found = shipped or own
     if found is None:
         known = models()
-        near = ", ".join(nearest(name, known) or known)
-        raise _lone(Path(name), problem("no_model", (), name, known=", ".join(known), near=near))
+        near = ", ".join(nearest_names(name, known) or known)
+        raise _single_error(Path(name), issue("no_model", (), name, known=", ".join(known), near=near))
     return found
 
 
-def _lone(path: Path, found: Problem, line: int | None = None) -> ProfileError:
-    return complaint.refusal([complaint.complain(found, str(path), line)])
+def _single_error(path: Path, found: Issue, line: int | None = None) -> ProfileError:
+    return diagnostics.profile_error([diagnostics.to_diagnostic(found, str(path), line)])
 
 
-def _chain(path: Path) -> list[_Source]:
+def _read_chain(path: Path) -> list[_TomlSource]:
     """The file and all that it extends. Raises ProfileError for a circle, a missing base or bad TOML."""
-    sources = [_read(path)]
+    sources = [_read_source(path)]
     while (base := sources[-1].data.get("extends")) is not None:
         here = sources[-1]
         if not isinstance(base, str):
-            raise _refuse([here], [problem("type", ("extends",), base, type=complaint.both("profiles.type.string"))])
-        base_path = _base(here, base)
+            raise _located_error(
+                [here], [issue("type", ("extends",), base, type=diagnostics.bilingual_text("profiles.type.string"))]
+            )
+        base_path = _base_path(here, base)
         if any(source.path == base_path for source in sources):
             circle = " -> ".join(source.path.name for source in sources) + f" -> {base_path.name}"
-            raise _refuse([here], [problem("circle", ("extends",), base, circle=circle)])
-        sources.append(_read(base_path))
+            raise _located_error([here], [issue("circle", ("extends",), base, circle=circle)])
+        sources.append(_read_source(base_path))
     return sources
 
 
-def _base(here: _Source, base: str) -> Path:
+def _base_path(here: _TomlSource, base: str) -> Path:
     try:
-        return _find(base, here.path.parent)
+        return _find_file(base, here.path.parent)
     except ProfileError as error:
         if error.params["file"] == str(here.path):
             raise
         known = ", ".join(models())
-        raise _refuse([here], [problem("no_base", ("extends",), base, known=known)]) from None
+        raise _located_error([here], [issue("no_base", ("extends",), base, known=known)]) from None
 
 
-def _read(path: Path) -> _Source:
+def _read_source(path: Path) -> _TomlSource:
     """One file as text and data. Only its format and encoding are judged here."""
-    raw = _bytes(path)
+    raw = _read_bytes(path)
     if raw.startswith(b"\xef\xbb\xbf"):
-        raise _lone(path, problem("bom", (), "EF BB BF"), 1)
+        raise _single_error(path, issue("bom", (), "EF BB BF"), 1)
     try:
         text = raw.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise _lone(path, problem("encoding", (), f"{raw[error.start]:02X}H"), line) from None
+        raise _single_error(path, issue("encoding", (), f"{raw[error.start]:02X}H"), line) from None
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise _lone(path, problem("toml", (), str(error).split(" (at ")[0]), _toml_line(error, text)) from None
-    source = _Source(path, text, data)
+        raise _single_error(path, issue("toml", (), str(error).split(" (at ")[0]), _error_line(error, text)) from None
+    source = _TomlSource(path, text, data)
     version = data.get("format")
-    if type(version) is not int or not 1 <= version <= FORMAT:
-        kind = "newer" if type(version) is int and version > FORMAT else "format"
-        raise _refuse([source], [problem(kind, ("format",), version, newest=FORMAT)])
+    if type(version) is not int or not 1 <= version <= NEWEST_FORMAT:
+        kind = "newer" if type(version) is int and version > NEWEST_FORMAT else "format"
+        raise _located_error([source], [issue(kind, ("format",), version, newest=NEWEST_FORMAT)])
     return source
 
 
-def _bytes(path: Path) -> bytes:
+def _read_bytes(path: Path) -> bytes:
     """What claims to be empty is not read: a path may come from afar, and /proc has files without an end."""
     try:
         size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise _lone(path, problem("too_large", (), size, most=MOST_BYTES), 1)
+        if size > MAX_PROFILE_BYTES:
+            raise _single_error(path, issue("too_large", (), size, most=MAX_PROFILE_BYTES), 1)
         with path.open("rb") as file:
-            return file.read(MOST_BYTES) if size else b""
+            return file.read(MAX_PROFILE_BYTES) if size else b""
     except OSError as error:
-        raise _lone(path, problem("unreadable", (), error.strerror or str(error))) from None
+        raise _single_error(path, issue("unreadable", (), error.strerror or str(error))) from None
 
 
-def _toml_line(error: tomllib.TOMLDecodeError, text: str) -> int:
+def _error_line(error: tomllib.TOMLDecodeError, text: str) -> int:
     at = re.search(r"line (\d+)", str(error))
     return int(at[1]) if at else text.rstrip("\n").count("\n") + 1
 
 
-def _merged(sources: list[_Source]) -> dict[str, Any]:
+def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
     """The last base first, each file over it; ``extends`` itself is gone."""
     result: dict[str, Any] = {}
     for source in reversed(sources):
         data = {key: value for key, value in source.data.items() if key != "extends"}
-        result = _over(
-            result, data | {name: _vouched(data[name]) for name in ("signals", "parameters") if name in data}
+        result = _merge(
+            result, data | {name: _inherit_scale(data[name]) for name in ("signals", "parameters") if name in data}
         )
     return result
 
 
-def _vouched(table: Any) -> Any:
+def _inherit_scale(table: Any) -> Any:
     """Whoever writes a ``factor`` knows the step, whatever the file below says; ``scale_published`` overrules."""
     if not isinstance(table, Mapping):
         return table
@@ -218,33 +220,33 @@ def _vouched(table: Any) -> Any:
     }
 
 
-def _over(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
+def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
     """Tables merge key by key; everything else, lists too, is replaced."""
     merged = dict(base)
     for key, value in top.items():
         below = merged.get(key)
-        merged[key] = _over(below, value) if isinstance(value, Mapping) and isinstance(below, Mapping) else value
+        merged[key] = _merge(below, value) if isinstance(value, Mapping) and isinstance(below, Mapping) else value
     return merged
 
 
-def _refuse(sources: list[_Source], problems: list[Problem]) -> ProfileError:
+def _located_error(sources: list[_TomlSource], problems: list[Issue]) -> ProfileError:
     """Every problem at the line where its key stands: in the nearest file that has it."""
-    placed = sorted((_placed(sources, found) for found in problems), key=lambda c: (c.file, c.line or 0))
-    return complaint.refusal(placed)
+    placed = sorted((_locate_issue(sources, found) for found in problems), key=lambda c: (c.file, c.line or 0))
+    return diagnostics.profile_error(placed)
 
 
-def _placed(sources: list[_Source], found: Problem) -> complaint.Complaint:
+def _locate_issue(sources: list[_TomlSource], found: Issue) -> diagnostics.Diagnostic:
     for source in sources:
-        for path in (found.path, *found.also):
-            if locate.has(source.text, path):
-                return _at(source, replace(found, path=path))
-    return _at(max(sources, key=lambda source: _depth(source, found)), found)
+        for path in (found.path, *found.related):
+            if toml_lines.has_key(source.text, path):
+                return _diagnostic_in(source, replace(found, path=path))
+    return _diagnostic_in(max(sources, key=lambda source: _matching_depth(source, found)), found)
 
 
-def _at(source: _Source, found: Problem) -> complaint.Complaint:
-    return complaint.complain(found, str(source.path), locate.line_of(source.text, found.path) or 1)
+def _diagnostic_in(source: _TomlSource, found: Issue) -> diagnostics.Diagnostic:
+    return diagnostics.to_diagnostic(found, str(source.path), toml_lines.line_of(source.text, found.path) or 1)
 
 
-def _depth(source: _Source, found: Problem) -> int:
+def _matching_depth(source: _TomlSource, found: Issue) -> int:
     """How many parts of the path stand in this file."""
-    return max((n for n in range(len(found.path) + 1) if locate.has(source.text, found.path[:n])), default=0)
+    return max((n for n in range(len(found.path) + 1) if toml_lines.has_key(source.text, found.path[:n])), default=0)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 from drivebus import i18n
-from drivebus.message import StationTiming
-from drivebus.units import Scale
+from drivebus.protocols.codec import StationTiming
+from drivebus.scale import Scale
 
 Locator = tuple[str, int]
 
@@ -159,7 +159,7 @@ class StatusMap:
 
 
 @dataclass(frozen=True, slots=True)
-class CommLoss:
+class CommLossParameters:
     """What the drive does when its host falls silent, read from the drive where it can be."""
 
     time_notation: str | None = None
@@ -169,7 +169,7 @@ class CommLoss:
 
 
 @dataclass(frozen=True, slots=True)
-class WriteRule:
+class WriteSupport:
     """RAM and EEPROM writes (ruling 8)."""
 
     ram: bool
@@ -180,7 +180,7 @@ class WriteRule:
 
 
 @dataclass(frozen=True, slots=True)
-class ModbusRule:
+class ModbusFeatures:
     """What a Modbus model bends."""
 
     functions: tuple[int, ...] = (3, 6)
@@ -191,7 +191,7 @@ class ModbusRule:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class FrequencyLimits:
     """Frequency limits of the model in Hz until the drive or the user says narrower."""
 
     minimum_hz: float
@@ -199,7 +199,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class LineDefaults:
+class SerialDefaults:
     """Factory line settings and what can be chosen."""
 
     baud: int
@@ -239,7 +239,7 @@ class NotationRule:
 
 JogFrequency = Literal["drive", "asked", "either"]
 """drive: its own setting, the bus can't say it; asked: every jog frame carries it; either: asked, else its own."""
-_JOG_FREQUENCY: Final[Mapping[str, JogFrequency]] = {"sifang": "either", "dzb": "asked", "modbus": "drive"}
+JOG_FREQUENCY_BY_FAMILY: Final[Mapping[str, JogFrequency]] = {"sifang": "either", "dzb": "asked", "modbus": "drive"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,9 +258,9 @@ class DriveProfile:
     """First is the default: ascii, hex, rtu."""
     addresses: tuple[int, int]
     broadcast: int | None
-    line: LineDefaults
+    serial: SerialDefaults
     timing: StationTiming
-    limits: Limits
+    limits: FrequencyLimits
     capabilities: frozenset[str]
     """Of: run, reverse, stop, coast, quick_stop, jog, set_frequency, reset_fault, read, write, write_ram, save,
     identify, broadcast_stop, status. Anything else is refused before sending."""
@@ -268,14 +268,14 @@ class DriveProfile:
     parameters: Mapping[str, Parameter]
     preconditions: tuple[Precondition, ...]
     faults: Mapping[int, FaultEntry]
-    write_rule: WriteRule
-    comm_loss: CommLoss
+    write_support: WriteSupport
+    comm_loss: CommLossParameters
     caveats: tuple[Caveat, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Open questions of the family as settings with their value, e.g. monitor_index, setpoint_coding, parity,
     direction_field; see ``settings`` of the family's page."""
     setpoint_scale: Scale = Scale(0.01, decimals=2)
-    modbus: ModbusRule | None = None
+    modbus: ModbusFeatures | None = None
     commands: CommandMap | None = None
     status: StatusMap | None = None
     group_sizes: Mapping[str, int] = field(default_factory=dict)
@@ -317,7 +317,7 @@ class DriveProfile:
     @property
     def jog_frequency(self) -> JogFrequency | None:
         """What decides the frequency of a jog, by the family's frames; None where the model can't jog."""
-        return _JOG_FREQUENCY[self.family] if "jog" in self.capabilities else None
+        return JOG_FREQUENCY_BY_FAMILY[self.family] if "jog" in self.capabilities else None
 
     def writable_registers(self) -> frozenset[int]:
         """Modbus: the only registers that may ever be written (T12), EEPROM forms not counted."""

@@ -18,12 +18,12 @@ import re
 from collections.abc import Iterable, Mapping
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.complaint import both
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Locator, NotationRule, Parameter, Signal
 
-SIFANG_GROUPS = {**{str(n): n for n in range(10)}, "C": 10, "E": 11, "F": 12, "H": 13, "L": 14, "P": 15}
+SUNFAR_GROUPS = {**{str(n): n for n in range(10)}, "C": 10, "E": 11, "F": 12, "H": 13, "L": 14, "P": 15}
 """Function group letter → data class digit (manual §3 (4))."""
-_SIFANG_LETTERS = {number: letter for letter, number in SIFANG_GROUPS.items()}
+_SUNFAR_LETTERS = {number: letter for letter, number in SUNFAR_GROUPS.items()}
 
 _EXAMPLES = {
     "sifang": "F0.1, F1.10, FC.03, d.0",
@@ -39,24 +39,24 @@ _REGISTER = re.compile(r"0X([0-9A-F]{1,4})|([0-9][0-9A-F]{0,4})H", re.ASCII)
 _DECIMAL = re.compile(r"[0-9]{1,5}", re.ASCII)
 
 
-def locate(notation: str, rule: NotationRule, group_sizes: Mapping[str, int] | None = None) -> Locator:
+def parse_notation(notation: str, rule: NotationRule, group_sizes: Mapping[str, int] | None = None) -> Locator:
     """The locator of a notation, listed in a profile or not.
 
     Raises ProfileError: ``profiles.notation`` (not this style's, or out of its range), ``profiles.unplaced`` (right,
     but the sizes of the groups before it are not known).
     """
     text = notation.strip().upper()
-    found = _parse(text, rule, group_sizes or {})
+    found = _parse_by_style(text, rule, group_sizes or {})
     if found is None:
         raise ProfileError("profiles.notation", notation=notation, examples=_EXAMPLES[rule.style])
     return found
 
 
-def _parse(text: str, rule: NotationRule, sizes: Mapping[str, int]) -> Locator | None:
+def _parse_by_style(text: str, rule: NotationRule, sizes: Mapping[str, int]) -> Locator | None:
     if rule.style == "sifang":
-        return _sifang(text)
+        return _parse_sunfar(text)
     if rule.style == "dzb":
-        return _dzb(text, rule.highest)
+        return _parse_dzb100(text, rule.highest)
     register = _REGISTER.fullmatch(text)
     if register:
         number = int(register[1] or register[2], 16)
@@ -67,29 +67,29 @@ def _parse(text: str, rule: NotationRule, sizes: Mapping[str, int]) -> Locator |
     if not match or not match[1].isdecimal():
         return None
     group, item = int(match[1]), int(match[2])
-    index = group * 100 + item if rule.style == "hundreds" else _consecutive(group, item, sizes)
+    index = group * 100 + item if rule.style == "hundreds" else _consecutive_index(group, item, sizes)
     fits = item <= 99 and index <= rule.highest
     return ("holding", index) if fits else None
 
 
-def _sifang(text: str) -> Locator | None:
+def _parse_sunfar(text: str) -> Locator | None:
     monitor = _MONITOR.fullmatch(text)
     if monitor:
         return ("monitor", int(monitor[1])) if int(monitor[1]) <= 0xFF else None
     match = _PARAMETER.fullmatch(text)
-    if not match or match[1] not in SIFANG_GROUPS or int(match[2]) > 0xFF:
+    if not match or match[1] not in SUNFAR_GROUPS or int(match[2]) > 0xFF:
         return None
-    return "parameter", SIFANG_GROUPS[match[1]] << 8 | int(match[2])
+    return "parameter", SUNFAR_GROUPS[match[1]] << 8 | int(match[2])
 
 
-def _dzb(text: str, highest: int) -> Locator | None:
+def _parse_dzb100(text: str, highest: int) -> Locator | None:
     query = _QUERY.fullmatch(text)
     if query:
         return ("query", int(query[1])) if int(query[1]) <= 3 else None
     return ("parameter", int(text)) if _DECIMAL.fullmatch(text) and int(text) <= highest else None
 
 
-def _consecutive(group: int, item: int, sizes: Mapping[str, int]) -> int:
+def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
     """Index over all groups. An item above 0 must be known to be in its group; item 0 of a group always is."""
     known = {int(name[1:]): size for name, size in sizes.items()}
     lacking = [g for g in range(group) if g not in known]
@@ -103,9 +103,9 @@ def _consecutive(group: int, item: int, sizes: Mapping[str, int]) -> int:
     return sum(known[g] for g in range(group)) + item
 
 
-def show(locator: Locator, profile: DriveProfile) -> str:
+def format_locator(locator: Locator, profile: DriveProfile) -> str:
     """The manual's notation of an address: the profile's own where it lists it, else by the style."""
-    listed = _listed(profile, locator)
+    listed = _find_listed(profile, locator)
     if listed is not None:
         return listed.notation
     space, index = locator
@@ -114,7 +114,7 @@ def show(locator: Locator, profile: DriveProfile) -> str:
     if space == "query":
         return f"Q{index:02d}"
     if space == "parameter" and profile.notation.style == "sifang":
-        return f"F{_SIFANG_LETTERS.get(index >> 8, '?')}.{index & 0xFF}"
+        return f"F{_SUNFAR_LETTERS.get(index >> 8, '?')}.{index & 0xFF}"
     if space == "parameter":
         return f"{index:02d}"
     if profile.notation.style == "hundreds" and index <= profile.notation.highest:
@@ -122,12 +122,12 @@ def show(locator: Locator, profile: DriveProfile) -> str:
     return f"{index:04X}H"
 
 
-def _listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter | None:
+def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter | None:
     everything: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
     return next((entry for entry in everything if entry.locator == locator), None)
 
 
-def find(profile: DriveProfile, name: str) -> Signal | Parameter:
+def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
     """What a user means by ``name``: a signal's name, or any notation of the manual (``F0.01`` is ``F0.1``).
 
     A well-formed notation that the profile does not list gives a raw Parameter (``listed`` False): readable;
@@ -138,30 +138,30 @@ def find(profile: DriveProfile, name: str) -> Signal | Parameter:
     if signal is not None:
         return signal
     try:
-        locator = locate(name, profile.notation, profile.group_sizes)
+        locator = parse_notation(name, profile.notation, profile.group_sizes)
     except ProfileError as error:
-        explicit = _by_spelling(profile, name)
+        explicit = _find_by_numbers(profile, name)
         if explicit is not None:
             return explicit
         if error.key != "profiles.notation":
             raise
-        raise ProfileError("profiles.unknown_name", **_unknown(profile, name)) from None
-    return _listed(profile, locator) or _raw(profile, name, locator)
+        raise ProfileError("profiles.unknown_name", **_unknown_name_params(profile, name)) from None
+    return _find_listed(profile, locator) or _unlisted_parameter(profile, name, locator)
 
 
-def _by_spelling(profile: DriveProfile, name: str) -> Parameter | None:
+def _find_by_numbers(profile: DriveProfile, name: str) -> Parameter | None:
     """A parameter with an explicit register although the sizes of the groups are unknown (VC660 F00.02)."""
-    wanted = _numbers(name)
-    return next((p for p in profile.parameters.values() if wanted and _numbers(p.notation) == wanted), None)
+    wanted = _group_and_item(name)
+    return next((p for p in profile.parameters.values() if wanted and _group_and_item(p.notation) == wanted), None)
 
 
-def _numbers(notation: str) -> tuple[int, int] | None:
+def _group_and_item(notation: str) -> tuple[int, int] | None:
     match = _PARAMETER.fullmatch(notation.strip().upper())
     return (int(match[1]), int(match[2])) if match and match[1].isdecimal() else None
 
 
-def _unknown(profile: DriveProfile, name: str) -> dict[str, object]:
-    near = nearest(name, [*profile.signals, *profile.parameters])
+def _unknown_name_params(profile: DriveProfile, name: str) -> dict[str, object]:
+    near = nearest_names(name, [*profile.signals, *profile.parameters])
     return {
         "name": name,
         "model": profile.model,
@@ -170,14 +170,14 @@ def _unknown(profile: DriveProfile, name: str) -> dict[str, object]:
     }
 
 
-def nearest(name: str, known: Iterable[str]) -> list[str]:
+def nearest_names(name: str, known: Iterable[str]) -> list[str]:
     """Up to three known names that look like ``name``, best first."""
     by_folded = {candidate.lower(): candidate for candidate in known}
     return [by_folded[found] for found in difflib.get_close_matches(name.strip().lower(), by_folded, 3, 0.5)]
 
 
-def _raw(profile: DriveProfile, name: str, locator: Locator) -> Parameter:
-    text = both("profiles.raw_word")
+def _unlisted_parameter(profile: DriveProfile, name: str, locator: Locator) -> Parameter:
+    text = bilingual_text("profiles.raw_word")
     bare = _REGISTER.fullmatch(name.strip().upper()) is not None or profile.notation.style == "register"
-    shown = show(locator, profile)
+    shown = format_locator(locator, profile)
     return Parameter(shown, locator, text, writable=not bare and locator[0] in ("parameter", "holding"), listed=False)

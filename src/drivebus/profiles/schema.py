@@ -10,24 +10,56 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-FORMAT = 1
+NEWEST_FORMAT = 1
 """Newest file format that this drivebus reads."""
 
 Capability = Literal[
-    "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write",
-    "write_ram", "save", "identify", "broadcast_stop", "status",
-]  # fmt: skip
+    "run",
+    "reverse",
+    "stop",
+    "coast",
+    "quick_stop",
+    "jog",
+    "set_frequency",
+    "reset_fault",
+    "read",
+    "write",
+    "write_ram",
+    "save",
+    "identify",
+    "broadcast_stop",
+    "status",
+]
 CommandName = Literal[
-    "start", "stop", "coast", "quick_stop", "reset", "forward", "reverse", "jog_forward", "jog_reverse", "jog_stop",
-    "pause", "hold_ramp",
-]  # fmt: skip
+    "start",
+    "stop",
+    "coast",
+    "quick_stop",
+    "reset",
+    "forward",
+    "reverse",
+    "jog_forward",
+    "jog_reverse",
+    "jog_stop",
+    "pause",
+    "hold_ramp",
+]
 StatusName = Literal[
-    "ready", "fault", "under_voltage", "running", "emergency_stopping", "paused", "speed_search", "dc_braking",
-    "jogging", "set_reverse", "output_reverse",
-]  # fmt: skip
+    "ready",
+    "fault",
+    "under_voltage",
+    "running",
+    "emergency_stopping",
+    "paused",
+    "speed_search",
+    "dc_braking",
+    "jogging",
+    "set_reverse",
+    "output_reverse",
+]
 Role = Literal["monitor_selector", "protocol", "address", "baud", "format", "reply_delay"]
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
-Choice = str | int | float | bool
+OptionValue = str | int | float | bool
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
 Baud = Annotated[int, Field(ge=50, le=4_000_000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -38,25 +70,25 @@ EvidenceLine = Annotated[
 """First word: the kind of evidence; the rest: where."""
 
 
-class Strict(BaseModel):
+class StrictTable(BaseModel):
     """No unknown keys, no coercion."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class TextIn(Strict):
+class BilingualTextIn(StrictTable):
     en: Sentence
     zh: Sentence
 
 
-class ScaleIn(Strict):
+class ScaleIn(StrictTable):
     factor: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     offset: float = 0.0
     coding: Literal["binary", "signed", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
 
 
-class SetpointIn(Strict):
+class SetpointIn(StrictTable):
     """A slip here would be a runaway: bounds catch it, and a setpoint has neither sign nor offset."""
 
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
@@ -67,7 +99,7 @@ class SetpointIn(Strict):
 
 
 class ValueIn(ScaleIn):
-    text: TextIn
+    text: BilingualTextIn
     register_: Annotated[Word | None, Field(alias="register")] = None
     """Modbus: the address where the notation alone does not give it."""
     unit: Unit = ""
@@ -88,48 +120,48 @@ class ParameterIn(ValueIn):
     readable: bool = True
     maximum_setting: Name | None = None
     """The setting that holds the maximum, where an open question leaves it to the user."""
-    choices: dict[str, TextIn] = {}
-    help: TextIn | None = None
+    choices: dict[str, BilingualTextIn] = {}
+    help: BilingualTextIn | None = None
     caveat: str | None = None
     factory: float | None = None
 
 
-class PreconditionIn(Strict):
+class PreconditionIn(StrictTable):
     accepted: Annotated[list[Word], Field(min_length=1)]
-    keypad: TextIn
+    keypad: BilingualTextIn
 
 
-class FaultIn(Strict):
+class FaultIn(StrictTable):
     label: str = ""
-    text: TextIn
-    cause: TextIn | None = None
-    remedy: TextIn | None = None
+    text: BilingualTextIn
+    cause: BilingualTextIn | None = None
+    remedy: BilingualTextIn | None = None
 
 
-class CaveatIn(Strict):
-    text: TextIn
+class CaveatIn(StrictTable):
+    text: BilingualTextIn
     evidence: EvidenceLine
 
 
-class OpenIn(Strict):
-    default: Choice
-    choices: list[Choice] = []
+class OptionIn(StrictTable):
+    default: OptionValue
+    choices: list[OptionValue] = []
     span: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     """Any whole number from the first to the second is a choice as well."""
-    text: TextIn
-    reason: TextIn
-    settle: TextIn
+    text: BilingualTextIn
+    reason: BilingualTextIn
+    settle: BilingualTextIn
     where: str | None = None
     """The part of the profile that answers it, where it is no setting of its own: ``[timing]``."""
 
 
-class BitIn(Strict):
+class BitIn(StrictTable):
     mask: Annotated[int, Field(ge=1, le=0xFFFF)]
     value: Word
     pulse: bool = False
 
 
-class CommandsIn(Strict):
+class CommandsIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
     function: Literal[6, 16] = 6
@@ -139,7 +171,7 @@ class CommandsIn(Strict):
     evidence: EvidenceLine
 
 
-class StatusIn(Strict):
+class StatusIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     bits: dict[StatusName, Annotated[int, Field(ge=1, le=0xFFFF)]]
     reserved_mask: Word = 0
@@ -147,7 +179,7 @@ class StatusIn(Strict):
     evidence: EvidenceLine
 
 
-class ModbusIn(Strict):
+class ModbusIn(StrictTable):
     functions: list[Literal[1, 2, 3, 4, 5, 6, 8, 15, 16]] = [3, 6]
     max_read: Annotated[int, Field(ge=1, le=125)] = 125
     error_form: Literal["exception", "short"] = "exception"
@@ -155,7 +187,7 @@ class ModbusIn(Strict):
     evidence: EvidenceLine
 
 
-class LineIn(Strict):
+class SerialIn(StrictTable):
     baud: Baud
     format: str
     bauds: Annotated[list[Baud], Field(min_length=1)]
@@ -163,55 +195,55 @@ class LineIn(Strict):
     evidence: EvidenceLine
 
 
-class TimingIn(Strict):
+class TimingIn(StrictTable):
     gap_characters: Annotated[float, Field(ge=0, le=100)] = 3.5
     gap_floor_s: Annotated[float, Field(ge=0, le=10)] = 0.0
     reply_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.1
     reply_delay_characters: Annotated[float, Field(ge=0, le=100)] = 0.0
-    adapter_s: Annotated[float, Field(ge=0, le=10)] = 0.02
+    adapter_latency_s: Annotated[float, Field(ge=0, le=10)] = 0.02
     turnaround_s: Annotated[float, Field(ge=0, le=10)] = 0.1
-    lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
-    leading_junk: bool = False
+    max_reply_lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    tolerate_leading_noise: bool = False
     evidence: EvidenceLine
 
 
-class LimitsIn(Strict):
+class LimitsIn(StrictTable):
     minimum_hz: Annotated[float, Field(ge=0)]
     maximum_hz: Annotated[float, Field(gt=0, le=4000)]
     evidence: EvidenceLine
 
 
-class WriteIn(Strict):
+class WriteIn(StrictTable):
     ram: bool
     eeprom: bool = True
     eeprom_address_bit: Word | None = None
     evidence: EvidenceLine
 
 
-class CommLossIn(Strict):
+class CommLossIn(StrictTable):
     time: Sentence | None = None
     action: Sentence | None = None
     trips_values: list[Word] = []
     evidence: EvidenceLine = "assumed"
 
 
-class NotationIn(Strict):
+class NotationIn(StrictTable):
     style: Literal["sifang", "dzb", "consecutive", "hundreds", "register"]
     highest: Word = 0xFFFF
 
 
-class UnknownFaultIn(Strict):
+class UnknownFaultIn(StrictTable):
     label: str = ""
-    text: TextIn
+    text: BilingualTextIn
 
 
-class ProfileIn(Strict):
+class ProfileIn(StrictTable):
     """A whole file, after ``extends`` has been merged in."""
 
     format: int
     model: Name
-    maker: TextIn
-    title: TextIn
+    maker: BilingualTextIn
+    title: BilingualTextIn
     family: Literal["sifang", "dzb", "modbus"]
     grade: Literal["draft", "bench", "proved"]
     encodings: Annotated[list[Literal["ascii", "hex", "rtu"]], Field(min_length=1)]
@@ -219,7 +251,7 @@ class ProfileIn(Strict):
     broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
     capabilities: list[Capability]
     notation: NotationIn
-    line: LineIn
+    line: SerialIn
     timing: TimingIn
     limits: LimitsIn
     setpoint: SetpointIn
@@ -234,10 +266,10 @@ class ProfileIn(Strict):
     faults: dict[str, FaultIn] = {}
     unknown_fault: UnknownFaultIn | None = None
     caveats: dict[str, CaveatIn] = {}
-    settings: dict[Name, Choice] = {}
-    open: dict[Name, OpenIn] = {}
+    settings: dict[Name, OptionValue] = {}
+    open: dict[Name, OptionIn] = {}
     modbus: ModbusIn | None = None
     commands: CommandsIn | None = None
     status: StatusIn | None = None
-    keypad: list[TextIn] = []
-    wiring: TextIn | None = None
+    keypad: list[BilingualTextIn] = []
+    wiring: BilingualTextIn | None = None

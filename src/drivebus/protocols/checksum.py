@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from drivebus.errors import AlphabetError
 
-_BAD = 0
+_NOT_A_DIGIT = 0
 """What a table gives for a byte that is no digit; no digit translates to it."""
 
 
-def _alphabet(*spellings: tuple[bytes, bytes]) -> bytes:
+def _digit_table(*spellings: tuple[bytes, bytes]) -> bytes:
     """A table from every allowed spelling to its canonical digit, and from all else to ``_BAD``."""
     table = bytearray(256)
     for written, meant in spellings:
@@ -20,12 +20,14 @@ def _alphabet(*spellings: tuple[bytes, bytes]) -> bytes:
     return bytes(table)
 
 
-_DIGITS = b"0123456789ABCDEF"
-DECIMAL = _alphabet((_DIGITS[:10], _DIGITS[:10]))
+_CANONICAL_DIGITS = b"0123456789ABCDEF"
+DECIMAL_DIGITS = _digit_table((_CANONICAL_DIGITS[:10], _CANONICAL_DIGITS[:10]))
 """0-9."""
-STRICT = _alphabet((_DIGITS, _DIGITS))
+STRICT_HEX_DIGITS = _digit_table((_CANONICAL_DIGITS, _CANONICAL_DIGITS))
 """0-9 and A-F (41H-46H)."""
-TOLERANT = _alphabet((_DIGITS, _DIGITS), (b"abcdef", b"ABCDEF"), (b"\x3a\x3b\x3c\x3d\x3e\x3f", b"ABCDEF"))
+TOLERANT_HEX_DIGITS = _digit_table(
+    (_CANONICAL_DIGITS, _CANONICAL_DIGITS), (b"abcdef", b"ABCDEF"), (b"\x3a\x3b\x3c\x3d\x3e\x3f", b"ABCDEF")
+)
 """Also a-f, and 3AH-3FH, the C320 manual's other spelling of A-F (T02)."""
 
 
@@ -35,7 +37,7 @@ def _crc_entry(byte: int) -> int:
     return byte
 
 
-_CRC = tuple(map(_crc_entry, range(256)))
+_CRC_TABLE = tuple(map(_crc_entry, range(256)))
 
 
 def sum16(data: bytes) -> int:
@@ -53,7 +55,7 @@ def crc16(data: bytes, crc: int = 0xFFFF) -> int:
 
     ``crc`` is what the bytes before gave; over a whole frame with its CRC the result is 0.
     """
-    table = _CRC
+    table = _CRC_TABLE
     for byte in data:
         crc = (crc >> 8) ^ table[(crc ^ byte) & 0xFF]
     return crc
@@ -78,32 +80,32 @@ def hex_pairs(data: bytes) -> bytes:
     return data.hex().upper().encode("ascii")
 
 
-def canonical(digits: bytes, table: bytes = STRICT, start: int = 0) -> bytes:
+def canonical_digits(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> bytes:
     """The digits in their canonical spelling.
 
     Raises AlphabetError with the first bad byte and its position (counted from ``start``).
     """
     found = digits.translate(table)
-    if _BAD in found:
-        at = found.index(_BAD)
+    if _NOT_A_DIGIT in found:
+        at = found.index(_NOT_A_DIGIT)
         raise AlphabetError("protocols.alphabet", expected="0-9 A-F", found=digits[at], position=start + at)
     return found
 
 
-def hex_value(digits: bytes, table: bytes = STRICT, start: int = 0) -> int:
+def hex_value(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> int:
     """The number that ASCII hex digits write. Raises AlphabetError for anything that ``table`` does not know."""
-    return int(canonical(digits, table, start), 16)
+    return int(canonical_digits(digits, table, start), 16)
 
 
 def decimal_value(digits: bytes, start: int = 0) -> int:
     """The number that ASCII decimal digits write. Raises AlphabetError for anything but 0-9."""
-    found = digits.translate(DECIMAL)
-    if _BAD in found:
-        at = found.index(_BAD)
+    found = digits.translate(DECIMAL_DIGITS)
+    if _NOT_A_DIGIT in found:
+        at = found.index(_NOT_A_DIGIT)
         raise AlphabetError("protocols.alphabet", expected="0-9", found=digits[at], position=start + at)
     return int(found)
 
 
-def hex_bytes(digits: bytes, table: bytes = STRICT, start: int = 0) -> bytes:
+def hex_bytes(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> bytes:
     """The bytes that pairs of hex digits write. Raises AlphabetError for a bad digit, ValueError for an odd count."""
-    return bytes.fromhex(canonical(digits, table, start).decode("ascii"))
+    return bytes.fromhex(canonical_digits(digits, table, start).decode("ascii"))

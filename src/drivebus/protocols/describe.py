@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from drivebus import i18n
 from drivebus.errors import LengthError, ProtocolError, TrailingError
-from drivebus.message import Incomplete, Verdict
+from drivebus.protocols.codec import DecodeResult, Incomplete
 
 Direction = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
@@ -16,7 +16,7 @@ Note = tuple[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Interpretation:
     """One thing that a reply may mean where its request is not known."""
 
     note: Note
@@ -24,7 +24,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class Description:
+class FrameDescription:
     """A frame explained. ``valid`` means: a tolerant reader of this direction takes these bytes as one whole frame.
 
     ``problems`` say why it is not valid; ``errata`` where it differs from what a correct sender emits, which is
@@ -40,7 +40,7 @@ class Description:
     errata: tuple[Note, ...] = ()
     hazards: tuple[Note, ...] = ()
     canonical: bytes | None = None
-    readings: tuple[Candidate, ...] = ()
+    readings: tuple[Interpretation, ...] = ()
 
 
 def note(key: str, **params: Any) -> Note:
@@ -49,24 +49,24 @@ def note(key: str, **params: Any) -> Note:
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class BilingualText:
     """A name within a note, in both languages; ``i18n.text`` shows its own side."""
 
     en: str
     zh: str
 
 
-def words(key: str) -> Words:
+def bilingual(key: str) -> BilingualText:
     """The words of an i18n key, for a place of a note."""
-    return Words(i18n.text(key, "en"), i18n.text(key, "zh"))
+    return BilingualText(i18n.text(key, "en"), i18n.text(key, "zh"))
 
 
-def problem(error: ProtocolError) -> Note:
+def error_note(error: ProtocolError) -> Note:
     """The note of a protocol error."""
     return error.key, error.params
 
 
-def check_whole(verdict: Verdict, data: bytes) -> None:
+def require_whole_frame(verdict: DecodeResult, data: bytes) -> None:
     """Raises LengthError or TrailingError unless these bytes are exactly the message."""
     if isinstance(verdict, Incomplete):
         raise LengthError("protocols.length", expected=verdict.need, found=len(data))

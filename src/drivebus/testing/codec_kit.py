@@ -13,9 +13,9 @@ from random import Random
 from typing import Any
 
 from drivebus.errors import ProtocolError
-from drivebus.message import Codec, Complete, CompleteIfSilent, Incomplete, Verdict
+from drivebus.protocols.codec import Codec, Complete, CompleteIfSilent, DecodeResult, Incomplete
 
-Decode = Callable[[bytes], Verdict]
+Decode = Callable[[bytes], DecodeResult]
 
 
 class CodecFault(AssertionError):
@@ -27,7 +27,7 @@ class CodecFault(AssertionError):
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class CodecExchange:
     """A request and its reply, as messages and as bytes that somebody else proved (a manual, a peer)."""
 
     name: str
@@ -36,7 +36,7 @@ class Exchange:
     reply: Any = None
     received: bytes = b""
     """Empty where nobody answers (a broadcast) or no frame of the reply is known."""
-    normal: bool = True
+    is_normal_reply: bool = True
     """False where the reply is the station's refusal, whose size may differ from ``reply_size``."""
 
 
@@ -45,18 +45,18 @@ class CodecReport:
     """What was tried, and the flips that a protocol without a check cannot see."""
 
     checks: int = 0
-    believed_flips: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
+    accepted_flips: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
     """Exchange → (byte, bit) of each single flip in a reply that still was taken for a reply to its request."""
 
 
 def check_codec(
     codec: Codec,
-    exchanges: Iterable[Exchange],
+    exchanges: Iterable[CodecExchange],
     *,
-    heard: Callable[[Any], Any] = lambda message: message,
+    request_of: Callable[[Any], Any] = lambda message: message,
     detects_flips: bool = True,
-    junk_before: bool = False,
-    noise: int = 300,
+    allows_leading_noise: bool = False,
+    garbage_frames: int = 300,
     seed: int = 1,
 ) -> CodecReport:
     """Try a codec against proven exchanges. Raises CodecFault at the first broken promise.
@@ -65,76 +65,78 @@ def check_codec(
     have no check: flips that are believed are then reported instead of refused. ``junk_before`` is for codecs that
     were told to forgive leading junk. ``noise`` seeded frames of garbage are tried per direction and exchange.
     """
-    report, trials = CodecReport(), _Trials(codec, heard, Random(seed), noise)
+    report, trials = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
     exchanges = tuple(exchanges)
     for exchange in exchanges:
         report.checks += trials.sizes(exchange)
-        report.checks += trials.request(exchange, junk_before, detects_flips)
+        report.checks += trials.request(exchange, allows_leading_noise, detects_flips)
         if exchange.received:
-            report.checks += trials.reply(exchange, exchanges, junk_before)
+            report.checks += trials.reply(exchange, exchanges, allows_leading_noise)
             believed = trials.flips(exchange)
             report.checks += 8 * len(exchange.received)
             if believed and detects_flips:
                 raise CodecFault(exchange.name, "a flipped bit is refused", exchange.received, believed)
-            report.believed_flips[exchange.name] = believed
+            report.accepted_flips[exchange.name] = believed
     return report
 
 
-class _Trials:
-    def __init__(self, codec: Codec, heard: Callable[[Any], Any], rng: Random, noise: int) -> None:
-        self.codec, self.heard, self.rng, self.noise = codec, heard, rng, noise
+class _CodecChecks:
+    def __init__(self, codec: Codec, request_of: Callable[[Any], Any], rng: Random, noise: int) -> None:
+        self.codec, self.request_of, self.rng, self.garbage_frames = codec, request_of, rng, noise
 
-    def sizes(self, exchange: Exchange) -> int:
+    def sizes(self, exchange: CodecExchange) -> int:
         codec, request = self.codec, exchange.request
         size, largest = codec.reply_size(request), codec.largest_reply(request)
-        _hold(exchange, "largest_reply is not below reply_size", largest >= size, detail=(size, largest))
+        _require(exchange, "largest_reply is not below reply_size", largest >= size, detail=(size, largest))
         if codec.address_of(request) == codec.broadcast_address:
-            _hold(exchange, "reply_size of a broadcast is 0", size == 0, detail=size)
-        if exchange.received and exchange.normal:
-            _hold(exchange, "reply_size is the size of the reply", size == len(exchange.received), detail=size)
-        _hold(exchange, "largest_reply covers every reply", largest >= len(exchange.received), detail=largest)
+            _require(exchange, "reply_size of a broadcast is 0", size == 0, detail=size)
+        if exchange.received and exchange.is_normal_reply:
+            _require(exchange, "reply_size is the size of the reply", size == len(exchange.received), detail=size)
+        _require(exchange, "largest_reply covers every reply", largest >= len(exchange.received), detail=largest)
         return 3
 
-    def request(self, exchange: Exchange, junk_before: bool, detects_flips: bool) -> int:
+    def request(self, exchange: CodecExchange, junk_before: bool, detects_flips: bool) -> int:
         codec, data = self.codec, exchange.sent
-        _hold(exchange, "encode_request gives the proven bytes", codec.encode_request(exchange.request) == data, data)
+        _require(
+            exchange, "encode_request gives the proven bytes", codec.encode_request(exchange.request) == data, data
+        )
         whole = self._whole(exchange, codec.decode_request, data)
-        again = codec.encode_request(self.heard(whole))
-        _hold(exchange, "a decoded request encodes to the same bytes", again == data, data, again)
+        again = codec.encode_request(self.request_of(whole))
+        _require(exchange, "a decoded request encodes to the same bytes", again == data, data, again)
         tried = self._chunks(exchange, codec.decode_request, data, whole, junk_before, (data,))
         for place, flipped in _flips(data):
-            taken = _taken(codec.decode_request, flipped)
-            _hold(exchange, "a flipped request is refused", taken is None or not detects_flips, flipped, place)
+            taken = _accepted_message(codec.decode_request, flipped)
+            _require(exchange, "a flipped request is refused", taken is None or not detects_flips, flipped, place)
         return tried + 8 * len(data)
 
-    def reply(self, exchange: Exchange, others: tuple[Exchange, ...], junk_before: bool) -> int:
+    def reply(self, exchange: CodecExchange, others: tuple[CodecExchange, ...], junk_before: bool) -> int:
         codec, data = self.codec, exchange.received
 
-        def decode(data: bytes) -> Verdict:
+        def decode(data: bytes) -> DecodeResult:
             return codec.decode_reply(exchange.request, data)
 
-        _hold(exchange, "encode_reply gives the proven bytes", codec.encode_reply(exchange.reply) == data, data)
+        _require(exchange, "encode_reply gives the proven bytes", codec.encode_reply(exchange.reply) == data, data)
         whole = self._whole(exchange, decode, data)
-        _hold(exchange, "decode_reply gives the proven reply", whole == exchange.reply, data, whole)
+        _require(exchange, "decode_reply gives the proven reply", whole == exchange.reply, data, whole)
         followers = tuple(other.received for other in others if other.received)
         return self._chunks(exchange, decode, data, whole, junk_before, followers)
 
-    def flips(self, exchange: Exchange) -> list[tuple[int, int]]:
-        def decode(data: bytes) -> Verdict:
+    def flips(self, exchange: CodecExchange) -> list[tuple[int, int]]:
+        def decode(data: bytes) -> DecodeResult:
             return self.codec.decode_reply(exchange.request, data)
 
-        return [place for place, flipped in _flips(exchange.received) if _taken(decode, flipped) is not None]
+        return [place for place, flipped in _flips(exchange.received) if _accepted_message(decode, flipped) is not None]
 
-    def _whole(self, exchange: Exchange, decode: Decode, data: bytes) -> Any:
+    def _whole(self, exchange: CodecExchange, decode: Decode, data: bytes) -> Any:
         verdict = decode(data)
         if isinstance(verdict, Incomplete):
             raise CodecFault(exchange.name, "a whole frame is complete", data, verdict)
-        _hold(exchange, "size is the frame's", verdict.size == len(data), data, verdict.size)
+        _require(exchange, "size is the frame's", verdict.size == len(data), data, verdict.size)
         return verdict.message
 
     def _chunks(
         self,
-        exchange: Exchange,
+        exchange: CodecExchange,
         decode: Decode,
         data: bytes,
         whole: Any,
@@ -143,35 +145,35 @@ class _Trials:
     ) -> int:
         for end in range(len(data)):
             verdict = decode(data[:end])
-            _hold(exchange, "a cut frame is not complete", not isinstance(verdict, Complete), data[:end], verdict)
+            _require(exchange, "a cut frame is not complete", not isinstance(verdict, Complete), data[:end], verdict)
             need = verdict.need if isinstance(verdict, Incomplete | CompleteIfSilent) else 0
-            _hold(exchange, "need is beyond what is there and within the frame", end < need <= len(data), data, need)
+            _require(exchange, "need is beyond what is there and within the frame", end < need <= len(data), data, need)
         tails = (*followers, *(bytes((byte,)) for byte in range(256)))
         for tail in tails:
             verdict = decode(data + tail)
             same = isinstance(verdict, Complete) and verdict.size == len(data) and verdict.message == whole
             alone = isinstance(decode(data), CompleteIfSilent)
-            _hold(exchange, "what follows a frame does not change it", same or alone, data + tail, verdict)
+            _require(exchange, "what follows a frame does not change it", same or alone, data + tail, verdict)
         if not junk_before:
-            found = _taken(decode, b"\xff" + data)
-            _hold(exchange, "a frame counts at offset 0 only", found is None, b"\xff" + data, found)
+            found = _accepted_message(decode, b"\xff" + data)
+            _require(exchange, "a frame counts at offset 0 only", found is None, b"\xff" + data, found)
         return len(data) + len(tails) + self._garbage(exchange, decode, data)
 
-    def _garbage(self, exchange: Exchange, decode: Decode, data: bytes) -> int:
+    def _garbage(self, exchange: CodecExchange, decode: Decode, data: bytes) -> int:
         """Bytes of all kinds: alone ProtocolError may come, and whole is byte by byte."""
         count = 0
         for garbage in self._mutants(data):
             count += 1
             try:
-                alike = _outcome(decode, garbage) == _step_by_step(decode, garbage)
+                alike = _result(decode, garbage) == _decode_bytewise(decode, garbage)
             except Exception as error:
                 raise CodecFault(exchange.name, "only ProtocolError comes out", garbage, repr(error)) from error
-            _hold(exchange, "whole and byte by byte agree", alike, garbage)
+            _require(exchange, "whole and byte by byte agree", alike, garbage)
         return count
 
     def _mutants(self, data: bytes) -> Iterator[bytes]:
         rng = self.rng
-        for turn in range(self.noise):
+        for turn in range(self.garbage_frames):
             if turn % 3 == 0:
                 yield bytes(rng.randrange(256) for _ in range(rng.randrange(40)))
             elif turn % 3 == 1:
@@ -182,8 +184,8 @@ class _Trials:
                 yield data[place:] + data[:end]
 
 
-def _hold(exchange: Exchange, promise: str, kept: bool, data: bytes = b"", detail: object = "") -> None:
-    if not kept:
+def _require(exchange: CodecExchange, promise: str, fulfilled: bool, data: bytes = b"", detail: object = "") -> None:
+    if not fulfilled:
         raise CodecFault(exchange.name, promise, data, detail)
 
 
@@ -193,7 +195,7 @@ def _flips(data: bytes) -> Iterator[tuple[tuple[int, int], bytes]]:
             yield (place, bit), data[:place] + bytes((byte ^ 1 << bit,)) + data[place + 1 :]
 
 
-def _taken(decode: Decode, data: bytes) -> Any:
+def _accepted_message(decode: Decode, data: bytes) -> Any:
     """The message that a decoder makes of these bytes, None where it makes none."""
     try:
         verdict = decode(data)
@@ -202,18 +204,18 @@ def _taken(decode: Decode, data: bytes) -> Any:
     return None if isinstance(verdict, Incomplete) else verdict.message
 
 
-def _outcome(decode: Decode, data: bytes) -> object:
+def _result(decode: Decode, data: bytes) -> object:
     try:
         return decode(data)
     except ProtocolError as error:
         return type(error), error.key
 
 
-def _step_by_step(decode: Decode, data: bytes) -> object:
+def _decode_bytewise(decode: Decode, data: bytes) -> object:
     """The first verdict that is more than Incomplete, with the bytes given as they are asked for and one by one."""
     outcome: object = None
     for end in range(len(data) + 1):
-        outcome = _outcome(decode, data[:end])
+        outcome = _result(decode, data[:end])
         if not isinstance(outcome, Incomplete | CompleteIfSilent):
             return outcome
     return outcome

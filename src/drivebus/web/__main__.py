@@ -10,21 +10,21 @@ from contextlib import suppress
 
 from drivebus import i18n
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.access import Access
-from drivebus.plant.access.child import Child, understood
-from drivebus.plant.precedence import PEOPLE, give_way, seldom_collect
-from drivebus.plant.socket_client import SocketClient
+from drivebus.service.auth.service import AuthService
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.process.tuning import NICE_WEB, relax_gc, set_nice
+from drivebus.service.process.web_args import WebArguments, parse_web_arguments
 from drivebus.web.app import make_app
-from drivebus.web.server import Listening, host_for
+from drivebus.web.server import HttpServer, listen_host
 
-_LOOK_S = 1.0
+_PARENT_CHECK_INTERVAL_S = 1.0
 
 
 def main(arguments: list[str]) -> int:
     """Exit code 2 where the arguments, the address or the certificate can't be used."""
-    give_way(PEOPLE)
+    set_nice(NICE_WEB)
     try:
-        socket, child = understood(arguments)
+        socket, child = parse_web_arguments(arguments)
         asyncio.run(_run(SocketClient(socket), child))
     except ConfigurationError as error:
         print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
@@ -35,11 +35,13 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-async def _run(client: SocketClient, child: Child) -> None:
-    access = Access(child.directory, child.users)
-    listening = Listening(make_app(client, access, child.web), access, child.web, lambda at: _say(at, access, child))
-    seldom_collect()
-    orphaned = asyncio.create_task(_stop_with_parent(listening, child.parent))
+async def _run(client: SocketClient, child: WebArguments) -> None:
+    access = AuthService(child.directory, child.user_file)
+    listening = HttpServer(
+        make_app(client, access, child.web), access, child.web, lambda at: _announce(at, access, child)
+    )
+    relax_gc()
+    orphaned = asyncio.create_task(_stop_with_parent(listening, child.parent_pid))
     try:
         await listening.run()
     finally:
@@ -49,25 +51,27 @@ async def _run(client: SocketClient, child: Child) -> None:
         await client.close()
 
 
-def _say(at: str, access: Access, child: Child) -> None:
+def _announce(at: str, access: AuthService, child: WebArguments) -> None:
     """Where the page is, on standard output; on standard error what somebody has to do by hand."""
-    secret = access.setup.offer() if access.needs_setup else None  # before the address: whoever reads that may use it
-    if child.announce != "not":
-        print(json.dumps({"page": at}) if child.announce == "json" else at, flush=True)
+    secret = (
+        access.setup_secret.issue() if access.needs_setup else None
+    )  # before the address: whoever reads that may use it
+    if child.address_output != "not":
+        print(json.dumps({"page": at}) if child.address_output == "json" else at, flush=True)
     if secret is not None:
-        _note("access.setup_secret", address=at, secret=secret, file=str(access.setup.path))
-    if host_for(child.web, access) != child.web.host:
-        _note("access.only_loopback", host=child.web.host)
+        _print_notice("access.setup_secret", address=at, secret=secret, file=str(access.setup_secret.path))
+    if listen_host(child.web, access) != child.web.host:
+        _print_notice("access.only_loopback", host=child.web.host)
 
 
-def _note(key: str, **params: str) -> None:
+def _print_notice(key: str, **params: str) -> None:
     print(i18n.text(key, i18n.preferred(), **params), file=sys.stderr, flush=True)
 
 
-async def _stop_with_parent(listening: Listening, parent: int) -> None:
+async def _stop_with_parent(listening: HttpServer, parent: int) -> None:
     """The plant is gone: its successor starts a web process of its own, at the same address."""
     while os.getppid() == parent:  # noqa: ASYNC110  the system tells nobody of a parent's end
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_PARENT_CHECK_INTERVAL_S)
     listening.stop()
 
 

@@ -1,4 +1,4 @@
-"""``make_app``: the page, the API and the door in front of them, as one ASGI app over a ``PlantClient``."""
+"""``make_app``: the page, the API and the door in front of them, as one ASGI app over a ``ServiceClient``."""
 
 from __future__ import annotations
 
@@ -9,61 +9,61 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
-from drivebus.gateways import problems
-from drivebus.gateways.live.endpoint import live_router
-from drivebus.gateways.metrics.router import metrics_router
-from drivebus.gateways.rest import openapi
-from drivebus.gateways.rest.router import rest_router
-from drivebus.plant.access.access import Access
-from drivebus.plant.client import PlantClient
-from drivebus.plant.model import WebSetting
-from drivebus.web.account import account_router
-from drivebus.web.desk import Desk
-from drivebus.web.door import Guard
-from drivebus.web.files import files_router
-from drivebus.web.headers import Headers
-from drivebus.web.hosts import Hosts
-from drivebus.web.people import people_router
-from drivebus.web.refused import Refusals
+from drivebus.service.auth.service import AuthService
+from drivebus.service.config.model import WebConfig
+from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.web import error_handlers
+from drivebus.web.api import openapi
+from drivebus.web.api.routes import api_router
+from drivebus.web.live.endpoint import live_router
+from drivebus.web.metrics import metrics_router
+from drivebus.web.middleware.auth import AuthMiddleware
+from drivebus.web.middleware.denial_log import DenialLog
+from drivebus.web.middleware.host_check import HostCheck
+from drivebus.web.middleware.security_headers import SecurityHeadersMiddleware
+from drivebus.web.routes.context import RouteContext
+from drivebus.web.routes.session import session_router
+from drivebus.web.routes.static_files import static_router
+from drivebus.web.routes.users import users_router
 
 
-class _App(FastAPI):
+class _WebApp(FastAPI):
     """With the headers also on answers to errors that nobody foresaw."""
 
     def build_middleware_stack(self) -> ASGIApp:
-        return Headers(super().build_middleware_stack())
+        return SecurityHeadersMiddleware(super().build_middleware_stack())
 
 
-def make_app(client: PlantClient, access: Access, web: WebSetting, routers: Sequence[APIRouter] = ()) -> FastAPI:
+def make_app(client: ServiceClient, access: AuthService, web: WebConfig, routers: Sequence[APIRouter] = ()) -> FastAPI:
     """``routers`` are further ones of gateways; each of their routes needs its line in ``web.rights``."""
-    refusals = Refusals(client, access.clock)
+    refusals = DenialLog(client, access.clock)
 
     @asynccontextmanager
     async def life(_: FastAPI) -> AsyncIterator[None]:
         yield
         await refusals.flush()
 
-    app = _App(
+    app = _WebApp(
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/v1/openapi.json",
         redirect_slashes=False,
         lifespan=life,
         middleware=[
-            Middleware(Guard, access=access, hosts=Hosts(web), refusals=refusals),
+            Middleware(AuthMiddleware, access=access, hosts=HostCheck(web), refusals=refusals),
         ],
     )
-    problems.install(app)
-    desk = Desk(access, client, refusals)
+    error_handlers.install_error_handlers(app)
+    desk = RouteContext(access, client, refusals)
     for router in (
-        account_router(desk),
-        people_router(desk),
-        files_router(),
-        rest_router(client),
+        session_router(desk),
+        users_router(desk),
+        static_router(),
+        api_router(client),
         live_router(client),
         metrics_router(client),
         *routers,
     ):
         app.include_router(router)
-    openapi.install(app)
+    openapi.install_openapi(app)
     return app

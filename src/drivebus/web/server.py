@@ -13,28 +13,28 @@ import uvicorn
 from fastapi import FastAPI
 
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.access import Access
-from drivebus.plant.loopback import is_loopback
-from drivebus.plant.model import WebSetting
-from drivebus.web.patience import Patience, PatientSocket
+from drivebus.service.auth.service import AuthService
+from drivebus.service.config.loopback import is_loopback
+from drivebus.service.config.model import WebConfig
+from drivebus.web.middleware.connection_limits import LimitedHttpProtocol, LimitedWebSocketProtocol
 
 LOOPBACK = "127.0.0.1"
-CONNECTIONS = 512
-KEEP_ALIVE_S = 15
-GRACE_S = 2
+MAX_CONNECTIONS = 512
+KEEP_ALIVE_TIMEOUT_S = 15
+SHUTDOWN_GRACE_S = 2
 """So long running requests may take when the process ends."""
-WS_LARGEST = 64 * 1024
-_LOOK_S = 0.5
+MAX_WEBSOCKET_MESSAGE_BYTES = 64 * 1024
+_HOST_CHECK_INTERVAL_S = 0.5
 
 
-def host_for(web: WebSetting, access: Access) -> str:
+def listen_host(web: WebConfig, access: AuthService) -> str:
     """This machine only, unless there is TLS and an administrator (S15)."""
     if is_loopback(web.host) or (web.certificate is not None and not access.needs_setup):
         return web.host
     return LOOPBACK
 
 
-class Server(uvicorn.Server):
+class EmbeddedServer(uvicorn.Server):
     """uvicorn without its hands on the signals: it would raise SIGTERM again and skip every ``finally``."""
 
     @contextlib.contextmanager
@@ -42,66 +42,68 @@ class Server(uvicorn.Server):
         yield
 
 
-class Listening:
+class HttpServer:
     """Serves until it is told to stop; moves to the configured address once it may."""
 
-    def __init__(self, app: FastAPI, access: Access, web: WebSetting, said: Callable[[str], None]) -> None:
+    def __init__(self, app: FastAPI, access: AuthService, web: WebConfig, on_address: Callable[[str], None]) -> None:
         """``said`` gets the address, each time that there is a new one."""
         self.app = app
         self.access = access
         self.web = web
-        self.said = said
-        self._ending = asyncio.Event()
+        self.on_address = on_address
+        self._stop_requested = asyncio.Event()
 
     def stop(self) -> None:
-        self._ending.set()
+        self._stop_requested.set()
 
     async def run(self) -> None:
         """Raises ConfigurationError where it can't listen there, or the certificate can't be used."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
-        while not self._ending.is_set():
-            await self._serve(host_for(self.web, self.access))
+        while not self._stop_requested.is_set():
+            await self._serve(listen_host(self.web, self.access))
 
     async def _serve(self, host: str) -> None:
-        listener = bound(host, self.web.port)
-        server = Server(config(self.app, self.web))
+        listener = bind_listener(host, self.web.port)
+        server = EmbeddedServer(server_config(self.app, self.web))
         scheme = "http" if self.web.certificate is None else "https"
-        self.said(f"{scheme}://{_shown(host)}:{listener.getsockname()[1]}")
+        self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
         serving = asyncio.create_task(server.serve([listener]))
         try:
-            while not self._ending.is_set() and host == host_for(self.web, self.access) and not serving.done():
+            while (
+                not self._stop_requested.is_set() and host == listen_host(self.web, self.access) and not serving.done()
+            ):
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._ending.wait(), _LOOK_S)
+                    await asyncio.wait_for(self._stop_requested.wait(), _HOST_CHECK_INTERVAL_S)
         finally:
             server.should_exit = True
             await serving
 
 
-def config(app: FastAPI, web: WebSetting) -> uvicorn.Config:
+def server_config(app: FastAPI, web: WebConfig) -> uvicorn.Config:
     """Raises ConfigurationError for a certificate or key that can't be used."""
     made = uvicorn.Config(
         app,
-        http=Patience,
-        ws=PatientSocket,
-        ws_max_size=WS_LARGEST,
+        http=LimitedHttpProtocol,
+        ws=LimitedWebSocketProtocol,
+        ws_max_size=MAX_WEBSOCKET_MESSAGE_BYTES,
         ws_per_message_deflate=False,
         lifespan="on",
         log_config=None,
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=CONNECTIONS,
-        timeout_keep_alive=KEEP_ALIVE_S,
-        timeout_graceful_shutdown=GRACE_S,
+        limit_concurrency=MAX_CONNECTIONS,
+        timeout_keep_alive=KEEP_ALIVE_TIMEOUT_S,
+        timeout_graceful_shutdown=SHUTDOWN_GRACE_S,
     )
     made.load()
-    made.ssl = None if web.certificate is None else _tls(web)
+    made.ssl = None if web.certificate is None else _tls_context(web)
     return made
 
 
-def _tls(web: WebSetting) -> ssl.SSLContext:
+def _tls_context(web: WebConfig) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
@@ -112,7 +114,7 @@ def _tls(web: WebSetting) -> ssl.SSLContext:
     return context
 
 
-def bound(host: str, port: int) -> socket.socket:
+def bind_listener(host: str, port: int) -> socket.socket:
     """A listening socket. Raises ConfigurationError where the address is taken or not ours."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -125,5 +127,5 @@ def bound(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _shown(host: str) -> str:
+def _url_host(host: str) -> str:
     return f"[{host}]" if ":" in host else host

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import peers
-from pagekit import Stage, log_in, staged
+from fixtures.browser import Stage, log_in, staged
 
 ALLOWED_NOISE = (
     "ERR_CONNECTION_REFUSED",
@@ -73,9 +73,14 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
     contexts, wrong = [], []
 
     def go(
-        way: str = "#/fleet", *, language: str = "en", theme: str = "light", role: str | None = "engineer",
-        size: tuple[int, int] = (1280, 900), **more: Any,
-    ) -> Any:  # fmt: skip
+        way: str = "#/fleet",
+        *,
+        language: str = "en",
+        theme: str = "light",
+        role: str | None = "engineer",
+        size: tuple[int, int] = (1280, 900),
+        **more: Any,
+    ) -> Any:
         locale = {"en": "en-GB", "zh": "zh-CN"}[language]
         viewport = {"width": size[0], "height": size[1]}
         context = browser.new_context(viewport=viewport, color_scheme=theme, locale=locale, **more)

@@ -8,15 +8,23 @@ import pytest
 
 import peers
 from drivebus import i18n
-from pagehands import trip
-from pagekit import Stage, log_in
+from fixtures.browser import Stage, log_in
+from fixtures.browser_actions import trip
 
 WAYS = {
-    "fleet": ".tile", "fleet?group=air": ".grouppanel", "drive/fan-1": ".control", "buses/fans": "main h1",
-    "drive/fan-1?tab=parameters": "[role=tabpanel] table", "drive/fan-1?tab=profile": "[role=tabpanel] .facts",
-    "drive/fan-1?tab=faults": "[role=tabpanel] table", "drive/fan-1?tab=statistics": "[role=tabpanel]",
-    "alarms": "main h1", "history": "main h1", "audit": "main h1", "settings": "main h1",
-}  # fmt: skip
+    "fleet": ".tile",
+    "fleet?group=air": ".grouppanel",
+    "drive/fan-1": ".control",
+    "buses/fans": "main h1",
+    "drive/fan-1?tab=parameters": "[role=tabpanel] table",
+    "drive/fan-1?tab=profile": "[role=tabpanel] .facts",
+    "drive/fan-1?tab=faults": "[role=tabpanel] table",
+    "drive/fan-1?tab=statistics": "[role=tabpanel]",
+    "alarms": "main h1",
+    "history": "main h1",
+    "audit": "main h1",
+    "settings": "main h1",
+}
 
 
 def walk(page: Any, way: str) -> None:
@@ -48,8 +56,9 @@ def _told(results: Any) -> list[str]:
     violations = results.response["violations"]
     return [
         f"{one['id']}: {one['nodes'][0]['html'][:160]} {one['nodes'][0]['any'][:1]}"
-        for one in violations if one["impact"] != "minor"
-    ]  # fmt: skip
+        for one in violations
+        if one["impact"] != "minor"
+    ]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

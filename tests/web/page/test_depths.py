@@ -11,11 +11,11 @@ import pytest
 
 import peers
 from drivebus import errors, i18n
-from drivebus.bus import aftermath
-from drivebus.plant import audit
-from drivebus.plant.operations import OPERATIONS
-from pagehands import expecting, trip
-from pagekit import Stage
+from drivebus.bus import failure
+from drivebus.service import audit
+from drivebus.service.api.operations import OPERATIONS
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, trip
 
 
 def open_history(page: Any) -> None:
@@ -153,13 +153,13 @@ def test_whatever_the_trail_records_has_words() -> None:
     """``audit.opened`` tells an auditor who reads Chinese nothing."""
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
     own = set(re.findall(r'(?:Entry\(|what=|CUT: Final = )"(audit\.[a-z]+)"', source))
-    recorded = own | {name for name, operation in OPERATIONS.items() if operation.changes}
+    recorded = own | {name for name, operation in OPERATIONS.items() if operation.mutates}
     words = {"plantpage.did_" + re.sub("[.-]", "_", name) for name in recorded}
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
 
 
 def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:
     classes = {snake(name) for name in dir(errors) if isinstance(getattr(errors, name), type)}
-    classes.add(snake(aftermath.NotBelieved.__name__))
+    classes.add(snake(failure.UntrustedReply.__name__))
     words = {key.removeprefix("plantpage.error_") for key in i18n.catalogue("en") if key.startswith("plantpage.error_")}
     assert len(words) > 10 and words <= classes

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from pagekit import Stage
-from plantkit import LOCAL
+from fixtures.browser import Stage
+from fixtures.service import LOCAL
 
 HOLD = "[data-jog=forward]"
 

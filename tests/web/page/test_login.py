@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from doorkit import PASSWORD, USERS
 from drivebus import i18n
-from drivebus.plant.access.register import Register
-from pagekit import Stage
+from drivebus.service.auth.users import UserDatabase
+from fixtures.browser import Stage
+from fixtures.web_app import PASSWORD, USERS
 
 
 @pytest.fixture
 def nobody(stage: Stage) -> Iterator[Stage]:
     """A plant that was never set up."""
-    stage.access.file.change(lambda _: Register())
+    stage.access.file.change(lambda _: UserDatabase())
     yield stage
     stage.access.file.change(lambda _: USERS)
 

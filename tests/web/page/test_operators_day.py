@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from drivebus.sim.plate import Trip
-from pagekit import Stage
+from drivebus.simulator.nameplate import Trip
+from fixtures.browser import Stage
 
 
 def take(page: Any) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from doorkit import PASSWORD
 from drivebus import i18n
-from pagehands import expecting, trip, unplugged
-from pagekit import Stage
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, trip, unplugged
+from fixtures.web_app import PASSWORD
 
 
 def word(key: str, **params: Any) -> str:

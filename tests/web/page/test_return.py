@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pagekit import Stage
+from fixtures.browser import Stage
 
 SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"

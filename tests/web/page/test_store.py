@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from pagekit import Stage, log_in
+from fixtures.browser import Stage, log_in
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from pagehands import expecting, unplugged
-from pagekit import Stage
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, unplugged
 
 NOTHING = "–"
 MODULES = "/static/js/trend/"

@@ -6,17 +6,17 @@ from typing import Any
 
 import pytest
 
-from doorkit import PASSWORD
-from drivebus.plant.access.access import Access
-from drivebus.plant.access.sessions import IDLE_S
-from pagekit import Stage
+from drivebus.service.auth.service import AuthService
+from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
+from fixtures.browser import Stage
+from fixtures.web_app import PASSWORD
 
 
 def fall_idle(stage: Stage) -> None:
     """As if nobody had touched anything for a quarter of an hour."""
-    access: Access = stage._app.user_middleware[0].kwargs["access"]  # type: ignore[union-attr,assignment]
-    for session in access.sessions.of("operator"):
-        session.active -= IDLE_S
+    access: AuthService = stage._app.user_middleware[0].kwargs["access"]  # type: ignore[union-attr,assignment]
+    for session in access.sessions.of_user("operator"):
+        session.active -= SESSION_IDLE_TIMEOUT_S
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

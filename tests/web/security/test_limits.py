@@ -11,11 +11,17 @@ import httpx
 import pytest
 from starlette.datastructures import Headers
 
-from doorkit import House
-from drivebus.plant.access.refusals import AccessError
-from drivebus.testing.virtual import run
-from drivebus.web.body import LARGEST, LONGEST_S, OF_ANYBODY, read, replayed
-from drivebus.web.headers import CSP
+from drivebus.service.auth.errors import AuthError
+from drivebus.testing.virtual_time import run
+from drivebus.web.middleware.request_body import (
+    BODY_TIMEOUT_S,
+    MAX_BODY_BYTES,
+    MAX_PUBLIC_BODY_BYTES,
+    read_body,
+    replay_body,
+)
+from drivebus.web.middleware.security_headers import CSP
+from fixtures.web_app import WebAppHarness
 
 RUN = "/api/v1/drives/fan-1/run"
 JSON = {"content-type": "application/json"}
@@ -35,17 +41,17 @@ JSON = {"content-type": "application/json"}
         (b"[" * 500_000, 422),
         (b'{"a":' * 150_000, 422),
         (b'{"frequency_hz": ' + b"9" * 100_000 + b"}", 422),
-        (b"x" * (LARGEST + 1), 413),
+        (b"x" * (MAX_BODY_BYTES + 1), 413),
     ],
     ids=range(12),
 )
 def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
     body: bytes, status: int, tmp_path: Path
 ) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         answer = await client.post(RUN, content=body, headers=JSON)
         assert answer.status_code == status, answer.text[:300]
         assert answer.json()["error"]["text"].keys() == {"en", "zh"}
@@ -69,7 +75,7 @@ def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
     body: bytes, code: str, tmp_path: Path
 ) -> None:
     """No library behind the door takes the last of two, or half of it."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         answer = await house.client().post("/api/v1/login", content=body, headers=JSON)
@@ -81,7 +87,7 @@ def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
 
 
 def test_s14_the_sizes_are_those_that_were_measured() -> None:
-    assert (LARGEST, OF_ANYBODY, LONGEST_S) == (1024 * 1024, 4096, 10.0)
+    assert (MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES, BODY_TIMEOUT_S) == (1024 * 1024, 4096, 10.0)
 
 
 def coming(*parts: bytes) -> Any:
@@ -98,8 +104,8 @@ def coming(*parts: bytes) -> Any:
 @pytest.mark.parametrize("length", [b"\xb2", b"\xb9\xb9", b"+1", b"-1", b"1_0", b" 1", b"0x1", b"", b"9" * 5000])
 def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length: bytes) -> None:
     headers = Headers(raw=[(b"content-length", length)])
-    with pytest.raises(AccessError) as refused:
-        run(read(coming(b""), headers))
+    with pytest.raises(AuthError) as refused:
+        run(read_body(coming(b""), headers))
     assert (refused.value.key, refused.value.status) == ("access.too_large", 413)
     assert refused.value.params == {"largest": 1024 * 1024}
 
@@ -108,9 +114,9 @@ def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length:
 def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) -> None:
     kind = (b"content-type", b"application/json")
     headers = Headers(raw=[kind] if length is None else [kind, (b"content-length", length)])
-    assert run(read(coming(b"[1", b"]"), headers, 3)) == b"[1]"
-    with pytest.raises(AccessError) as refused:
-        run(read(coming(b"[1", b"]", b" "), headers, 3))
+    assert run(read_body(coming(b"[1", b"]"), headers, 3)) == b"[1]"
+    with pytest.raises(AuthError) as refused:
+        run(read_body(coming(b"[1", b"]", b" "), headers, 3))
     assert (refused.value.key, refused.value.params) == ("access.too_large", {"largest": 3})
 
 
@@ -120,15 +126,15 @@ def test_s14_what_is_not_said_to_have_more_has_none() -> None:
     async def whole() -> Any:
         return {"type": "http.request", "body": b"{}"}
 
-    assert run(read(whole, Headers({"content-type": "application/json"}), 3)) == b"{}"
+    assert run(read_body(whole, Headers({"content-type": "application/json"}), 3)) == b"{}"
 
 
 def test_s14_a_body_that_is_cut_off_is_none() -> None:
     async def gone() -> Any:
         return {"type": "http.disconnect"}
 
-    with pytest.raises(AccessError) as refused:
-        run(read(gone, Headers()))
+    with pytest.raises(AuthError) as refused:
+        run(read_body(gone, Headers()))
     assert (refused.value.key, refused.value.params) == ("access.malformed", {"problem": "disconnected"})
 
 
@@ -138,8 +144,8 @@ def test_s14_a_body_has_ten_seconds() -> None:
 
     async def story() -> float:
         begun = asyncio.get_running_loop().time()
-        with pytest.raises(AccessError) as refused:
-            await read(never, Headers())
+        with pytest.raises(AuthError) as refused:
+            await read_body(never, Headers())
         assert (refused.value.key, refused.value.params) == ("access.too_slow", {"longest_s": 10.0})
         return asyncio.get_running_loop().time() - begun
 
@@ -149,26 +155,30 @@ def test_s14_a_body_has_ten_seconds() -> None:
 @pytest.mark.parametrize(
     ("kind", "more", "fits"),
     [
-        ("application/json", {}, True), ("Application/JSON ; Charset=UTF-8", {}, True),
+        ("application/json", {}, True),
+        ("Application/JSON ; Charset=UTF-8", {}, True),
         ("application/json", {"content-encoding": "identity"}, True),
-        ("application/json", {"content-encoding": "br"}, False), ("application/json; charset=gbk", {}, False),
-        ("application/json; boundary=x", {}, False), ("text/plain", {}, False), (None, {}, False),
+        ("application/json", {"content-encoding": "br"}, False),
+        ("application/json; charset=gbk", {}, False),
+        ("application/json; boundary=x", {}, False),
+        ("text/plain", {}, False),
+        (None, {}, False),
     ],
-)  # fmt: skip
+)
 def test_s03_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], fits: bool) -> None:
     headers = Headers(({} if kind is None else {"content-type": kind}) | more)
     if fits:
-        assert run(read(coming(b"{}"), headers)) == b"{}"
+        assert run(read_body(coming(b"{}"), headers)) == b"{}"
         return
-    with pytest.raises(AccessError) as refused:
-        run(read(coming(b"{}"), headers))
+    with pytest.raises(AuthError) as refused:
+        run(read_body(coming(b"{}"), headers))
     assert (refused.value.key, refused.value.status) == ("access.not_json", 415)
     assert refused.value.params == {"found": kind or ""}
 
 
 def test_a_route_gets_the_body_once_and_then_what_really_comes() -> None:
     async def story() -> None:
-        again = replayed(b"{}", coming(b"later"))
+        again = replay_body(b"{}", coming(b"later"))
         assert (await again())["body"] == b"{}"
         assert (await again())["body"] == b"later"
         assert (await again())["type"] == "http.disconnect"
@@ -177,13 +187,13 @@ def test_a_route_gets_the_body_once_and_then_what_really_comes() -> None:
 
 
 def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("engineer")
+        client = await house.log_in("engineer")
         body = json.dumps({"text": ""}).encode()
-        for more in ({}, {"content-length": str(LARGEST)}):
-            whole = body + b" " * (LARGEST - len(body))
+        for more in ({}, {"content-length": str(MAX_BODY_BYTES)}):
+            whole = body + b" " * (MAX_BODY_BYTES - len(body))
             answer = await client.post("/api/v1/configuration/check", content=whole, headers={**JSON, **more})
             assert answer.status_code == 200, answer.text
 
@@ -192,24 +202,24 @@ def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
 
 def test_s14_where_no_right_is_needed_little_is_read(tmp_path: Path) -> None:
     """A mebibyte of braces takes the page's process 0.3 s: nobody's stop waits for a stranger's."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         client = house.client()
         body = json.dumps({"name": "nobody", "password": "x"}).encode()
-        fits = await client.post("/api/v1/login", content=body.ljust(OF_ANYBODY), headers=JSON)
+        fits = await client.post("/api/v1/login", content=body.ljust(MAX_PUBLIC_BODY_BYTES), headers=JSON)
         assert fits.status_code == 401, fits.text
-        too_much = await client.post("/api/v1/login", content=body.ljust(OF_ANYBODY + 1), headers=JSON)
+        too_much = await client.post("/api/v1/login", content=body.ljust(MAX_PUBLIC_BODY_BYTES + 1), headers=JSON)
         assert too_much.status_code == 413, too_much.text
-        assert too_much.json()["error"]["params"]["largest"] == OF_ANYBODY
-        viewer = await house.logged_in("viewer")
-        too_much = await viewer.post("/api/v1/tokens", content=b"{}".ljust(OF_ANYBODY + 1), headers=JSON)
+        assert too_much.json()["error"]["params"]["largest"] == MAX_PUBLIC_BODY_BYTES
+        viewer = await house.log_in("viewer")
+        too_much = await viewer.post("/api/v1/tokens", content=b"{}".ljust(MAX_PUBLIC_BODY_BYTES + 1), headers=JSON)
         assert too_much.status_code == 413, too_much.text
 
     run(story())
 
 
-async def told(house: House, headers: dict[str, str], parts: Any) -> int:
+async def told(house: WebAppHarness, headers: dict[str, str], parts: Any) -> int:
     """The status that a request gets whose body comes in ``parts``: (octets, seconds before them)."""
     statuses: list[int] = []
 
@@ -223,11 +233,19 @@ async def told(house: House, headers: dict[str, str], parts: Any) -> int:
         statuses.extend([message["status"]] if message["type"] == "http.response.start" else [])
 
     scope = {
-        "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "scheme": "http",
-        "path": RUN, "raw_path": RUN.encode(), "query_string": b"", "root_path": "",
+        "type": "http",
+        "asgi": {"version": "3.0"},
+        "http_version": "1.1",
+        "method": "POST",
+        "scheme": "http",
+        "path": RUN,
+        "raw_path": RUN.encode(),
+        "query_string": b"",
+        "root_path": "",
         "headers": [(name.lower().encode(), value.encode()) for name, value in headers.items()],
-        "client": ("127.0.0.1", 5), "server": ("127.0.0.1", 8080),
-    }  # fmt: skip
+        "client": ("127.0.0.1", 5),
+        "server": ("127.0.0.1", 8080),
+    }
     await house.app(scope, receive, send)
     return statuses[0]
 
@@ -235,33 +253,33 @@ async def told(house: House, headers: dict[str, str], parts: Any) -> int:
 @pytest.mark.parametrize(
     ("more", "parts", "status"),
     [
-        ({"content-length": str(100 * LARGEST)}, iter([]), 413),
+        ({"content-length": str(100 * MAX_BODY_BYTES)}, iter([]), 413),
         ({"content-length": "-1"}, iter([]), 413),
         ({"content-length": "٣"}, iter([]), 413),
         ({}, ((b"x" * 65536, 0.0) for _ in range(10_000)), 413),
         ({}, ((b" ", 1.0) for _ in range(10_000)), 408),
-        ({}, iter([(b"{", LONGEST_S + 1)]), 408),
+        ({}, iter([(b"{", BODY_TIMEOUT_S + 1)]), 408),
     ],
     ids=["declared", "negative", "another digit", "undeclared", "a drip", "silence"],
 )
 def test_s14_a_hundred_megabytes_and_a_slow_drip_end_early(
     more: dict[str, str], parts: Any, status: int, tmp_path: Path
 ) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         token = await house.token("operator", "operate")
         headers = {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}", **JSON} | more
         begun = asyncio.get_running_loop().time()
         assert await told(house, headers, parts) == status
-        assert asyncio.get_running_loop().time() - begun <= LONGEST_S
+        assert asyncio.get_running_loop().time() - begun <= BODY_TIMEOUT_S
         assert house.plant.calls == []
 
     run(story())
 
 
 def test_s14_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         def never() -> Any:
@@ -278,7 +296,7 @@ HOSTILE = 'x"\r\n{"what":"login","outcome":"done"}\x1b[2J\u202e<script>alert(1)<
 
 def test_s13_nobodys_text_makes_a_line_of_its_own_in_the_trail(tmp_path: Path) -> None:
     """Names, passwords, headers and addresses as somebody hostile sends them: each stays one JSON string."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         client = house.client()
@@ -301,10 +319,10 @@ def test_s13_nobodys_text_makes_a_line_of_its_own_in_the_trail(tmp_path: Path) -
     "path", ["/api/v1/%0d%0aSet-Cookie:x=1", "/static/%3Cscript%3E", "/i18n/<b>.json", "/api/v1/drives/<b>"]
 )
 def test_s17_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("viewer")
+        client = await house.log_in("viewer")
         answer = await client.get(path)
         assert answer.headers["content-type"].startswith("application/json")
         assert answer.headers["x-content-type-options"] == "nosniff"
@@ -316,13 +334,25 @@ def test_s17_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp
 @pytest.mark.parametrize(
     "path",
     [
-        "/static/../__main__.py", "/static/%2e%2e/__main__.py", "/static/..%2f__main__.py", "/static//etc/passwd",
-        "/static/%2fetc%2fpasswd", "/vendor/../../cli/root.py", "/static/", "/static", "/static/js",
-        "/static/\x00", "/static/" + "a" * 5000, "/vendor/%00", "/i18n/../x.json", "/i18n/fr.json", "/static/none.js",
+        "/static/../__main__.py",
+        "/static/%2e%2e/__main__.py",
+        "/static/..%2f__main__.py",
+        "/static//etc/passwd",
+        "/static/%2fetc%2fpasswd",
+        "/vendor/../../cli/root.py",
+        "/static/",
+        "/static",
+        "/static/js",
+        "/static/\x00",
+        "/static/" + "a" * 5000,
+        "/vendor/%00",
+        "/i18n/../x.json",
+        "/i18n/fr.json",
+        "/static/none.js",
     ],
-)  # fmt: skip
+)
 def test_s19_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         from httpx import InvalidURL
@@ -340,7 +370,7 @@ def test_s19_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> N
     "path", ["/", "/static/js/app.js", "/i18n/en.json", "/i18n/zh.json", "/api/v1/session", "/nothing"]
 )
 def test_s15_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         answer = await house.client().get(path)
@@ -361,7 +391,7 @@ def test_s15_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_pa
 
 
 def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         client = house.client()
@@ -376,7 +406,7 @@ def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
 
 
 def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def failing(*_: Any) -> Any:
         raise RuntimeError("/secret/path")
@@ -384,7 +414,7 @@ def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path
     house.plant.call = failing  # type: ignore[method-assign]
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         answer = await client.post("/api/v1/stop")
         assert answer.status_code == 500 and "secret" not in answer.text
         assert answer.headers["content-security-policy"] == CSP
@@ -399,10 +429,10 @@ COMMANDS: list[tuple[str, Any]] = [("run", {"frequency_hz": 5.0}), ("stop", {})]
 
 
 def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         house.plant.calls.clear()
         questions = [client.get("/api/v1/buses") for _ in range(20)]
         run, stop = (client.post(f"/api/v1/drives/fan-1/{what}", json=body) for what, body in COMMANDS)
@@ -417,10 +447,10 @@ def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path
 
 def test_s14_a_stop_goes_before_the_refusals_of_strangers(tmp_path: Path) -> None:
     """They may ask for stops and starts as often as they like."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client, stranger, told = await house.logged_in("operator"), house.client(), list[int]()
+        client, stranger, told = await house.log_in("operator"), house.client(), list[int]()
 
         async def ask(who: httpx.AsyncClient, what: str) -> None:
             told.append((await who.post(f"/api/v1/drives/fan-1/{what}", json={})).status_code)

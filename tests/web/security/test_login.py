@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from doorkit import BASE, PASSWORD, House
-from drivebus.plant.access.sessions import IDLE_S
-from drivebus.testing.virtual import run
-from drivebus.web.refused import KINDS, PERIOD_S
-from drivebus.web.rights import TABLE, WEBSOCKET, Door
+from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
+from drivebus.testing.virtual_time import run
+from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
+from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET, AccessLevel
+from fixtures.web_app import BASE, PASSWORD, WebAppHarness
 
 HOUR_S = 3600.0
 
 
-async def guess(house: House, name: str, host: str = "10.0.0.9") -> int:
+async def guess(house: WebAppHarness, name: str, host: str = "10.0.0.9") -> int:
     """The status of a login with a wrong password, from an address of its own."""
     import httpx
 
@@ -32,10 +32,10 @@ async def guess(house: House, name: str, host: str = "10.0.0.9") -> int:
 
 def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
     """1,200 guesses from 1,200 addresses: at most 100 are looked at, and the user who is logged in stops at will."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        mine = await house.logged_in("operator")
+        mine = await house.log_in("operator")
         looked_at = 0
         for n in range(1200):
             house.clock.now += HOUR_S / 1200
@@ -50,26 +50,26 @@ def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path:
 
 
 def test_s05_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         statuses = [await guess(house, f"user{n}") for n in range(300)]
         assert statuses.count(401) == 10
-        await house.logged_in("operator")
+        await house.log_in("operator")
 
     run(story())
 
 
 def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         for n in range(500):
             await guess(house, f"user{n % 100}")
         told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
         assert {entry["outcome"] for entry in told} == {"access.wrong_password", "access.too_many"}
-        assert len(told) <= 1 + KINDS
-        await asyncio.sleep(PERIOD_S + 1)
+        assert len(told) <= 1 + MAX_KINDS_PER_PERIOD
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
         told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
         assert sum(entry["params"]["times"] for entry in told) == 500
 
@@ -77,12 +77,12 @@ def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path
 
 
 def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
-    house = House(tmp_path, users=False)
+    house = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
         client = house.client()
-        for entry in TABLE:
-            if entry.need is Door.PUBLIC or entry.method == WEBSOCKET:
+        for entry in ROUTE_POLICIES:
+            if entry.access is AccessLevel.PUBLIC or entry.method == WEBSOCKET:
                 continue
             for headers in ({}, {"authorization": "Bearer x"}, {"cookie": "drivebus_session=x"}):
                 answer = await client.request(entry.method, entry.path, headers=headers)
@@ -97,13 +97,13 @@ def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -
 
 
 def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
-    house = House(tmp_path, users=False)
+    house = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
         client = house.client()
         body = {"secret": "guess", "name": "ann", "password": PASSWORD}
         assert (await client.post("/api/v1/setup", json=body)).status_code == 401
-        body["secret"] = house.access.setup.offer()
+        body["secret"] = house.access.setup_secret.issue()
         answer = await client.post("/api/v1/setup", json=body)
         assert (answer.status_code, answer.json()["role"]) == (200, "administrator")
         assert (await client.get("/api/v1/drives")).status_code == 200
@@ -115,11 +115,11 @@ def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
 
 
 def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_stop(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
-        house.access.file.change(lambda register: type(register)(register.users[:2]))
+        client = await house.log_in("operator")
+        house.access.user_file.change(lambda register: type(register)(register.users[:2]))
         assert house.access.needs_setup
         assert (await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5})).status_code == 409
         assert (await client.post("/api/v1/stop")).status_code == 200
@@ -129,14 +129,14 @@ def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_st
 
 def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
     """A secret that somebody planted before the login is worth nothing after it."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         before = client.cookies["drivebus_session"]
         answer = await client.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
         after = answer.cookies["drivebus_session"]
-        assert before != after and house.access.by_cookie(before) is None
+        assert before != after and house.access.session_credential(before) is None
         planted = house.client(cookie="drivebus_session=planted")
         answer = await planted.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
         assert answer.cookies["drivebus_session"] != "planted"
@@ -148,7 +148,7 @@ def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> 
     ("base", "name", "secure"), [(BASE, "drivebus_session", False), ("https://127.0.0.1:8080", "__Host-drivebus", True)]
 )
 def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         client = house.client(base)
@@ -166,10 +166,10 @@ def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool
 
 def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
     """What the page does by itself (it looks, it renews leases) is nobody's hand."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         run_it: dict[str, Any] = {"url": "/api/v1/drives/fan-1/run", "json": {"frequency_hz": 5.0}}
         for _ in range(15):
             house.clock.now += 60
@@ -191,21 +191,23 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
 
 def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
     """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted (S05)."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         old, before = client.cookies["drivebus_session"], (await client.get("/api/v1/session")).json()
-        house.clock.now += IDLE_S
+        house.clock.now += SESSION_IDLE_TIMEOUT_S
         assert (await client.post("/api/v1/session/wake", json={"password": "wrong password"})).status_code == 403
         assert (await client.post("/api/v1/stop")).status_code == 200
         woken = await client.post("/api/v1/session/wake", json={"password": PASSWORD})
         after = woken.json()
         assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
-        assert house.access.by_cookie(old) is None and after["csrf"] == before["csrf"], "another tab can stop at once"
+        assert house.access.session_credential(old) is None and after["csrf"] == before["csrf"], (
+            "another tab can stop at once"
+        )
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200 and house.plant.calls[-1][2].session == before["session"]
-        house.clock.now += 12 * 3600.0 - IDLE_S
+        house.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S
         assert (await client.get("/api/v1/drives")).status_code == 401, "twelve hours are twelve hours"
         told = [(entry["what"], entry["outcome"]) for entry, _ in house.plant.records if entry["what"] == "wake"]
         assert told == [("wake", "done")]
@@ -214,11 +216,11 @@ def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path:
 
 
 def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
-        house.clock.now += IDLE_S
+        client = await house.log_in("operator")
+        house.clock.now += SESSION_IDLE_TIMEOUT_S
         guesses = [await client.post("/api/v1/session/wake", json={"password": f"wrong {n}"}) for n in range(15)]
         assert [answer.status_code for answer in guesses] == [403] * 10 + [429] * 5
         assert (await client.post("/api/v1/stop")).status_code == 200
@@ -227,12 +229,12 @@ def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
 
 
 def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         for _ in range(5):
-            house.clock.now += IDLE_S - 1
+            house.clock.now += SESSION_IDLE_TIMEOUT_S - 1
             assert (await client.post("/api/v1/session/active")).json()["idle"] is False
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200
@@ -242,26 +244,26 @@ def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
 
 def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path) -> None:
     """G14: who administers waits for the trail, who logs in, looks or stops does not."""
-    house = House(tmp_path)
-    house.plant.deaf = True
+    house = WebAppHarness(tmp_path)
+    house.plant.audit_fails = True
 
     async def story() -> None:
-        client = await house.logged_in("administrator")
+        client = await house.log_in("administrator")
         assert (await client.post("/api/v1/stop")).status_code == 200
-        before = house.access.register
+        before = house.access.database
         body = {"name": "eve", "role": "viewer", "password": PASSWORD}
         refused = await client.post("/api/v1/users", json=body)
         assert (refused.status_code, refused.json()["error"]["code"]) == (503, "access.no_record")
         assert (await client.patch("/api/v1/users/viewer", json={"role": "engineer"})).status_code == 503
         assert (await client.post("/api/v1/tokens", json={"name": "t", "rights": ["view"]})).status_code == 503
-        assert house.access.register == before
+        assert house.access.database == before
         assert (await client.post("/api/v1/logout")).status_code == 200
 
     run(story())
 
 
 def test_a_code_of_the_demo_logs_in_once(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         code = await house.access.issue_code("operator", 3600)
@@ -274,16 +276,20 @@ def test_a_code_of_the_demo_logs_in_once(tmp_path: Path) -> None:
 
 
 def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        admin = await house.logged_in("administrator")
+        admin = await house.log_in("administrator")
         body = {"name": "王伟", "role": "operator", "password": PASSWORD}
         made = (await admin.post("/api/v1/users", json=body)).json()["user"]
         assert made == {
-            "name": "王伟", "role": "operator", "disabled": False, "created_ms": house.clock.wall_ms(), "sessions": 0,
+            "name": "王伟",
+            "role": "operator",
+            "disabled": False,
+            "created_ms": house.clock.wall_ms(),
+            "sessions": 0,
             "tokens": 0,
-        }  # fmt: skip
+        }
         assert (await admin.post("/api/v1/users", json=body)).status_code == 409
         assert (await admin.patch("/api/v1/users/王伟", json={"password": "short"})).status_code == 422
         new = {"password": "another pass phrase", "role": "engineer"}
@@ -309,10 +315,10 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
 
 
 def test_a_new_password_of_ones_own(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client, elsewhere = await house.logged_in("viewer"), await house.logged_in("viewer")
+        client, elsewhere = await house.log_in("viewer"), await house.log_in("viewer")
         wrong = await client.post("/api/v1/password", json={"old": "wrong", "new": "another pass phrase"})
         assert wrong.status_code == 403, "401 would say that the session is over"
         done = await client.post("/api/v1/password", json={"old": PASSWORD, "new": "another pass phrase"})

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from doorkit import BASE, House, Wire
-from drivebus.plant.model import WebSetting
-from drivebus.testing.virtual import run
-from drivebus.web.rights import TABLE, WEBSOCKET
+from drivebus.service.config.model import WebConfig
+from drivebus.testing.virtual_time import run
+from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET
+from fixtures.web_app import BASE, AppWebSocket, WebAppHarness
 
-CHANGING = [entry for entry in TABLE if entry.method not in ("GET", WEBSOCKET)]
+CHANGING = [entry for entry in ROUTE_POLICIES if entry.method not in ("GET", WEBSOCKET)]
 FOREIGN = [
     "http://evil.example",
     "null",
@@ -37,19 +37,19 @@ FORMS: dict[str, dict[str, Any]] = {
 }
 
 
-def effects(house: House) -> list[Any]:
+def effects(house: WebAppHarness) -> list[Any]:
     return house.plant.calls
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
     """As a foreign page's form, fetch or link: the cookie comes along, the CSRF token does not."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("administrator")
+        client = await house.log_in("administrator")
         del client.headers["X-Drivebus-CSRF"]
-        before = house.access.register
+        before = house.access.database
         for entry in CHANGING:
             if "log" in entry.path or "setup" in entry.path:
                 continue
@@ -57,17 +57,17 @@ def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
                 more = FORMS[form] | {"headers": FORMS[form].get("headers", {}) | origin}
                 answer = await client.request(entry.method, entry.path.replace("{drive}", "fan-1"), **more)
                 assert answer.status_code == 403, (entry, origin, answer.text)
-        assert effects(house) == [] and house.access.register == before
+        assert effects(house) == [] and house.access.database == before
 
     run(story())
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
 def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("administrator")
+        client = await house.log_in("administrator")
         token = await house.token("administrator", "view", "stop", "operate")
         for entry in CHANGING:
             for more in ({}, {"authorization": f"Bearer {token}"}):
@@ -82,7 +82,7 @@ def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: 
 
 @pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login-once"])
 def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         body = {"name": "operator", "password": "correct horse battery"}
@@ -91,7 +91,7 @@ def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> N
         form = await house.client().post(path, data=body)
         text = await house.client().post(path, content=json.dumps(body), headers={"content-type": "text/plain"})
         assert (form.status_code, text.status_code) == (415, 415)
-        assert house.access.sessions.of("operator") == []
+        assert house.access.sessions.of_user("operator") == []
 
     run(story())
 
@@ -99,10 +99,10 @@ def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "application/json-patch+json"])
 def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
     """What a form can send is never JSON: a browser asks first before it sends that elsewhere."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("operator")
+        client = await house.log_in("operator")
         for headers in ({"content-type": kind}, {"content-type": "application/json", "content-encoding": "gzip"}):
             answer = await client.post("/api/v1/drives/fan-1/run", content='{"frequency_hz": 50}', headers=headers)
             assert answer.status_code == 415
@@ -113,11 +113,11 @@ def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path)
 
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "TRACE", "FOO"])
 def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.logged_in("administrator")
-        readable = {entry.path for entry in TABLE if entry.method == "GET"}
+        client = await house.log_in("administrator")
+        readable = {entry.path for entry in ROUTE_POLICIES if entry.method == "GET"}
         for entry in CHANGING:
             if entry.path in readable and method == "GET":
                 continue
@@ -147,7 +147,7 @@ def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path:
 )
 def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str, status: int, tmp_path: Path) -> None:
     """DNS rebinding: for the browser that page and this service are one origin, and only Host tells."""
-    house = House(tmp_path, web=WebSetting(origins=("https://plant.example",)))
+    house = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def story() -> None:
         client = house.client()
@@ -160,7 +160,7 @@ def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str
 
 
 def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
-    house = House(tmp_path, web=WebSetting(origins=("https://plant.example",)))
+    house = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def story() -> None:
         client = house.client(host="plant.example", origin="https://plant.example")
@@ -174,34 +174,34 @@ def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_
     run(story())
 
 
-async def cookie_of(house: House, role: str = "operator") -> tuple[Any, dict[str, str]]:
-    client = await house.logged_in(role)
+async def cookie_of(house: WebAppHarness, role: str = "operator") -> tuple[Any, dict[str, str]]:
+    client = await house.log_in(role)
     headers = {"host": "127.0.0.1:8080", "cookie": "drivebus_session=" + client.cookies["drivebus_session"]}
     return client, headers
 
 
 def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         _, headers = await cookie_of(house)
-        wire = Wire(house.app, headers | {"origin": BASE})
+        wire = AppWebSocket(house.app, headers | {"origin": BASE})
         await asyncio.sleep(1)
         assert wire.is_open
-        await wire.leave()
+        await wire.disconnect()
 
     run(story())
 
 
 @pytest.mark.parametrize("origin", [None, *FOREIGN])
 def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         _, headers = await cookie_of(house)
-        wire = Wire(house.app, headers if origin is None else headers | {"origin": origin})
+        wire = AppWebSocket(house.app, headers if origin is None else headers | {"origin": origin})
         await wire.route
-        assert (wire.is_open, wire.end, house.plant.calls) == (False, 4403, [])
+        assert (wire.is_open, wire.close_code, house.plant.calls) == (False, 4403, [])
         target = "/api/v1/live" if origin is None else "-"  # a foreign one is refused before its address is looked at
         assert house.plant.records[-1][0]["target"] == f"WEBSOCKET {target}"
 
@@ -212,67 +212,67 @@ def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path:
     "credential", [{}, {"cookie": "drivebus_session=" + "A" * 43}, {"authorization": "Bearer dbt_A"}]
 )
 def test_s04_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        wire = Wire(house.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
+        wire = AppWebSocket(house.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
         await wire.route
-        assert (wire.is_open, wire.end, house.plant.calls) == (False, 4401, [])
+        assert (wire.is_open, wire.close_code, house.plant.calls) == (False, 4401, [])
 
     run(story())
 
 
 def test_s04_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         token = await house.token("operator", "view")
-        wire = Wire(house.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
+        wire = AppWebSocket(house.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
         await asyncio.sleep(1)
         assert wire.is_open
-        operator = await house.logged_in("operator")
+        operator = await house.log_in("operator")
         mine = (await operator.get("/api/v1/tokens")).json()["tokens"][0]["id"]
         await operator.delete(f"/api/v1/tokens/{mine}")
         await asyncio.sleep(1)
-        assert wire.end == 4401
+        assert wire.close_code == 4401
 
     run(story())
 
 
-async def log_out(house: House, client: Any) -> None:
+async def log_out(house: WebAppHarness, client: Any) -> None:
     assert (await client.post("/api/v1/logout")).status_code == 200
 
 
-async def log_out_everywhere(house: House, client: Any) -> None:
-    other = await house.logged_in("operator")
+async def log_out_everywhere(house: WebAppHarness, client: Any) -> None:
+    other = await house.log_in("operator")
     assert (await other.post("/api/v1/logout-everywhere")).json() == {"ended": 2}
 
 
-async def lose_the_role(house: House, client: Any) -> None:
-    admin = await house.logged_in("administrator")
+async def lose_the_role(house: WebAppHarness, client: Any) -> None:
+    admin = await house.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"role": "viewer"})).status_code == 200
 
 
-async def be_disabled(house: House, client: Any) -> None:
-    admin = await house.logged_in("administrator")
+async def be_disabled(house: WebAppHarness, client: Any) -> None:
+    admin = await house.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"disabled": True})).status_code == 200
 
 
-async def be_removed(house: House, client: Any) -> None:
-    admin = await house.logged_in("administrator")
+async def be_removed(house: WebAppHarness, client: Any) -> None:
+    admin = await house.log_in("administrator")
     assert (await admin.delete("/api/v1/users/operator")).status_code == 200
 
 
-async def be_changed_on_the_command_line(house: House, client: Any) -> None:
-    house.access.file.change(lambda register: register.removed("operator"))
+async def be_changed_on_the_command_line(house: WebAppHarness, client: Any) -> None:
+    house.access.user_file.change(lambda register: register.without_user("operator"))
 
 
-async def have_ones_sessions_ended(house: House, client: Any) -> None:
-    admin = await house.logged_in("administrator")
+async def have_ones_sessions_ended(house: WebAppHarness, client: Any) -> None:
+    admin = await house.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"end_sessions": True})).status_code == 200
 
 
-async def log_in_again(house: House, client: Any) -> None:
+async def log_in_again(house: WebAppHarness, client: Any) -> None:
     body = {"name": "operator", "password": "correct horse battery"}
     assert (await client.post("/api/v1/login", json=body)).status_code == 200
 
@@ -280,22 +280,28 @@ async def log_in_again(house: House, client: Any) -> None:
 @pytest.mark.parametrize(
     "end",
     [
-        log_out, log_out_everywhere, lose_the_role, be_disabled, be_removed, be_changed_on_the_command_line,
-        have_ones_sessions_ended, log_in_again,
+        log_out,
+        log_out_everywhere,
+        lose_the_role,
+        be_disabled,
+        be_removed,
+        be_changed_on_the_command_line,
+        have_ones_sessions_ended,
+        log_in_again,
     ],
-)  # fmt: skip
+)
 def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         client, headers = await cookie_of(house)
-        wire = Wire(house.app, headers | {"origin": BASE})
+        wire = AppWebSocket(house.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
         assert wire.is_open
         await end(house, client)
         told = len(wire.sent)
         await asyncio.sleep(1)
-        assert wire.end == 4401 and wire.route.done()
+        assert wire.close_code == 4401 and wire.route.done()
         last = json.loads(wire.sent[-2]["text"])
         assert last["type"] == "closed" and last["text"].keys() == {"en", "zh"}
         assert len(wire.sent) - told <= 2, "nothing of the plant is told any more"
@@ -304,14 +310,14 @@ def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tm
 
 
 def test_s04_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
 
     async def story() -> None:
         _, headers = await cookie_of(house)
-        wire = Wire(house.app, headers | {"origin": BASE})
+        wire = AppWebSocket(house.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
         house.clock.now += 12 * 3600.0
         await asyncio.sleep(1)
-        assert wire.end == 4401
+        assert wire.close_code == 4401
 
     run(story())

@@ -16,15 +16,15 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
-from doorkit import PASSWORD
 from drivebus.drives import MemoryStore
-from drivebus.plant.access.child import Child
-from drivebus.plant.access.setup import FILE
-from drivebus.plant.model import WebSetting
-from drivebus.plant.service import Service
-from drivebus.plant.socket_server import SocketServer
-from drivebus.sim.port import forget_benches
-from plantkit import PaperHistory, PaperTrail, parts_of, setting
+from drivebus.service.app import Service
+from drivebus.service.auth.setup_secret import SETUP_SECRET_FILE
+from drivebus.service.config.model import WebConfig
+from drivebus.service.ipc.server import SocketServer
+from drivebus.service.process.web_args import WebArguments
+from drivebus.simulator.port import clear_simulated_buses
+from fixtures.service import FakeAuditTrail, FakeHistory, parts_with, plant_config
+from fixtures.web_app import PASSWORD
 
 PATIENCE_S = 30.0
 
@@ -32,7 +32,11 @@ PATIENCE_S = 30.0
 @contextmanager
 def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The process and its address. ``shell``: somebody stands between, who can be killed."""
-    child = TypeAdapter(Child).dump_json(Child(directory, directory / "access.json", WebSetting(port=0))).decode()
+    child = (
+        TypeAdapter(WebArguments)
+        .dump_json(WebArguments(directory, directory / "access.json", WebConfig(port=0)))
+        .decode()
+    )
     command = [sys.executable, "-m", "drivebus.web", str(directory / "plant.sock"), child]
     if shell:
         between = (
@@ -63,7 +67,7 @@ async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None
     """Without it: a clear 503, and logging in works; with it: its drives, without anybody logging in again."""
     with web(tmp_path) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
-            secret = (tmp_path / FILE).read_text().strip()
+            secret = (tmp_path / SETUP_SECRET_FILE).read_text().strip()
             body = {"secret": secret, "name": "ann", "password": PASSWORD}
             done = await client.post("/api/v1/setup", json=body)
             assert done.status_code == 200, done.text
@@ -72,15 +76,15 @@ async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None
                 away = await client.request(method, path)
                 assert (away.status_code, away.json()["error"]["kind"]) == (503, "ServiceUnavailable")
             for _ in range(2):
-                parts = parts_of(setting(), PaperTrail(), PaperHistory())
-                async with Service(setting(), parts, store=MemoryStore(), drive_store=MemoryStore()) as service:
+                parts = parts_with(plant_config(), FakeAuditTrail(), FakeHistory())
+                async with Service(plant_config(), parts, store=MemoryStore(), drive_store=MemoryStore()) as service:
                     server = SocketServer(service, tmp_path / "plant.sock")
                     await server.open()
                     there = await answered(client, "GET", "/api/v1/drives", 200)
                     assert [drive["id"] for drive in there.json()["drives"]][:2] == ["fan-1", "fan-2"]
                     assert (await client.post("/api/v1/stop")).status_code in (200, 504)
                     await server.close()
-                forget_benches()
+                clear_simulated_buses()
                 await answered(client, "GET", "/api/v1/drives", 503)
         process.send_signal(signal.SIGTERM)
         assert await asyncio.to_thread(process.wait, PATIENCE_S) == 0
@@ -92,7 +96,7 @@ async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None
 async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_path: Path) -> None:
     with web(tmp_path) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
-            secret = (tmp_path / FILE).read_text().strip()
+            secret = (tmp_path / SETUP_SECRET_FILE).read_text().strip()
             done = await client.post("/api/v1/setup", json={"secret": secret, "name": "ann", "password": PASSWORD})
             cookies, csrf = dict(client.cookies), done.json()["csrf"]
         process.kill()
@@ -101,7 +105,7 @@ async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_pat
         async with httpx.AsyncClient(base_url=at, cookies=cookies) as client:
             answer = (await client.get("/api/v1/session")).json()
             assert (answer["user"], answer["csrf"], answer["setup"]) == ("ann", csrf, False)
-    assert not (tmp_path / FILE).exists()
+    assert not (tmp_path / SETUP_SECRET_FILE).exists()
 
 
 async def test_it_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None:

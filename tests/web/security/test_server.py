@@ -17,18 +17,18 @@ import trustme
 from fastapi import FastAPI
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from doorkit import PASSWORD, House
 from drivebus.errors import ConfigurationError
-from drivebus.plant.access.child import Child
-from drivebus.plant.model import WebSetting
-from drivebus.plant.socket_client import SocketClient
+from drivebus.service.config.model import WebConfig
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.process.web_args import WebArguments
 from drivebus.web import __main__ as web_process
-from drivebus.web import patience
-from drivebus.web.server import Listening, Server, bound, config, host_for, is_loopback
+from drivebus.web.middleware import connection_limits
+from drivebus.web.server import EmbeddedServer, HttpServer, bind_listener, is_loopback, listen_host, server_config
+from fixtures.web_app import PASSWORD, WebAppHarness
 
 
 @contextlib.asynccontextmanager
-async def serving(house: House, web: WebSetting) -> AsyncIterator[list[str]]:
+async def serving(house: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
     """The addresses that it listened at, the newest last."""
     said: list[str] = []
     told = asyncio.Event()
@@ -37,7 +37,7 @@ async def serving(house: House, web: WebSetting) -> AsyncIterator[list[str]]:
         said.append(at)
         told.set()
 
-    listening = Listening(house.app, house.access, web, say)
+    listening = HttpServer(house.app, house.access, web, say)
     task = asyncio.create_task(listening.run())
     await asyncio.wait({asyncio.create_task(told.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
     try:
@@ -53,7 +53,7 @@ def where(at: str) -> tuple[str, int]:
 
 
 @pytest.fixture
-def certificate(tmp_path: Path) -> tuple[WebSetting, ssl.SSLContext]:
+def certificate(tmp_path: Path) -> tuple[WebConfig, ssl.SSLContext]:
     """TLS for 127.0.0.1, and a client that trusts it."""
     authority = trustme.CA()
     made = authority.issue_cert("127.0.0.1", "localhost")
@@ -62,23 +62,23 @@ def certificate(tmp_path: Path) -> tuple[WebSetting, ssl.SSLContext]:
     made.private_key_pem.write_to_path(key)
     trusting = ssl.create_default_context()
     authority.configure_trust(trusting)
-    return WebSetting(port=0, certificate=certificate, key=key), trusting
+    return WebConfig(port=0, certificate=certificate, key=key), trusting
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "127.0.0.53", "localhost", "0.0.0.0", "::", "10.1.2.3", "plant"])
 def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
     certificate = tmp_path / "cert.pem"
     for users in (False, True):
-        access = House(tmp_path / str(users), users=users).access
+        access = WebAppHarness(tmp_path / str(users), users=users).access
         assert access.needs_setup is not users
         for tls in (None, certificate):
-            found = host_for(WebSetting(host=host, certificate=tls), access)
+            found = listen_host(WebConfig(host=host, certificate=tls), access)
             assert found == (host if is_loopback(host) or (tls and users) else "127.0.0.1")
 
 
 async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
-    house = House(tmp_path)
-    async with serving(house, WebSetting(host="0.0.0.0", port=0)) as said:
+    house = WebAppHarness(tmp_path)
+    async with serving(house, WebConfig(host="0.0.0.0", port=0)) as said:
         assert where(said[0])[0] == "127.0.0.1"
         sockets = await asyncio.to_thread(Path("/proc/self/net/tcp").read_text)
         listening = [line.split()[1] for line in sockets.splitlines()[1:]]
@@ -87,17 +87,17 @@ async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherw
 
 
 async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there(
-    tmp_path: Path, certificate: tuple[WebSetting, ssl.SSLContext]
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     """127.0.0.2 stands for an address beyond: no test binds to one that others reach."""
     web, trusting = certificate
-    house = House(tmp_path / "state", users=False, web=web)
+    house = WebAppHarness(tmp_path / "state", users=False, web=web)
     moved = replace(web, host="127.0.0.2")
     with pytest.MonkeyPatch.context() as context:
         context.setattr("drivebus.web.server.is_loopback", lambda host: host == "127.0.0.1")
         async with serving(house, moved) as said, asyncio.timeout(10):
             assert where(said[0])[0] == "127.0.0.1"
-            secret = house.access.setup.offer()
+            secret = house.access.setup_secret.issue()
             async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
                 body = {"secret": secret, "name": "ann", "password": PASSWORD}
                 assert (await client.post("/api/v1/setup", json=body)).status_code == 200
@@ -108,10 +108,10 @@ async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
 async def test_s15_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
-    tmp_path: Path, certificate: tuple[WebSetting, ssl.SSLContext]
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     web, trusting = certificate
-    house = House(tmp_path / "state", web=web)
+    house = WebAppHarness(tmp_path / "state", web=web)
     async with serving(house, web) as said:
         host, port = where(said[0])
         assert said[0].startswith("https://")
@@ -158,8 +158,8 @@ async def answered(host: str, port: int, said: bytes) -> bytes:
 )
 async def test_s14_whoever_does_not_finish_a_head_is_let_go(head: bytes, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(patience, "HEAD_S", 0.2)
-        async with serving(House(tmp_path), WebSetting(port=0)) as said:
+        context.setattr(connection_limits, "HEADER_TIMEOUT_S", 0.2)
+        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
             begun = asyncio.get_running_loop().time()
             found = await answered(*where(said[0]), head)
             assert asyncio.get_running_loop().time() - begun < 4
@@ -167,8 +167,8 @@ async def test_s14_whoever_does_not_finish_a_head_is_let_go(head: bytes, tmp_pat
 
 
 async def test_s14_a_head_without_end_is_cut(tmp_path: Path) -> None:
-    async with serving(House(tmp_path), WebSetting(port=0)) as said:
-        head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (patience.HEAD_LARGEST + 1)
+    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
+        head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (connection_limits.MAX_HEADER_BYTES + 1)
         assert await answered(*where(said[0]), head) == b""
         fits = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nX-A: " + b"a" * 20_000
         assert b"200 OK" in await answered(*where(said[0]), fits + b"\r\n\r\n")
@@ -176,9 +176,9 @@ async def test_s14_a_head_without_end_is_cut(tmp_path: Path) -> None:
 
 async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: Path) -> None:
     """A mebibyte is allowed where a right is needed, however the system cuts it up."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
     secret = await house.token("operator", "stop")
-    async with serving(house, WebSetting(port=0)) as said:
+    async with serving(house, WebConfig(port=0)) as said:
         body = b"{" + b" " * 200_000 + b"}"
         kind = b"Content-Type: application/json\r\nConnection: close\r\n"
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer %b\r\n" % secret.encode() + kind
@@ -187,7 +187,7 @@ async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: 
 
 
 async def test_s14_a_body_that_nobody_wanted_is_not_waited_for(tmp_path: Path) -> None:
-    async with serving(House(tmp_path), WebSetting(port=0)) as said:
+    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
         begun = asyncio.get_running_loop().time()
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
         assert b" 401 " in await answered(*where(said[0]), head)
@@ -198,8 +198,8 @@ async def test_s14_a_body_that_nobody_wanted_is_not_waited_for(tmp_path: Path) -
 
 async def test_s14_whoever_does_not_read_the_answer_is_let_go(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(patience, "READ_S", 0.2)
-        async with serving(House(tmp_path), WebSetting(port=0)) as said:
+        context.setattr(connection_limits, "WRITE_STALL_TIMEOUT_S", 0.2)
+        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
             lazy = socket.socket()  # its kernel takes 4 kB, the server's a few hundred: then nothing moves
             lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             lazy.setblocking(False)
@@ -235,13 +235,15 @@ def talker() -> FastAPI:
     return app
 
 
-@pytest.mark.parametrize(("path", "limit"), [("/flood", "READ_S"), ("/closed", "CLOSE_S")])
+@pytest.mark.parametrize(
+    ("path", "limit"), [("/flood", "WRITE_STALL_TIMEOUT_S"), ("/closed", "WEBSOCKET_CLOSE_TIMEOUT_S")]
+)
 async def test_s14_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(path: str, limit: str) -> None:
     """However long what waits for it can't be sent."""
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(patience, limit, 0.2)
-        listener = bound("127.0.0.1", 0)
-        server = Server(config(talker(), WebSetting(port=0)))
+        context.setattr(connection_limits, limit, 0.2)
+        listener = bind_listener("127.0.0.1", 0)
+        server = EmbeddedServer(server_config(talker(), WebConfig(port=0)))
         serving = asyncio.create_task(server.serve([listener]))
         lazy = socket.socket()  # never read
         lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -265,13 +267,13 @@ async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
     """Which takes 0.1 s, and a stop over the web waited for it."""
     frozen: list[int] = []
 
-    async def run(_: Listening) -> None:
+    async def run(_: HttpServer) -> None:
         frozen.append(gc.get_freeze_count())
 
-    monkeypatch.setattr(Listening, "run", run)
+    monkeypatch.setattr(HttpServer, "run", run)
     before = gc.get_freeze_count()
     try:
-        child = Child(tmp_path, tmp_path / "access.json", WebSetting(port=0))
+        child = WebArguments(tmp_path, tmp_path / "access.json", WebConfig(port=0))
         await web_process._run(SocketClient(tmp_path / "plant.sock"), child)
     finally:
         gc.unfreeze()
@@ -280,10 +282,10 @@ async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
 
 async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) -> None:
     """They are let go when they have said nothing for a while; until then there is room for others."""
-    house = House(tmp_path)
+    house = WebAppHarness(tmp_path)
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(patience, "HEAD_S", 1.0)
-        async with serving(house, WebSetting(port=0)) as said:
+        context.setattr(connection_limits, "HEADER_TIMEOUT_S", 1.0)
+        async with serving(house, WebConfig(port=0)) as said:
             idle = [await asyncio.open_connection(*where(said[0])) for _ in range(500)]
             async with httpx.AsyncClient(base_url=said[0]) as client:
                 login = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
@@ -301,33 +303,38 @@ async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("mine", "others", "too_many"),
     [
-        ("10.0.0.9", "10.0.0.9", True), ("10.0.0.8", "10.0.0.9", False), ("127.0.0.1", "127.0.0.1", False),
-        ("::1", "::1", False), ("::ffff:127.0.0.1", "::ffff:127.0.0.1", False),
-        ("::ffff:10.0.0.9", "::ffff:10.0.0.9", True), ("fe80::1%eth0", "fe80::1%eth0", True), (None, None, False),
+        ("10.0.0.9", "10.0.0.9", True),
+        ("10.0.0.8", "10.0.0.9", False),
+        ("127.0.0.1", "127.0.0.1", False),
+        ("::1", "::1", False),
+        ("::ffff:127.0.0.1", "::ffff:127.0.0.1", False),
+        ("::ffff:10.0.0.9", "::ffff:10.0.0.9", True),
+        ("fe80::1%eth0", "fe80::1%eth0", True),
+        (None, None, False),
     ],
-)  # fmt: skip
+)
 def test_s14_one_address_does_not_take_every_connection(mine: str | None, others: str | None, too_many: bool) -> None:
     """This machine itself may: a reverse proxy comes from here."""
 
     class Other:
         client = others and (others, 1)
 
-    protocol = patience.Patience.__new__(patience.Patience)
-    protocol.connections = {Other() for _ in range(patience.PER_ADDRESS + 1)}  # type: ignore[assignment]
+    protocol = connection_limits.LimitedHttpProtocol.__new__(connection_limits.LimitedHttpProtocol)
+    protocol.connections = {Other() for _ in range(connection_limits.MAX_CONNECTIONS_PER_ADDRESS + 1)}  # type: ignore[assignment]
     protocol.client = mine and (mine, 2)  # type: ignore[assignment]
-    assert protocol._too_many() is too_many
+    assert protocol._exceeds_address_limit() is too_many
     protocol.connections.pop()
-    assert not protocol._too_many()
+    assert not protocol._exceeds_address_limit()
 
 
 async def test_a_taken_port_and_a_certificate_that_is_none_are_named(tmp_path: Path) -> None:
-    taken = bound("127.0.0.1", 0)
+    taken = bind_listener("127.0.0.1", 0)
     with pytest.raises(ConfigurationError) as raised:
-        bound("127.0.0.1", taken.getsockname()[1])
+        bind_listener("127.0.0.1", taken.getsockname()[1])
     assert raised.value.key == "access.can_not_listen"
     taken.close()
-    web = WebSetting(port=0, certificate=tmp_path / "missing.pem")
+    web = WebConfig(port=0, certificate=tmp_path / "missing.pem")
     with pytest.raises(ConfigurationError) as raised:
-        async with serving(House(tmp_path), web):
+        async with serving(WebAppHarness(tmp_path), web):
             pytest.fail("listens")
     assert raised.value.key == "access.certificate"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
-class PlantDrive:
+class DemoDrive:
     """One drive of the plant; ``role`` is an i18n key."""
 
     role: str
@@ -20,7 +20,7 @@ class PlantDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class PlantLine:
+class DemoBus:
     """One line: its drives share a model, a baud rate and a format."""
 
     name: str
@@ -29,7 +29,7 @@ class PlantLine:
     format: str
     load: str
     ramp_s: float
-    drives: tuple[PlantDrive, ...]
+    drives: tuple[DemoDrive, ...]
     settings: Mapping[str, str] = field(default_factory=dict)
     """Open questions of the family, answered for this plant (the host is told as well)."""
 
@@ -39,16 +39,16 @@ class PlantLine:
         return f"{self.model}@{','.join(str(drive.address) for drive in self.drives)}"
 
 
-def _drives(role: str, *addresses: int) -> tuple[PlantDrive, ...]:
-    return tuple(PlantDrive(role, number, address) for number, address in enumerate(addresses, 1))
+def _drives(role: str, *addresses: int) -> tuple[DemoDrive, ...]:
+    return tuple(DemoDrive(role, number, address) for number, address in enumerate(addresses, 1))
 
 
 DZB_CODING = dict.fromkeys(("setpoint_coding", "query_coding", "parameter_coding"), "hex-0.1")
 
 LINES = (
-    PlantLine("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
-    PlantLine("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2, 3), DZB_CODING),
-    PlantLine("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2, 3)),
-    PlantLine("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2, 3)),
+    DemoBus("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
+    DemoBus("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2, 3), DZB_CODING),
+    DemoBus("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2, 3)),
+    DemoBus("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2, 3)),
 )
 """Twelve drives of four families on four lines, each at a speed that its family knows."""

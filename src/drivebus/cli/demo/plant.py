@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from drivebus.cli.demo.layout import LINES
 
 
-class Plant(Protocol):
+class DemoPlant(Protocol):
     """Four lines of pretend drives."""
 
     kind: str
@@ -29,16 +29,16 @@ class Plant(Protocol):
         ...
 
 
-def make_plant() -> Plant:
+def create_demo_plant() -> DemoPlant:
     """On ptys in a process of its own where the platform has them, else in memory."""
     try:
         import pty  # noqa: F401
     except ImportError:
-        return MemoryPlant()
-    return PtyPlant()
+        return MemoryDemoPlant()
+    return PtyDemoPlant()
 
 
-class PtyPlant:
+class PtyDemoPlant:
     """Lines on ptys, served by a child process that dies with us (its input ends)."""
 
     kind = "pty"
@@ -80,7 +80,7 @@ class PtyPlant:
             self._folder.cleanup()
 
 
-class MemoryPlant:
+class MemoryDemoPlant:
     """The same lines within this process, for platforms without ptys; still paced by the clock."""
 
     kind = "memory"
@@ -93,14 +93,14 @@ class MemoryPlant:
 
     def do(self, order: dict[str, Any]) -> None:
         from drivebus.cli.demo.stations import obey
-        from drivebus.sim.port import find_bench
+        from drivebus.simulator.port import find_simulated_bus
 
-        obey([find_bench(f"demo-{line.name}") for line in LINES], order)
+        obey([find_simulated_bus(f"demo-{line.name}") for line in LINES], order)
 
     async def close(self) -> None:
-        from drivebus.sim.port import forget_benches
+        from drivebus.simulator.port import clear_simulated_buses
 
-        forget_benches()
+        clear_simulated_buses()
 
 
 def _sim_link(index: int) -> str:

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from drivebus.bus import Bus
-from drivebus.cli import voice
-from drivebus.cli.demo.layout import LINES, PlantDrive, PlantLine
-from drivebus.cli.demo.plant import Plant
-from drivebus.cli.demo.story import END_S, STORY, Scene
-from drivebus.cli.live.model import DriveRow, LineRow
-from drivebus.cli.live.watch import WatchedDrive, WatchedLine
-from drivebus.cli.verbs.bus_stop import report_text
-from drivebus.drives import Drive, bus_stop
+from drivebus.cli import output
+from drivebus.cli.commands.bus_stop import report_text
+from drivebus.cli.demo.layout import LINES, DemoBus, DemoDrive
+from drivebus.cli.demo.plant import DemoPlant
+from drivebus.cli.demo.script import END_S, STORY, ScriptStep
+from drivebus.cli.tui.bus_rows import PolledBus, PolledDrive
+from drivebus.cli.tui.rows import BusRow, DriveRow
+from drivebus.drives import Drive, stop_bus
 from drivebus.drives.store import MemoryStore
 from drivebus.errors import DrivebusError
 
@@ -32,10 +32,10 @@ NEWS = 200
 class Actor:
     """One drive of the plant with its host side."""
 
-    part: PlantDrive
+    part: DemoDrive
     line: int
     drive: Drive
-    watched: WatchedDrive
+    watched: PolledDrive
     frequency_hz: float = FIRST_HZ
     commanded_hz: float | None = None
     """What a command that was done told the drive."""
@@ -44,14 +44,14 @@ class Actor:
 class Stage:
     """A ``live.feed.Feed`` and a ``live.feed.Control``."""
 
-    def __init__(self, plant: Plant) -> None:
-        self.title = voice.say(
+    def __init__(self, plant: DemoPlant) -> None:
+        self.title = output.text(
             f"demo.title.{plant.kind}", drives=sum(len(one.drives) for one in LINES), lines=len(LINES)
         )
         self._plant = plant
         self._store = MemoryStore()
         self._buses: list[Bus] = []
-        self._lines: list[WatchedLine] = []
+        self._lines: list[PolledBus] = []
         self._actors: dict[str, Actor] = {}
         self._news: list[str] = []
         self._tasks: set[asyncio.Task[None]] = set()
@@ -70,15 +70,15 @@ class Stage:
             bus = Bus(ports.open_port(link), name=line.name)
             await bus.open()
             self._buses.append(bus)
-            self._lines.append(WatchedLine(bus, f"{line.name} {line.model}"))
+            self._lines.append(PolledBus(bus, f"{line.name} {line.model}"))
             self._hire(bus, index, line)
         self._begun = self.now()
         self._spawn(self._play())
 
-    def _hire(self, bus: Bus, index: int, line: PlantLine) -> None:
+    def _hire(self, bus: Bus, index: int, line: DemoBus) -> None:
         for part in line.drives:
             drive = Drive(bus, line.model, part.address, settings=dict(line.settings), store=self._store)
-            watched = WatchedDrive(drive, part.key, name_of(part), line.name)
+            watched = PolledDrive(drive, part.key, name_of(part), line.name)
             self._actors[part.key] = Actor(part, index, drive, watched)
 
     async def close(self) -> None:
@@ -100,7 +100,7 @@ class Stage:
     def drives(self) -> list[DriveRow]:
         return [replace(actor.watched.row(), commanded_hz=actor.commanded_hz) for actor in self._actors.values()]
 
-    def lines(self) -> list[LineRow]:
+    def lines(self) -> list[BusRow]:
         return [line.row() for line in self._lines]
 
     def news(self) -> list[str]:
@@ -113,7 +113,7 @@ class Stage:
     def tell(self, key: str, /, **params: Any) -> None:
         """One more piece of news, with the time of the story."""
         at = self.now() - self._begun
-        self._news.append(f"{int(at) // 60}:{int(at) % 60:02d}  {voice.say(key, **params)}")
+        self._news.append(f"{int(at) // 60}:{int(at) % 60:02d}  {output.text(key, **params)}")
         del self._news[:-NEWS]
 
     # --- the story --------------------------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ class Stage:
             self.tell("demo.end")
             self._over = True
 
-    def _perform(self, scene: Scene) -> None:
+    def _perform(self, scene: ScriptStep) -> None:
         actor = self._actors.get(scene.who)
         if scene.action == "say":
             self.tell(f"demo.{scene.who}")
@@ -190,8 +190,8 @@ class Stage:
     async def _reset(self, actor: Actor) -> Outcome:
         """A reset also gives back what a bus stop latched (nothing starts by itself)."""
         bus = self._buses[actor.line]
-        if bus.latched(actor.part.address):
-            bus.release([actor.part.address])
+        if bus.start_inhibited(actor.part.address):
+            bus.release_start([actor.part.address])
             self.tell("demo.given_back", name=actor.watched.name)
         return await actor.drive.reset_fault()
 
@@ -204,10 +204,10 @@ class Stage:
             if error.key in ("drives.latched", "bus.latched"):
                 self.tell("demo.latched", name=name)
             else:
-                self.tell("demo.failed", name=name, text=error.text(voice.language()))
+                self.tell("demo.failed", name=name, text=error.text(output.language()))
         else:
             actor.commanded_hz = frequency_hz or actor.commanded_hz
-            self.tell("demo.outcome", name=name, text=outcome.text(voice.language()))
+            self.tell("demo.outcome", name=name, text=outcome.text(output.language()))
 
     def _stop_all(self) -> None:
         self.tell("demo.stop_all")
@@ -216,7 +216,7 @@ class Stage:
             self._spawn(self._stop_line(bus, drives))
 
     async def _stop_line(self, bus: Bus, drives: list[Drive]) -> None:
-        report = await bus_stop(bus, drives)
+        report = await stop_bus(bus, drives)
         self.tell("demo.stopped_line", line=bus.name, text=report_text(report))
 
     def _spawn(self, work: Any) -> None:
@@ -225,6 +225,6 @@ class Stage:
         task.add_done_callback(self._tasks.discard)
 
 
-def name_of(part: PlantDrive) -> str:
+def name_of(part: DemoDrive) -> str:
     """``fan 1``."""
-    return voice.say(f"demo.role.{part.role}", number=part.number)
+    return output.text(f"demo.role.{part.role}", number=part.number)

@@ -13,22 +13,22 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from drivebus.cli.demo.layout import LINES, PlantLine
-from drivebus.line import LineSettings
-from drivebus.sim.bench import Bench
-from drivebus.sim.models import make_station
-from drivebus.sim.motor import Trip
+from drivebus.cli.demo.layout import LINES, DemoBus
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.bus import SimulatedBus
+from drivebus.simulator.models.catalog import make_station
+from drivebus.simulator.motor import Trip
 
 
-def make_bench(line: PlantLine, seed: int = 1) -> Bench:
+def make_bench(line: DemoBus, seed: int = 1) -> SimulatedBus:
     """One line of the plant."""
     stations = [make_station(line.model, drive.address, line.settings, line.load) for drive in line.drives]
     for station in stations:
         station.set_ramps(line.ramp_s, line.ramp_s)
-    return Bench(stations, LineSettings.parse(line.baud, line.format), seed=seed, name=f"demo-{line.name}")
+    return SimulatedBus(stations, SerialSettings.parse(line.baud, line.format), seed=seed, name=f"demo-{line.name}")
 
 
-def obey(benches: Sequence[Bench], order: dict[str, Any]) -> None:
+def obey(benches: Sequence[SimulatedBus], order: dict[str, Any]) -> None:
     """Do what the story says."""
     bench = benches[order["line"]]
     if order["do"] == "unplug":
@@ -41,7 +41,7 @@ def obey(benches: Sequence[Bench], order: dict[str, Any]) -> None:
 
 async def serve(folder: str) -> None:
     """Put every line on a pty under a name that survives unplugging; print the URLs; obey until the input ends."""
-    from drivebus.sim.pty import serve_pty
+    from drivebus.simulator.pty_server import serve_pty
 
     benches = [make_bench(line, seed) for seed, line in enumerate(LINES, 1)]
     servers = [await serve_pty(bench, f"{folder}/line-{bench.name[-1]}") for bench in benches]

@@ -7,49 +7,49 @@ effects    what a request changes, from its bytes
 describe   what a frame says, for people
 """
 
-from drivebus.protocols.modbus.ascii import AsciiCodec
+from drivebus.protocols.modbus.ascii import ModbusAsciiCodec
+from drivebus.protocols.modbus.classify import RegisterWrite, parse_request_frame, registers_written
 from drivebus.protocols.modbus.describe import describe
-from drivebus.protocols.modbus.effects import Change, request_of, written
 from drivebus.protocols.modbus.messages import (
-    Bits,
-    ErrorReply,
-    Loopback,
-    Looped,
+    BitValues,
+    Diagnostics,
+    DiagnosticsReply,
+    ExceptionReply,
+    ModbusReply,
+    ModbusRequest,
     ReadBits,
     ReadRegisters,
-    Registers,
-    Reply,
-    Request,
+    RegisterValues,
+    WriteAck,
     WriteBit,
     WriteBits,
     WriteRegister,
     WriteRegisters,
-    Written,
 )
-from drivebus.protocols.modbus.requests import BadRequest
-from drivebus.protocols.modbus.rtu import ErrorForm, RtuCodec
+from drivebus.protocols.modbus.requests import IllegalRequest
+from drivebus.protocols.modbus.rtu import ErrorForm, ModbusRtuCodec
 
 __all__ = [
-    "AsciiCodec",
-    "BadRequest",
-    "Bits",
-    "Change",
+    "BitValues",
+    "Diagnostics",
+    "DiagnosticsReply",
     "ErrorForm",
-    "ErrorReply",
-    "Loopback",
-    "Looped",
+    "ExceptionReply",
+    "IllegalRequest",
+    "ModbusAsciiCodec",
+    "ModbusReply",
+    "ModbusRequest",
+    "ModbusRtuCodec",
     "ReadBits",
     "ReadRegisters",
-    "Registers",
-    "Reply",
-    "Request",
-    "RtuCodec",
+    "RegisterValues",
+    "RegisterWrite",
+    "WriteAck",
     "WriteBit",
     "WriteBits",
     "WriteRegister",
     "WriteRegisters",
-    "Written",
     "describe",
-    "request_of",
-    "written",
+    "parse_request_frame",
+    "registers_written",
 ]

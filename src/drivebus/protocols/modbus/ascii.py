@@ -10,37 +10,37 @@ from __future__ import annotations
 from typing import Final
 
 from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthError, ProtocolError, TerminatorError
-from drivebus.message import Complete, Incomplete, Verdict
 from drivebus.protocols.checksum import hex_bytes, hex_pairs, hex_value, lrc
+from drivebus.protocols.codec import Complete, DecodeResult, Incomplete
 from drivebus.protocols.modbus import replies, requests
-from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, Reply, Request
+from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, ModbusReply, ModbusRequest
 from drivebus.protocols.modbus.rtu import ErrorForm
 
-START: Final = 0x3A
-END: Final = b"\r\n"
-ERROR_SIZE: Final = 11
+START_MARK: Final = 0x3A
+END_MARK: Final = b"\r\n"
+EXCEPTION_FRAME_SIZE: Final = 11
 """Shortest reply: ':', six digits, two of LRC, CR LF."""
-SMALLEST: Final = 9
-LARGEST: Final = 513
-_FIRST_REPLY: Final = Incomplete(ERROR_SIZE)
-_FIRST_REQUEST: Final = Incomplete(SMALLEST)
-RESYNC: Final = 4
+MIN_FRAME_SIZE: Final = 9
+MAX_FRAME_SIZE: Final = 513
+_INCOMPLETE_REPLY: Final = Incomplete(EXCEPTION_FRAME_SIZE)
+_INCOMPLETE_REQUEST: Final = Incomplete(MIN_FRAME_SIZE)
+MAX_LEADING_NOISE: Final = 4
 """With ``resync``: this many bytes of junk may stand before ':' (RELIABILITY 6.4, leading garbage)."""
 
 
-def size_of(octets: int) -> int:
+def frame_size(octets: int) -> int:
     """Characters of a frame with so many octets before its LRC."""
     return 2 * octets + 5
 
 
-def with_check(octets: bytes) -> bytes:
+def build_frame(octets: bytes) -> bytes:
     """The frame of these octets."""
-    return b":" + hex_pairs(octets + bytes((lrc(octets),))) + END
+    return b":" + hex_pairs(octets + bytes((lrc(octets),))) + END_MARK
 
 
-def checked(frame: bytes) -> bytes:
+def check_frame(frame: bytes) -> bytes:
     """The octets of a whole frame. Raises TerminatorError, AlphabetError or ChecksumError."""
-    if not frame.endswith(END):
+    if not frame.endswith(END_MARK):
         raise TerminatorError("modbus.terminator", expected="0D 0A", found=frame[-2:].hex(" ").upper())
     octets = hex_bytes(frame[1:-2], start=1)
     computed = lrc(octets[:-1])
@@ -49,8 +49,8 @@ def checked(frame: bytes) -> bytes:
     return octets[:-1]
 
 
-class AsciiCodec:
-    """Modbus ASCII for masters and stations; options as ``RtuCodec``.
+class ModbusAsciiCodec:
+    """Modbus ASCII for masters and stations; options as ``ModbusRtuCodec``.
 
     ``resync`` allows up to four bytes of junk before the first ':' (ruling 10, a port's or profile's choice).
     """
@@ -59,99 +59,101 @@ class AsciiCodec:
     encoding: str = "ascii"
     broadcast_address: int | None = BROADCAST
 
-    def __init__(self, error_form: ErrorForm = "exception", max_read: int = MAX_READ, *, resync: bool = False) -> None:
+    def __init__(
+        self, error_form: ErrorForm = "exception", max_read: int = MAX_READ, *, tolerate_leading_noise: bool = False
+    ) -> None:
         self.error_form: ErrorForm = error_form
         self.max_read = max_read
-        self.resync = resync
-        self._short = error_form == "short"
+        self.tolerate_leading_noise = tolerate_leading_noise
+        self._short_errors = error_form == "short"
 
-    def encode_request(self, request: Request, /) -> bytes:
+    def encode_request(self, request: ModbusRequest, /) -> bytes:
         """The bytes of a request. Raises ValueError for a field out of range."""
-        return with_check(requests.encode_request(request, self.max_read))
+        return build_frame(requests.encode_request(request, self.max_read))
 
-    def encode_reply(self, reply: Reply, /) -> bytes:
+    def encode_reply(self, reply: ModbusReply, /) -> bytes:
         """The bytes of a station's reply. Raises ValueError for a field out of range."""
-        return with_check(replies.encode_reply(reply))
+        return build_frame(replies.encode_reply(reply))
 
-    def decode_reply(self, request: Request, data: bytes, /) -> Verdict:
+    def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
         """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
-        if len(data) < ERROR_SIZE:
-            return _FIRST_REPLY
-        junk = self._start(data)
+        if len(data) < EXCEPTION_FRAME_SIZE:
+            return _INCOMPLETE_REPLY
+        junk = self._find_start(data)
         frame = data[junk:]
-        if len(frame) < ERROR_SIZE:
-            return Incomplete(junk + ERROR_SIZE)
-        size = size_of(self._reply_extent(request, frame))
+        if len(frame) < EXCEPTION_FRAME_SIZE:
+            return Incomplete(junk + EXCEPTION_FRAME_SIZE)
+        size = frame_size(self._reply_length(request, frame))
         if len(frame) < size:
             return Incomplete(junk + size)
-        octets = checked(frame[:size])
+        octets = check_frame(frame[:size])
         try:
-            return Complete(replies.read_reply(request, octets), junk + size)
+            return Complete(replies.parse_reply(request, octets), junk + size)
         except AddressError as error:
             error.size = junk + size
             raise
 
-    def _reply_extent(self, request: Request, frame: bytes) -> int:
+    def _reply_length(self, request: ModbusRequest, frame: bytes) -> int:
         """An 11-character short error of a write has its CR LF where its echo has digits: nothing is ambiguous."""
         head = hex_bytes(frame[1:7], start=1)
-        extent = replies.reply_extent(request, head, self._short)
-        if self._short and head[2] == 0 and frame[9:11] == END:  # other functions' extent is 3 anyhow
+        extent = replies.reply_length(request, head, self._short_errors)
+        if self._short_errors and head[2] == 0 and frame[9:11] == END_MARK:  # other functions' extent is 3 anyhow
             return 3
         return extent
 
-    def decode_request(self, data: bytes, /) -> Verdict:
-        """Station side: the request at offset 0. Raises BadRequest where a station answers with an exception."""
-        if len(data) < SMALLEST:
-            return _FIRST_REQUEST
-        junk = self._start(data)
+    def decode_request(self, data: bytes, /) -> DecodeResult:
+        """Station side: the request at offset 0. Raises IllegalRequest where a station answers with an exception."""
+        if len(data) < MIN_FRAME_SIZE:
+            return _INCOMPLETE_REQUEST
+        junk = self._find_start(data)
         frame = data[junk:]
-        if len(frame) < SMALLEST:
-            return Incomplete(junk + SMALLEST)
+        if len(frame) < MIN_FRAME_SIZE:
+            return Incomplete(junk + MIN_FRAME_SIZE)
         size = self._request_size(frame)
         if len(frame) < size:
             return Incomplete(junk + size)
-        octets = checked(frame[:size])
+        octets = check_frame(frame[:size])
         try:
-            return Complete(requests.read_request(octets), junk + size)
+            return Complete(requests.parse_request(octets), junk + size)
         except ProtocolError as error:
             error.size = junk + size
             raise
 
     def _request_size(self, frame: bytes) -> int:
         head = hex_bytes(frame[1:5], start=1)
-        extent = requests.request_extent(head)
+        extent = requests.request_length(head)
         if extent is None:
-            return self._unknown_size(frame)
+            return self._size_of_unknown_function(frame)
         if extent == 7 and len(frame) >= 15:
             extent += hex_value(frame[13:15], start=13)
-        return size_of(extent)
+        return frame_size(extent)
 
-    def _unknown_size(self, frame: bytes) -> int:
-        end = frame.find(END, 6, LARGEST)
+    def _size_of_unknown_function(self, frame: bytes) -> int:
+        end = frame.find(END_MARK, 6, MAX_FRAME_SIZE)
         if end != -1:
             if end % 2 == 0:
                 raise LengthError("modbus.odd_digits", expected=end, found=end - 1)
-            return end + len(END)
-        if len(frame) >= LARGEST:
-            raise LengthError("modbus.too_long", expected=LARGEST, found=LARGEST)
+            return end + len(END_MARK)
+        if len(frame) >= MAX_FRAME_SIZE:
+            raise LengthError("modbus.too_long", expected=MAX_FRAME_SIZE, found=MAX_FRAME_SIZE)
         return len(frame) + 1
 
-    def _start(self, data: bytes) -> int:
+    def _find_start(self, data: bytes) -> int:
         """Where ':' stands: at 0, or after a little junk where that is allowed. Raises HeaderError."""
-        found = data.find(START, 0, RESYNC + 1 if self.resync else 1)
+        found = data.find(START_MARK, 0, MAX_LEADING_NOISE + 1 if self.tolerate_leading_noise else 1)
         if found != -1:
             return found
-        raise HeaderError("modbus.start", expected=START, found=data[0])
+        raise HeaderError("modbus.start", expected=START_MARK, found=data[0])
 
-    def reply_size(self, request: Request, /) -> int:
+    def reply_size(self, request: ModbusRequest, /) -> int:
         """Characters of the normal reply; 0 for a broadcast."""
-        return 0 if request.address == BROADCAST else size_of(replies.reply_octets(request))
+        return 0 if request.address == BROADCAST else frame_size(replies.normal_reply_length(request))
 
-    def largest_reply(self, request: Request, /) -> int:
+    def largest_reply(self, request: ModbusRequest, /) -> int:
         """Characters of the longest lawful reply, with the junk that ``resync`` allows."""
         size = self.reply_size(request)
-        return size + RESYNC if size and self.resync else size
+        return size + MAX_LEADING_NOISE if size and self.tolerate_leading_noise else size
 
-    def address_of(self, request: Request, /) -> int:
+    def address_of(self, request: ModbusRequest, /) -> int:
         """The station that the request speaks to."""
         return request.address

@@ -91,7 +91,7 @@ class WriteBits:
 
 
 @dataclass(frozen=True, slots=True)
-class Loopback:
+class Diagnostics:
     """Loop-back test (08, sub-function 0000): the station returns ``data``, a 16-bit word."""
 
     address: int
@@ -99,11 +99,11 @@ class Loopback:
     function: ClassVar[int] = 8
 
 
-Request = ReadRegisters | ReadBits | WriteRegister | WriteRegisters | WriteBit | WriteBits | Loopback
+ModbusRequest = ReadRegisters | ReadBits | WriteRegister | WriteRegisters | WriteBit | WriteBits | Diagnostics
 
 
 @dataclass(frozen=True, slots=True)
-class Registers:
+class RegisterValues:
     """Answer to a read of registers."""
 
     address: int
@@ -112,7 +112,7 @@ class Registers:
 
 
 @dataclass(frozen=True, slots=True)
-class Bits:
+class BitValues:
     """Answer to a read of bits, as many as were asked for."""
 
     address: int
@@ -121,7 +121,7 @@ class Bits:
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WriteAck:
     """Answer to a write. ``value`` is the word (05: 0000H or FF00H) or, for 0FH and 10H, the count.
 
     It equals the request's own first bytes, so an echoing adapter can forge it: it confirms nothing (ruling 1).
@@ -134,7 +134,7 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True)
-class Looped:
+class DiagnosticsReply:
     """Answer to a loop-back test."""
 
     address: int
@@ -143,7 +143,7 @@ class Looped:
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorReply:
+class ExceptionReply:
     """The station's own refusal: an exception code, or None for DF800's short form, which gives no reason."""
 
     address: int
@@ -152,4 +152,4 @@ class ErrorReply:
     code: int | None
 
 
-Reply = Registers | Bits | Written | Looped | ErrorReply
+ModbusReply = RegisterValues | BitValues | WriteAck | DiagnosticsReply | ExceptionReply

@@ -16,50 +16,50 @@ from drivebus.protocols.modbus.messages import (
     MAX_READ_BITS,
     READ_FUNCTIONS,
     REGISTER_FUNCTIONS,
-    Bits,
-    ErrorReply,
-    Looped,
+    BitValues,
+    DiagnosticsReply,
+    ExceptionReply,
+    ModbusReply,
+    ModbusRequest,
     ReadBits,
     ReadRegisters,
-    Registers,
-    Reply,
-    Request,
-    Written,
+    RegisterValues,
+    WriteAck,
 )
-from drivebus.protocols.modbus.pdu import SIX, WORDS, packed, unpacked, within, words
-from drivebus.protocols.modbus.requests import request_octets
+from drivebus.protocols.modbus.pdu import FIXED_PDU, WORD_STRUCTS, check_range, pack_bits, pack_words, unpack_bits
+from drivebus.protocols.modbus.requests import encode_unchecked
 
 
-def encode_reply(reply: Reply) -> bytes:
+def encode_reply(reply: ModbusReply) -> bytes:
     """The octets of a station's reply. Raises ValueError for a field out of range."""
-    within("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
+    check_range("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
     match reply:
-        case Registers(address=address, function=function, values=values):
-            within("function", function, 3, 4)
-            within("count", len(values), 1, MAX_READ)
-            content = words(values)
-        case Bits(address=address, function=function, values=bits):
-            within("function", function, 1, 2)
-            within("count", len(bits), 1, MAX_READ_BITS)
-            content = packed(bits)
-        case Written(address=address, function=function, register=register, value=value):
+        case RegisterValues(address=address, function=function, values=values):
+            check_range("function", function, 3, 4)
+            check_range("count", len(values), 1, MAX_READ)
+            content = pack_words(values)
+        case BitValues(address=address, function=function, values=bits):
+            check_range("function", function, 1, 2)
+            check_range("count", len(bits), 1, MAX_READ_BITS)
+            content = pack_bits(bits)
+        case WriteAck(address=address, function=function, register=register, value=value):
             if function not in ECHO_FUNCTIONS or function == 8:
                 raise ValueError(f"function {function}: expected 5, 6, 15 or 16")
-            within("register", register, 0, 0xFFFF)
-            return SIX.pack(address, function, register, within("value", value, 0, 0xFFFF))
-        case Looped(address=address, data=data):
-            return SIX.pack(address, 8, 0, within("data", data, 0, 0xFFFF))
-        case ErrorReply(address=address, function=function, code=code):
-            within("function", function, 1, 0x7F)
+            check_range("register", register, 0, 0xFFFF)
+            return FIXED_PDU.pack(address, function, register, check_range("value", value, 0, 0xFFFF))
+        case DiagnosticsReply(address=address, data=data):
+            return FIXED_PDU.pack(address, 8, 0, check_range("data", data, 0, 0xFFFF))
+        case ExceptionReply(address=address, function=function, code=code):
+            check_range("function", function, 1, 0x7F)
             if code is None:
                 return bytes((address, function, 0))
-            return bytes((address, function | 0x80, within("code", code, 1, 0xFF)))
+            return bytes((address, function | 0x80, check_range("code", code, 1, 0xFF)))
         case _:
             raise ValueError(f"{reply!r} is no Modbus reply")
     return bytes((address, function, len(content))) + content
 
 
-def reply_octets(request: Request) -> int:
+def normal_reply_length(request: ModbusRequest) -> int:
     """Octets of the normal reply, without its check."""
     if isinstance(request, ReadRegisters):
         return 3 + 2 * request.count
@@ -68,7 +68,7 @@ def reply_octets(request: Request) -> int:
     return 6
 
 
-def reply_extent(request: Request, head: bytes, short: bool) -> int:
+def reply_length(request: ModbusRequest, head: bytes, short: bool) -> int:
     """How many octets a reply has that begins with ``head`` (three or more); ``short``: DF800's error form counts.
 
     A write's short error is not told from its echo here: the encodings do that (T15). Raises a ProtocolError for what
@@ -76,11 +76,11 @@ def reply_extent(request: Request, head: bytes, short: bool) -> int:
     """
     function, found = request.function, head[1]
     if head[0] != request.address or head[0] == BROADCAST:
-        return _foreign_extent(request, head, short)
+        return _foreign_reply_length(request, head, short)
     if found == function:
         if function not in READ_FUNCTIONS:
             return 6
-        expected = reply_octets(request)
+        expected = normal_reply_length(request)
         if head[2] + 3 == expected:
             return expected
         if short and head[2] == 0:
@@ -91,7 +91,7 @@ def reply_extent(request: Request, head: bytes, short: bool) -> int:
     raise EchoError("modbus.function", expected=function, found=found)
 
 
-def _foreign_extent(request: Request, head: bytes, short: bool) -> int:
+def _foreign_reply_length(request: ModbusRequest, head: bytes, short: bool) -> int:
     """Another station's frame: its length where its function tells, else AddressError at once (F02)."""
     address, function, count = head[0], head[1], head[2]
     if request.address == BROADCAST:
@@ -105,30 +105,30 @@ def _foreign_extent(request: Request, head: bytes, short: bool) -> int:
     raise AddressError("modbus.address", expected=request.address, found=address)
 
 
-def read_reply(request: Request, octets: bytes) -> Reply:
+def parse_reply(request: ModbusRequest, octets: bytes) -> ModbusReply:
     """The reply that these octets (of ``reply_extent``, check good) are. Raises a ProtocolError with both numbers."""
     address, function = octets[0], octets[1]
     if address != request.address:
         raise AddressError("modbus.address", expected=request.address, found=address)
     if function in REGISTER_FUNCTIONS and len(octets) > 3:
-        return Registers(address, function, WORDS[octets[2] >> 1].unpack_from(octets, 3))
+        return RegisterValues(address, function, WORD_STRUCTS[octets[2] >> 1].unpack_from(octets, 3))
     if function & 0x80:
         if octets[2] not in EXCEPTION_CODES:
             raise CodeError("modbus.exception_code", expected="1-8, 10, 11", found=octets[2])
-        return ErrorReply(address, function & 0x7F, octets[2])
+        return ExceptionReply(address, function & 0x7F, octets[2])
     if len(octets) == 3:
-        return ErrorReply(address, function, None)
+        return ExceptionReply(address, function, None)
     if isinstance(request, ReadBits):
-        return Bits(address, function, unpacked(octets[3:], request.count))
-    return _read_echo(request, octets)
+        return BitValues(address, function, unpack_bits(octets[3:], request.count))
+    return _parse_echo(request, octets)
 
 
-def _read_echo(request: Request, octets: bytes) -> Written | Looped:
-    address, function, register, value = SIX.unpack(octets)
-    _, _, wanted_register, wanted_value = SIX.unpack_from(request_octets(request))
+def _parse_echo(request: ModbusRequest, octets: bytes) -> WriteAck | DiagnosticsReply:
+    address, function, register, value = FIXED_PDU.unpack(octets)
+    _, _, wanted_register, wanted_value = FIXED_PDU.unpack_from(encode_unchecked(request))
     if register != wanted_register:
         key = "modbus.sub_function" if function == 8 else "modbus.register"
         raise EchoError(key, expected=wanted_register, found=register)
     if value != wanted_value:
         raise EchoError("modbus.value", expected=wanted_value, found=value)
-    return Looped(address, value) if function == 8 else Written(address, function, register, value)
+    return DiagnosticsReply(address, value) if function == 8 else WriteAck(address, function, register, value)

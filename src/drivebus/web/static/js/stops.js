@@ -10,7 +10,7 @@ import { drive, group, nowMs } from "./store.js";
 const PATIENCE_MS = 120_000;
 /** A server that can't be reached is asked again so long, not longer: nobody expects a stop of ten minutes ago. */
 const TRY_AGAIN_MS = 30_000;
-const PAUSE_MS = 700;
+const MAX_COUNTED_PAUSE_MS = 700;
 const KEPT = 5;
 
 /** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text, time_ms}. */
@@ -62,7 +62,7 @@ async function ended(mine, path, body) {
       }
       if (!mayPass(error) || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
-      await new Promise((resolve) => { setTimeout(resolve, PAUSE_MS); });
+      await new Promise((resolve) => { setTimeout(resolve, MAX_COUNTED_PAUSE_MS); });
       // Another server process may want another CSRF token.
       await loadSession().catch(() => null);
     }

@@ -27,7 +27,7 @@ function WaiverForm({ view, onClose }) {
 }
 
 /** The badge with what it means, and the waiver. */
-export function HostDies({ view }) {
+export function CommLossView({ view }) {
   const [asking, setAsking] = useState(false);
   const [run, busy, error] = useAsk();
   const badge = view.host_dies;

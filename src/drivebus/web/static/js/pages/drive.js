@@ -8,7 +8,7 @@ import { link } from "../live.js";
 import { learnSignals, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
-import { HostDies, Limits } from "../drive/allow.js";
+import { CommLossView, Limits } from "../drive/allow.js";
 import { ControlPanel } from "../drive/control.js";
 import { FaultsTab, FaultNow } from "../drive/faults.js";
 import { ParametersTab } from "../drive/parameters.js";
@@ -69,7 +69,7 @@ export function Page({ id, query }) {
     ${t("page.way_fleet")}</a><//>`;
   return html`<${Head} view=${view} />${view.fault && html`<${FaultNow} fault=${view.fault} />`}
     <div class="drivegrid"><${Values} view=${view} /><div class="stack"><${ControlPanel} view=${view} />
-      <section class="panel stack"><h2>${t("page.safety")}</h2><${HostDies} view=${view} /><${Limits} view=${view} />
+      <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLossView} view=${view} /><${Limits} view=${view} />
       </section></div></div>
     <${Details} view=${view} query=${query} />`;
 }

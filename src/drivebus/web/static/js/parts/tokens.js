@@ -28,7 +28,7 @@ export function Tokens() {
     ${made && html`<${Notice} kind="good" live title=${t("plantpage.token_made")}><code class="secret">${made}</code>
       <//>`}
     <${Table} caption=${t("plantpage.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
-    ${open && html`<${NewToken} onClose=${close} />`}</section>`;
+    ${open && html`<${NewTokenBody} onClose=${close} />`}</section>`;
 }
 
 function Remove({ token, onDone }) {
@@ -41,7 +41,7 @@ function Remove({ token, onDone }) {
     ${t(sure ? "plantpage.remove_sure" : "plantpage.remove")}<//><${ErrorNote} error=${error} />`;
 }
 
-function NewToken({ onClose }) {
+function NewTokenBody({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
   const [run, busy, error] = useAsk();
   const toggle = (right) => setGiven({

@@ -30,7 +30,7 @@ export function Users() {
   return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.users")}</h2>
       <${Button} kind="main" onClick=${() => setOpen("new")}>${t("plantpage.add_user")}<//></div>
     <${Table} caption=${t("plantpage.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
-    ${open === "new" && html`<${NewUser} onClose=${close} />`}
+    ${open === "new" && html`<${NewUserBody} onClose=${close} />`}
     ${open && open !== "new" && html`<${ChangeUser} user=${open} onClose=${close} />`}</section>`;
 }
 
@@ -40,7 +40,7 @@ const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("
     ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`plantpage.role_${role}`)}</option>`)}</select>
       <//>`;
 
-function NewUser({ onClose }) {
+function NewUserBody({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
   const [run, busy, error] = useAsk();
   const send = async (event) => {

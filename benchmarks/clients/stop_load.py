@@ -1,0 +1,179 @@
+"""Fills the lines of a plant, and stops its drives at random instants in two ways: over its socket and over the web.
+
+    python -m benchmarks.clients.stop_load DIRECTORY PORT LINES STATIONS SECONDS ROUNDS SEED CALLS
+
+What the polls leave of a line is filled with parameters read over the plant's socket, so that a read is always due. The
+last station of each line is silent. Single drives are stopped for SECONDS, then everything ROUNDS times. CALLS gets a
+line for each stop: its way, its line, its address (0: everybody's), the nanosecond (CLOCK_MONOTONIC) of the call, and
+the word or error that it was answered with. Prints what the plant says of its lines, as JSON.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.clients.plain_http import PlainHttpConnection
+from benchmarks.service_fixture import drive_id
+from drivebus.errors import DrivebusError
+from drivebus.service.auth.actor import local_actor
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
+
+STOP_LOAD_ACTOR = local_actor("bench", "stopper")
+READERS = 1
+"""On each line: one fills it; more would keep its polls waiting for seconds."""
+SIGNALS = ["output_voltage", "output_power", "dc_bus_voltage", "temperature", "set_speed"] * 6
+PAUSE_S = 0.2
+"""At most, between a stop that was answered and the next one on its line."""
+WARM_UP_S, ONLINE_TIMEOUT_S = 2.0, 20.0
+LONGEST_LINE = 4 * 1024 * 1024
+Json = dict[str, Any]
+TimedStop = tuple[str, int, int, int, str]
+
+
+class LoadedService:
+    """The plant and its lines, as the one who stops sees them."""
+
+    def __init__(self, directory: Path, port: int, lines: int, stations: int) -> None:
+        self.directory, self.port, self.lines = directory, port, range(lines)
+        self.alive = range(1, stations)
+        self._client = SocketClient(directory / SERVICE_SOCKET)
+
+    async def buses(self) -> list[Json]:
+        return list((await self._client.call("buses.list", {}, STOP_LOAD_ACTOR))["buses"])
+
+    async def online(self) -> None:
+        """Until each living station has answered once; on a machine that is too busy for that, not for ever."""
+        seen: set[str] = set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(ONLINE_TIMEOUT_S):
+                while len(seen) < len(self.lines) * len(self.alive):
+                    found = [one for bus in await self.buses() for one in self.living(bus)]
+                    seen |= {one["drive"] for one in found if one["presence"] == "online"}
+                    await asyncio.sleep(0.5)
+
+    def living(self, bus: Json) -> list[Json]:
+        return [one for one in bus["stations"] if one["address"] in self.alive]
+
+    async def fill(self, line: int, reader: int) -> None:
+        """Read one drive after the other, for ever."""
+        for address in itertools.cycle([*self.alive[reader:], *self.alive[:reader]]):
+            try:
+                await self._client.call(
+                    "parameters.read", {"drive": drive_id(line, address), "names": SIGNALS}, STOP_LOAD_ACTOR
+                )
+            except DrivebusError:
+                await asyncio.sleep(0.01)
+
+    async def stops(self, line: int, until: float, seed: str) -> list[TimedStop]:
+        """On one line, one after the other: a stop behind another stop has another bound."""
+        chance, calls = random.Random(f"{seed}/{line}"), list[TimedStop]()
+        ways = {"socket": _SocketStops(self.directory), "web": _WebStops(self.port)}
+        while time.monotonic() < until:
+            await asyncio.sleep(chance.uniform(0.0, PAUSE_S))
+            address, way = chance.choice(self.alive), chance.choice(sorted(ways))
+            await ways[way].open()
+            at = time.monotonic_ns()
+            calls.append((way, line, address, at, await ways[way].stop(drive_id(line, address))))
+        return calls
+
+    async def stop_all(self, way: str) -> list[TimedStop]:
+        """Everything at once: over the socket that takes nothing else, or over the web."""
+        if way == "socket":
+            reader, writer = await asyncio.open_unix_connection(self.directory / STOP_SOCKET, limit=LONGEST_LINE)
+            at = time.monotonic_ns()
+            writer.write(b"stop all\n")
+            await reader.readline()  # that it was heard
+            buses = json.loads(await reader.readline())["buses"]
+            writer.close()
+        else:
+            web = PlainHttpConnection(self.port)
+            await web.open()
+            at = time.monotonic_ns()
+            status, body = await web.request("POST", "/api/v1/stop", {})
+            buses = json.loads(body)["buses"] if status == 200 else {}
+            web.close()
+        silent = {drive_id(line, self.alive.stop) for line in self.lines}
+        confirmed = all(set(bus["unconfirmed"]) <= silent for bus in buses.values()) and bool(buses)
+        word = "confirmed" if confirmed else "not confirmed"
+        return [(f"stop-all-{way}", line, 0, at, word) for line in self.lines]
+
+
+class _SocketStops:
+    """What ``ServiceClient`` offers to programs on this machine."""
+
+    def __init__(self, directory: Path) -> None:
+        self._client = SocketClient(directory / SERVICE_SOCKET)
+
+    async def open(self) -> None:
+        await self._client.call("plant.get", {}, STOP_LOAD_ACTOR)
+
+    async def stop(self, drive: str) -> str:
+        try:
+            return str((await self._client.call("drive.stop", {"drive": drive}, STOP_LOAD_ACTOR))["outcome"]["word"])
+        except DrivebusError as error:
+            return error.key
+
+
+class _WebStops:
+    """A browser that has been there before: its connection is open."""
+
+    def __init__(self, port: int) -> None:
+        self._connection = PlainHttpConnection(port)
+
+    async def open(self) -> None:
+        await self._connection.open()
+
+    async def stop(self, drive: str) -> str:
+        status, body = await self._connection.request("POST", f"/api/v1/drives/{drive}/stop", {})
+        return str(json.loads(body)["outcome"]["word"]) if status == 200 else str(status)
+
+
+def station_errors(plant: LoadedService, buses: Sequence[Json]) -> Counter[str]:
+    """What went wrong with the living stations since the plant began."""
+    return sum((Counter(one["errors"]) for bus in buses for one in plant.living(bus)), Counter[str]())
+
+
+async def run_stop_load(plant: LoadedService, rounds: int, seed: str) -> list[TimedStop]:
+    chance, calls = random.Random(f"{seed}/all"), list[TimedStop]()
+    for number in range(rounds):
+        await asyncio.sleep(chance.uniform(0.5, 1.0))
+        calls += await plant.stop_all(("socket", "web")[number % 2])
+    return calls
+
+
+async def main() -> None:
+    plant = LoadedService(Path(sys.argv[1]), *(int(text) for text in sys.argv[2:5]))
+    seconds, rounds, seed, file = float(sys.argv[5]), int(sys.argv[6]), sys.argv[7], Path(sys.argv[8])
+    await plant.online()
+    filling = [asyncio.create_task(plant.fill(line, reader)) for line in plant.lines for reader in range(READERS)]
+    await asyncio.sleep(WARM_UP_S)
+    before, begun = station_errors(plant, await plant.buses()), time.monotonic()
+    many = await asyncio.gather(*(plant.stops(line, begun + seconds, seed) for line in plant.lines if seconds))
+    ended, buses = time.monotonic(), await plant.buses()
+    calls = [*(one for calls in many for one in calls), *await run_stop_load(plant, rounds, seed)]
+    file.write_text("".join(" ".join(map(str, one)) + "\n" for one in calls))  # noqa: ASYNC240  at the end
+    found = {
+        "bound_s": max(bus["stop_bound_s"] for bus in buses),
+        "occupied_percent": min(bus["occupied_percent"] for bus in buses),
+        "errors": dict(station_errors(plant, buses) - before),
+        "begun": begun,
+        "ended": ended,
+    }
+    print(json.dumps(found), flush=True)
+    for task in filling:
+        task.cancel()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,177 @@
+"""A real ``drivebus serve plant.toml`` to be measured: its file, its token, its two processes, what they use."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from http.client import HTTPConnection
+from pathlib import Path
+
+BENCHMARK_TOKEN = "dbt_benchmark"
+"""Of a user who may see, stop and read parameters."""
+SERVICE_COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+SYSTEMD_UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "plant" / "systemd" / "drivebus.service"
+PATIENCE_S = 180.0
+
+
+def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, baud: int) -> str:
+    """``plant.toml``: VC660s at 1 to ``drives`` of each line, polled as often as the plant thinks that the line can."""
+    parts = [
+        f'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\ndirectory = {json.dumps(str(directory))}',
+        f"[web]\nport = {port}",
+    ]
+    for line, link in enumerate(links):
+        parts.append(f'[bus.line-{line}]\nlink = {json.dumps(link)}\nbaud = {baud}\nformat = "8N1"')
+        parts += [
+            f'[drive.{drive_id(line, address)}]\nbus = "line-{line}"\naddress = {address}\nmodel = "vc660"'
+            for address in range(1, drives + 1)
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def drive_id(line: int, address: int) -> str:
+    return f"d{line}-{address}"
+
+
+@dataclass(frozen=True)
+class BenchmarkService:
+    """Where it is."""
+
+    directory: Path
+    port: int
+    plant: int
+    """Process id."""
+    web: int
+    begun: float
+    """Monotonic second at which the command was given."""
+    socket_at: float
+    """... at which the plant answered on its socket."""
+    web_at: float
+    """... at which the web process answered."""
+
+    @property
+    def sockets(self) -> tuple[Path, Path]:
+        """For everything, and for "stop all"."""
+        return self.directory / "plant.sock", self.directory / "stop.sock"
+
+    @property
+    def processes(self) -> dict[str, int]:
+        """Their ids by what they are."""
+        return {"plant": self.plant, "web": self.web}
+
+
+@contextmanager
+def running_service(
+    folder: Path, links: Sequence[str], drives: int, baud: int, there: Callable[[Path], None] = lambda directory: None
+) -> Iterator[BenchmarkService]:
+    """The whole service for the time of a ``with``. On loopback only. ``there`` is called with the state directory as
+    soon as the plant's socket is, which is before the web process answers."""
+    directory, port, file = folder / "state", free_port(), folder / "plant.toml"
+    directory.mkdir(mode=0o700)
+    file.write_text(plant_text(directory, port, links, drives, baud))
+    _add_token(directory)
+    environment = os.environ | {"XDG_STATE_HOME": str(folder)}
+    begun = time.monotonic()
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [*SERVICE_COMMAND, "serve", str(file)], stdout=subprocess.DEVNULL, stderr=log, env=environment
+        )
+        _apply_unit_priority(process.pid)
+        try:
+            socket_at = _wait_until(lambda: (directory / "plant.sock").exists(), process, folder)
+            there(directory)
+            web_at = _wait_until(lambda: _web_answers(port), process, folder)
+            yield BenchmarkService(directory, port, process.pid, _child_of(process.pid), begun, socket_at, web_at)
+        finally:
+            process.terminate()
+            try:
+                process.wait(PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _apply_unit_priority(pid: int) -> None:
+    """The precedence that its systemd unit gives it, where this user may give it."""
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, pid, int(re.findall(r"(?m)^Nice=(.+)", SYSTEMD_UNIT.read_text())[0]))
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def _add_token(directory: Path) -> None:
+    from drivebus.service.auth.rights import Right, Role
+    from drivebus.service.auth.sessions import secret_digest
+    from drivebus.service.auth.user_file import UserFile
+    from drivebus.service.auth.users import Token, User, UserDatabase
+
+    user = User("bench", Role.ADMINISTRATOR, "never used", 0)
+    rights = (Right.VIEW, Right.STOP, Right.OPERATE)
+    token = Token("1", "bench", "bench", rights, secret_digest(BENCHMARK_TOKEN), 0, 4_000_000_000_000)
+    UserFile(directory / "access.json").change(lambda _: UserDatabase().with_user(user).with_token(token))
+
+
+def _wait_until(there: Callable[[], bool], process: subprocess.Popen[bytes], folder: Path) -> float:
+    """When it was there. Raises RuntimeError where the service has ended, or it never comes."""
+    last = time.monotonic() + PATIENCE_S
+    while not there():
+        if process.poll() is not None or time.monotonic() > last:
+            raise RuntimeError((folder / "log").read_text()[-2000:])
+        time.sleep(0.01)
+    return time.monotonic()
+
+
+def _web_answers(port: int) -> bool:
+    asking = HTTPConnection("127.0.0.1", port, timeout=5.0)
+    try:
+        asking.request("GET", "/api/v1/health")
+        return asking.getresponse().status == 200
+    except OSError:
+        return False
+    finally:
+        asking.close()
+
+
+def _child_of(pid: int) -> int:
+    """The web process, the plant's only child."""
+    found = [int(file.parent.name) for file in Path("/proc").glob("[0-9]*/stat") if _parent_pid(file) == pid]
+    return found[0]
+
+
+def _parent_pid(file: Path) -> int | None:
+    try:
+        return int(file.read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return None
+
+
+# --- what a process uses ----------------------------------------------------------------------------------------------
+
+
+def memory_mb(pid: int) -> dict[str, float]:
+    """Its share (PSS), what it holds (RSS) and the most that it ever held."""
+    rollup, status = Path(f"/proc/{pid}/smaps_rollup").read_text(), Path(f"/proc/{pid}/status").read_text()
+    return {"pss": _mb(rollup, "Pss:"), "rss": _mb(status, "VmRSS:"), "most": _mb(status, "VmHWM:")}
+
+
+def _mb(text: str, name: str) -> float:
+    line = next(line for line in text.splitlines() if line.startswith(name))
+    return round(int(line.split()[1]) / 1024, 1)
+
+
+def cpu_s(pid: int) -> float:
+    """Seconds of processor time so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

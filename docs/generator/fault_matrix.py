@@ -1,0 +1,85 @@
+"""The table of faults and protocols, as the last committed run of the campaign ``matrix`` found it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from drivebus.profiles.model import Text
+from generator import words
+from verification.drive_variants import DRIVE_VARIANTS
+from verification.fault_matrix.table import TABLE
+
+REPORT = Path("docs") / "reports" / "lab-matrix.json"
+MODEL_NAMES = {"c320": "C320", "dzb100": "DZB100", "vc660": "VC660 RTU", "df800": "DF800 RTU / ASCII"}
+PASSED, PARTLY, FAILED, NOT_PRESENT = "✔", "◐", "✘", "?"
+FAULT = Text("fault", "故障")
+SUMMARY = Text(
+    "Commit {commit}, seed {seed}: {cells} cells, {cases} cases, {failed} failed.",
+    "提交 {commit}，种子 {seed}：{cells} 个单元格，{cases} 个用例，失败 {failed} 个。",
+)
+OF = Text("{held} of {cases} held", "{cases} 个中 {held} 个成立")
+NOT_RUN = Text("not run", "未运行")
+MISSING = Text("Missing, or otherwise than expected", "尚缺，或与预期不同")
+RUN = Text("Cases", "用例")
+
+
+def page_parts(root: Path, language: str) -> dict[str, str]:
+    """What stands between the marks of the page."""
+    report = json.loads((root / REPORT).read_text(encoding="utf-8"))
+    found = report["figures"]["cells"]
+    return {
+        "run": _run_summary(report, found, language),
+        "table": _table(found, language),
+        "cases": _cases(found, language),
+    }
+
+
+def _run_summary(report: dict[str, Any], found: dict[str, Any], language: str) -> str:
+    cases, held = (sum(cell[what] for cell in found.values()) for what in ("cases", "held"))
+    text = words.side(SUMMARY, language)
+    return text.format(commit=report["commit"], seed=report["seed"], cells=len(found), cases=cases, failed=cases - held)
+
+
+def _table(found: dict[str, Any], language: str) -> str:
+    heads = [words.side(FAULT, language), *MODEL_NAMES.values()]
+    rows = (
+        [
+            told["fault"][language],
+            *(_cell(row, told["cells"].get(model), model, found, language) for model in MODEL_NAMES),
+        ]
+        for row, told in TABLE.items()
+    )
+    return words.table(heads, rows)
+
+
+def _cell(row: str, told: dict[str, Any] | None, model: str, found: dict[str, Any], language: str) -> str:
+    if told is None:
+        return "–"
+    runs = [found.get(f"{row}/{kind.name}") for kind in DRIVE_VARIANTS if kind.model == model]
+    return f"{_mark(runs, told, language)} {told[language]}"
+
+
+def _mark(runs: list[dict[str, int] | None], told: dict[str, Any], language: str) -> str:
+    """Held only where every kind of the column ran, and no case failed."""
+    if None in runs or not all(run and run["cases"] for run in runs):
+        return f"{NOT_PRESENT} ({words.side(NOT_RUN, language)})"
+    cases, held = (sum(run[what] for run in runs if run) for what in ("cases", "held"))
+    if held < cases:
+        return f"{FAILED} ({words.side(OF, language).format(held=held, cases=cases)})"
+    return PARTLY if told.get("partly") else PASSED
+
+
+def _cases(found: dict[str, Any], language: str) -> str:
+    return "\n".join(_row(row, told, found, language) for row, told in TABLE.items())
+
+
+def _row(row: str, told: dict[str, Any], found: dict[str, Any], language: str) -> str:
+    colon = words.colon(language)
+    lines = [f"### {told['fault'][language]}", "", told["shown"][language]]
+    if "missing" in told:
+        lines += ["", f"**{words.side(MISSING, language)}**{colon}{told['missing'][language]}"]
+    names = (f"{row}/{kind.name}" for kind in DRIVE_VARIANTS)
+    shown = (f"`{name}` {found[name]['held']}/{found[name]['cases']}" for name in names if name in found)
+    return "\n".join([*lines, "", f"{words.side(RUN, language)}{colon}{' · '.join(shown)}", ""])

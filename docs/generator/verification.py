@@ -1,0 +1,40 @@
+"""The laboratory's committed reports as a table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from drivebus import i18n
+from verification.campaign import CAMPAIGN_NAMES, load_campaign
+
+TABLE_HEADS = {
+    "en": ("campaign", "what it tries", "evidence for", "trials", "violations", "rate below (95 %)", "seed, commit"),
+    "zh": ("试验", "试什么", "证据", "次数", "违反", "比率上限（95 %）", "种子、提交"),
+}
+MISSING = {"en": "no report yet", "zh": "尚无报告"}
+
+
+def campaign_table(reports: Path, language: str) -> str:
+    """One line a campaign, in the order of ``drivebus lab``; one without a report says so."""
+    rows = [TABLE_HEADS[language], ("---",) * len(TABLE_HEADS[language])]
+    rows += [_row(name, reports / f"{load_campaign(name).stem}.json", language) for name in CAMPAIGN_NAMES]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _row(name: str, path: Path, language: str) -> tuple[str, ...]:
+    what = i18n.text(f"help.lab.{name}.short", language)
+    if not path.exists():
+        return (f"`{name}`", what, "", MISSING[language], "", "", "")
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    bound = "–" if found["upper_bound_95"] is None else f"{found['upper_bound_95']:g}"
+    return (
+        f"[`{name}`](../reports/{path.name})",
+        what,
+        ", ".join(found["evidence_for"]),
+        f"{found['trials']:,} {found['unit']}",
+        str(found["violations"]),
+        bound,
+        f"{found['seed']}, `{found['commit']}`",
+    )

@@ -1,0 +1,211 @@
+"""click's commands, speaking both languages: help comes from the catalogues, laid out for wide characters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+import click
+
+from drivebus.cli import errors, output
+from drivebus.cli.text_layout import paragraphs, two_columns
+
+_MAX_HELP_WIDTH = 100
+
+
+class Option(click.Option):
+    """An option whose help is the sentence ``help.<key>``; ``{example}`` in it is a value that works."""
+
+    def __init__(self, *names: Any, key: str = "", example: str = "", **rest: Any) -> None:
+        super().__init__(*names, **rest)
+        self.key = key or f"help.option.{self.name}"
+        self.example = example
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        names = ", ".join(sorted([*self.opts, *self.secondary_opts], key=len))
+        takes = "" if self.is_flag else f" {self.make_metavar(ctx)}"
+        return names + takes, self.help_text()
+
+    def help_text(self) -> str:
+        """What the option does, and a real value."""
+        said = output.text(self.key)
+        return said + output.text("cli.for_example", example=self.example) if self.example else said
+
+
+class Choice(click.Choice[str]):
+    """One of a few words, with a complaint in the user's language."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter:
+            expected = output.text("cli.expect.one_of", choices=", ".join(self.choices))
+            self.fail(output.text("cli.found_expected", found=value, expected=expected), param, ctx)
+
+
+class Argument(click.Argument):
+    """An argument that explains itself in the help."""
+
+    def __init__(self, *names: Any, key: str = "", **rest: Any) -> None:
+        super().__init__(*names, **rest)
+        self.key = key or f"help.argument.{self.name}"
+
+
+class _LocalizedHelp:
+    """What verbs and groups share: a page of help in the user's language."""
+
+    examples: Sequence[str] = ()
+
+    def _help_page(self, command: click.Command, ctx: click.Context, body: Sequence[tuple[str, str]]) -> str:
+        cells = min(ctx.terminal_width or _terminal_width(), _MAX_HELP_WIDTH)
+        usage = " ".join([ctx.command_path, *command.collect_usage_pieces(ctx)])
+        parts = [output.text("cli.usage", usage=usage), paragraphs(output.text(f"help.{self.topic}.long"), cells)]
+        parts += [f"{title}\n{text}" for title, text in body if text]
+        if self.examples:
+            parts.append(output.text("cli.examples") + "\n" + "\n".join(f"  {line}" for line in self.examples))
+        return "\n\n".join(parts) + "\n"
+
+    topic: str = ""
+
+    def _options_help(self, command: click.Command, ctx: click.Context) -> str:
+        options = [param for param in command.get_params(ctx) if isinstance(param, click.Option)]
+        rows = [row for option in options if (row := option.get_help_record(ctx))]
+        return two_columns(rows, min(_terminal_width(), _MAX_HELP_WIDTH))
+
+
+class CliCommand(_LocalizedHelp, click.Command):
+    """One verb. ``examples`` are command lines that work as they stand (a test parses each)."""
+
+    def __init__(self, name: str, *, examples: Sequence[str] = (), topic: str = "", **rest: Any) -> None:
+        super().__init__(name, **rest)
+        self.examples = examples
+        self.topic = topic or name
+        self.params += common_options()
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        return output.text(f"help.{self.topic}.short")
+
+    def get_help_option(self, ctx: click.Context) -> click.Option | None:
+        return help_option()
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        cells = min(_terminal_width(), _MAX_HELP_WIDTH)
+        arguments = [(p.make_metavar(ctx), output.text(p.key)) for p in self.params if isinstance(p, Argument)]
+        body = [
+            (output.text("cli.arguments"), two_columns(arguments, cells)),
+            (output.text("cli.options"), self._options_help(self, ctx)),
+        ]
+        formatter.write(self._help_page(self, ctx, body))
+
+
+class LazyGroup(_LocalizedHelp, click.Group):
+    """A group whose verbs are imported when they are called: ``sections`` maps a heading to {verb: "module:name"}."""
+
+    def __init__(self, name: str, *, sections: Mapping[str, Mapping[str, str]], topic: str, **rest: Any) -> None:
+        self.examples = rest.pop("examples", ())
+        super().__init__(name, **rest)
+        self.sections = sections
+        self.topic = topic
+        self.params += common_options()
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [verb for verbs in self.sections.values() for verb in verbs]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        place = next((verbs[cmd_name] for verbs in self.sections.values() if cmd_name in verbs), None)
+        if place is None:
+            return None
+        module, _, name = place.partition(":")
+        command: click.Command = getattr(import_module(module), name)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """click's, with the verbs that a wrong word may have meant."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            if not hasattr(error, "command_key"):
+                raise
+            from difflib import get_close_matches
+
+            error.possibilities = get_close_matches(error.command_name, self.list_commands(ctx))  # type: ignore[attr-defined]
+            raise
+
+    def get_help_option(self, ctx: click.Context) -> click.Option | None:
+        return help_option()
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        cells = min(_terminal_width(), _MAX_HELP_WIDTH)
+        topic = "" if self.topic == "drivebus" else f"{self.topic}."
+        body = [
+            (output.text(key), two_columns([(v, output.text(f"help.{topic}{v}.short")) for v in verbs], cells))
+            for key, verbs in self.sections.items()
+        ]
+        formatter.write(
+            self._help_page(self, ctx, [*body, (output.text("cli.options"), self._options_help(self, ctx))])
+        )
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **named: Any) -> Any:
+        """Run, and end the process with the exit code that the outcome deserves."""
+        import sys
+
+        arguments = list(sys.argv[1:] if args is None else args)
+        output.parse_global_options(arguments)
+        _escape_unencodable()
+        sys.exit(int(self._run_to_exit_code(arguments, *rest, **named)))
+
+    def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
+        from drivebus.errors import DrivebusError
+
+        named["standalone_mode"] = False
+        try:
+            return int(super().main(arguments, *rest, **named) or errors.ExitCode.DONE)
+        except click.ClickException as error:
+            if isinstance(error, click.exceptions.NoArgsIsHelpError):
+                error.show()
+                return errors.ExitCode.USAGE
+            return errors.report_usage(error)
+        except click.Abort:
+            return errors.ExitCode.INTERRUPTED
+        except DrivebusError as error:
+            return errors.report_error(error)
+        except OSError as error:
+            return errors.report_error(errors.from_os_error(error))
+
+
+def common_options() -> list[click.Parameter]:
+    """Options of every verb; ``voice.listen`` has already heeded them."""
+    return [
+        Option(["--lang"], type=Choice(["en", "zh"]), expose_value=False, example="--lang zh"),
+        Option(["--json"], is_flag=True, expose_value=False),
+    ]
+
+
+def help_option() -> click.Option:
+    """--help in the user's language."""
+
+    def show(ctx: click.Context, option: click.Parameter, value: bool) -> None:
+        if value and not ctx.resilient_parsing:
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    return Option(["--help"], is_flag=True, is_eager=True, expose_value=False, callback=show, key="help.option.help")
+
+
+def _terminal_width() -> int:
+    import shutil
+
+    return max(50, shutil.get_terminal_size().columns - 2)
+
+
+def _escape_unencodable() -> None:
+    """A terminal that can't show a character gets an escape instead of a crash."""
+    import sys
+
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="backslashreplace")

@@ -1,0 +1,158 @@
+"""``audit verify``, ``audit list``: the trail of a plant as it lies on disk; no service is needed or disturbed."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup, Option
+from drivebus.cli.errors import ExitCode
+from drivebus.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from drivebus.service.audit.paths import AuditPaths
+    from drivebus.service.config.model import AuditConfig
+
+MAX_TIME_MS = 253_402_300_799_999
+
+
+def _verify(plant: str | None, checkpoints: str | None, key: str | None) -> ExitCode:
+    from drivebus.service.audit.verify import verify
+
+    places = _places(plant, checkpoints, key)
+    with _readable_trail(places.folder):
+        report = verify(places)
+    output.print_json(report.as_json())
+    for problem in report.as_json()["problems"]:
+        output.print_message("audit.verb.problem", text=problem["text"][output.language()])
+    told = {"entries": report.entries, "checkpoints": report.checkpoints, "covered": report.covered}
+    output.print_message("audit.verb.whole" if report.ok else "audit.verb.found", found=report.problem_count, **told)
+    if not report.keyed:
+        output.print_note("audit.verb.no_key", key=places.key)
+    return ExitCode.DONE if report.ok else ExitCode.FAILED
+
+
+def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
+    from drivebus.service.audit.query import query_records
+
+    places = _places(plant, None, None)
+    with _readable_trail(places.folder):
+        found = query_records(places, 0, MAX_TIME_MS, drive, None, limit)
+    output.print_json(found)
+    head = [output.text(f"audit.verb.head.{name}") for name in ("n", "time", "who", "what", "target", "outcome")]
+    output.print_text(output.fitted_table(head, [_row(item) for item in found["items"]]))
+    return ExitCode.DONE
+
+
+def _row(item: dict[str, Any]) -> list[str]:
+    time = datetime.fromtimestamp(item["time_ms"] / 1000, UTC).isoformat(sep=" ", timespec="milliseconds")
+    cells = (item["n"], time, item["who"]["name"], item["what"], item["target"], item["outcome"] or "")
+    return [escape_control_characters(str(cell)) for cell in cells]
+
+
+def escape_control_characters(text: str) -> str:
+    r"""Control characters, terminal escapes and what turns the direction of writing stand as ``\x1b`` (S13)."""
+    return "".join(
+        one.encode("unicode_escape").decode() if unicodedata.category(one)[0] in "CZ" and one != " " else one
+        for one in text
+    )
+
+
+def _places(plant: str | None, checkpoints: str | None, key: str | None) -> AuditPaths:
+    """Of a plant's file, of a state directory, or of the only plant that this user has. Raises ConfigurationError."""
+    from drivebus.service.audit.paths import AuditPaths
+
+    folder, kept = _state_directory(plant)
+    places = AuditPaths.of(
+        folder, Path(checkpoints) if checkpoints else kept.checkpoints, Path(key) if key else kept.key
+    )
+    if not places.folder.is_dir():
+        raise ConfigurationError("audit.verb.none", folder=str(folder))
+    return places
+
+
+def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
+    """The state directory, and what the plant's file says of the second file and the key."""
+    from drivebus.service.config.model import AuditConfig
+
+    if plant is None:
+        from drivebus.service.config.build import state_directory
+
+        plants = state_directory("x").parent
+        found = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
+        if len(found) != 1:
+            raise ConfigurationError("audit.verb.which", plants=", ".join(one.name for one in found) or "-")
+        return found[0], AuditConfig()
+    if Path(plant).suffix != ".toml":
+        return Path(plant), AuditConfig()
+    from drivebus.service.config.load import load
+
+    setting = load(plant)
+    return setting.directory, setting.audit
+
+
+@contextmanager
+def _readable_trail(folder: Path) -> Iterator[None]:
+    """A file that is there and can't be read is the user's to mend."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigurationError("audit.verb.unreadable", folder=str(folder), reason=reason) from error
+
+
+def _argument() -> Argument:
+    return Argument(["plant"], metavar="[PLANT.toml|DIRECTORY]", required=False, key="help.argument.audit")
+
+
+verify = CliCommand(
+    "verify",
+    topic="audit.verify",
+    callback=_verify,
+    params=[
+        _argument(),
+        Option(["--checkpoints"], metavar="FILE", example="--checkpoints /mnt/worm/checkpoints.jsonl"),
+        Option(["--key"], metavar="FILE", key="help.option.audit_key", example="--key /root/hall.audit.key"),
+    ],
+    examples=(
+        "drivebus audit verify plant.toml",
+        "drivebus audit verify /var/lib/drivebus/plants/hall --key /root/hall.audit.key --json",
+    ),
+)
+
+list_ = CliCommand(
+    "list",
+    topic="audit.list",
+    callback=_list,
+    params=[
+        _argument(),
+        Option(["--drive"], metavar="ID", key="help.option.audit_drive", example="--drive fan-1"),
+        Option(
+            ["--limit"],
+            type=options.NumberType(1, 100_000),
+            default=50,
+            metavar="N",
+            key="help.option.audit_limit",
+            example="--limit 500",
+        ),
+    ],
+    examples=("drivebus audit list plant.toml --drive fan-1", "drivebus audit list plant.toml --limit 500 --json"),
+)
+
+command = LazyGroup(
+    "audit",
+    topic="audit",
+    sections={
+        "cli.section.audit": {
+            "verify": "drivebus.cli.commands.audit:verify",
+            "list": "drivebus.cli.commands.audit:list_",
+        }
+    },
+    no_args_is_help=True,
+    examples=("drivebus audit verify plant.toml", "drivebus audit list plant.toml --drive fan-1"),
+)

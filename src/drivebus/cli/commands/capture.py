@@ -1,0 +1,114 @@
+"""``capture export FILE --pcapng OUT``: recorded traffic for Wireshark."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup, Option
+
+if TYPE_CHECKING:
+    from drivebus.capture.dbcap import Capture
+    from drivebus.commissioning.decode.framing import CapturedFrame
+
+
+def _export(file: str, pcapng: str, force: bool, all_modbus: bool) -> None:
+    from drivebus.capture.dbcap import read_capture
+    from drivebus.commissioning import wireshark
+    from drivebus.commissioning.decode.framing import split_frames
+
+    capture = read_capture(file)
+    frames = split_frames(capture, all_modbus)
+    comment = output.text("capture.export.comment", options=wireshark.WIRESHARK_OPTIONS, file=Path(file).name)
+    _write(Path(pcapng), wireshark.encode_wireshark(capture, frames, comment), force)
+    _print_result(file, pcapng, capture, frames)
+
+
+def _print_result(file: str, out: str, capture: Capture, frames: list[CapturedFrame]) -> None:
+    from drivebus.commissioning import wireshark
+
+    command = f"wireshark {wireshark.WIRESHARK_OPTIONS} {quote(out)}"
+    told: dict[str, Any] = {"file": file, "pcapng": out} | _counts(frames)
+    dated = wireshark.capture_start_us(capture) is not None
+    output.print_json(told | {"started": capture.header.started if dated else None, "truncated": capture.truncated})
+    output.print_message("capture.export.done", **told)
+    output.print_message("capture.export.open", command=command)
+    if told["other"]:
+        output.print_note("capture.export.other", count=told["other"])
+    if capture.truncated:
+        output.print_note("capture.export.truncated", file=file)
+    if not dated:
+        output.print_note("capture.export.undated", file=file)
+
+
+def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
+    heard, modbus = sum(one.received for one in frames), sum(one.modbus for one in frames)
+    count = len(frames)
+    return {"frames": count, "sent": count - heard, "heard": heard, "modbus": modbus, "other": count - modbus}
+
+
+def _write(out: Path, data: bytes, force: bool) -> None:
+    """A whole new file or none; with ``force`` in the place of an old one. Raises CaptureError."""
+    from drivebus.capture.dbcap import CaptureError
+
+    written = out.with_name(f"{out.name}.part") if force else out
+    try:
+        with written.open("xb") as file:
+            _write_or_delete(file, written, data)
+        if force:
+            written.replace(out)
+    except FileExistsError as error:
+        raise CaptureError("capture.export.exists", file=str(written)) from error
+    except OSError as error:
+        raise CaptureError("capture.export.write", file=str(out), reason=error.strerror or str(error)) from error
+
+
+def _write_or_delete(file: Any, path: Path, data: bytes) -> None:
+    """Half a file is taken away again."""
+    try:
+        file.write(data)
+        file.flush()
+    except OSError:
+        path.unlink()
+        raise
+
+
+def _pcapng(text: str) -> str:
+    if not text.endswith(".pcapng"):
+        raise ValueError(text)
+    return text
+
+
+export = CliCommand(
+    "export",
+    topic="capture.export",
+    callback=_export,
+    params=[
+        Argument(["file"], metavar="FILE", type=click.Path(), key="help.argument.capture"),
+        Option(
+            ["--pcapng"],
+            required=True,
+            type=options.ParsedType("pcapng", _pcapng, "cli.expect.pcapng"),
+            metavar="OUT",
+            example="--pcapng trip.pcapng",
+        ),
+        Option(["--force"], is_flag=True),
+        Option(["--all-modbus"], is_flag=True),
+    ],
+    examples=(
+        "drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng",
+        "drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng --force --json",
+    ),
+)
+
+command = LazyGroup(
+    "capture",
+    topic="capture",
+    sections={"cli.section.capture": {"export": "drivebus.cli.commands.capture:export"}},
+    no_args_is_help=True,
+    examples=("drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng",),
+)

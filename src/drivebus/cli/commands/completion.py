@@ -1,0 +1,34 @@
+"""``completion``: the script that teaches a shell our verbs."""
+
+from __future__ import annotations
+
+from drivebus.cli import output
+from drivebus.cli.click_ext import Argument, Choice, CliCommand
+
+
+def _complete(shell: str) -> None:
+    from click.shell_completion import get_completion_class
+
+    from drivebus.cli.root import cli
+
+    kind = get_completion_class(shell)
+    if kind is not None:
+        script = kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % _names()
+        output.print_json({"shell": shell, "script": script})
+        output.print_text(script)
+
+
+def _names() -> dict[str, str]:
+    return {
+        "complete_func": "_drivebus_completion",
+        "complete_var": "_DRIVEBUS_COMPLETE",
+        "prog_name": "drivebus",
+    }
+
+
+command = CliCommand(
+    "completion",
+    callback=_complete,
+    params=[Argument(["shell"], type=Choice(["bash", "zsh", "fish"]), metavar="SHELL")],
+    examples=("drivebus completion bash >> ~/.bashrc", "drivebus completion fish"),
+)

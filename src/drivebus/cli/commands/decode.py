@@ -1,0 +1,159 @@
+"""``decode``: a frame explained, byte for byte. The explaining is ``commissioning.explain``'s."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
+from drivebus.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    import click
+
+    from drivebus.protocols.describe import FrameDescription, Interpretation, Note
+
+
+_END_MARKS = {":": "\r\n", "*": "\r"}
+"""Frames that manuals print as characters (Modbus ASCII, C320 ASCII), by their first, with the end mark that no page
+shows."""
+
+
+def read_hex(text: str) -> bytes:
+    """Bytes of ``2A 30 30`` or ``2a3030``; blanks, colons between pairs and 0x are allowed. A frame as its characters,
+    ``:010600F9``, is taken as printed. Raises ValueError."""
+    text = text.strip()
+    if text[:1] in _END_MARKS:
+        return ("".join(text.split()) + _END_MARKS[text[0]]).encode("ascii")
+    digits = text.replace("0x", " ").replace("0X", " ").replace(":", " ").replace(",", " ").split()
+    if not digits or any(len(part) % 2 or not part.isascii() for part in digits):
+        raise ValueError(text)
+    return bytes.fromhex("".join(digits))
+
+
+def _join_words(ctx: click.Context, param: click.Parameter, parts: tuple[str, ...]) -> bytes:
+    """One frame, whether the shell handed it over in one piece or in pairs."""
+    found: bytes = HEX.convert(" ".join(parts), param, ctx)
+    return found
+
+
+HEX = options.ParsedType("hex", read_hex, "cli.expect.hex")
+
+
+def _decode(hex: bytes, model: str, encoding: str | None, direction: str | None, request: bytes | None) -> ExitCode:
+    from drivebus.commissioning.decode.describe import describe_frame
+
+    data = hex
+    found = describe_frame(model, data, encoding=encoding, direction=direction, request=request)
+    output.print_json(description_json(model, data, found))
+    output.print_text(description_text(model, data, found))
+    return ExitCode.DONE if found.valid else ExitCode.INVALID_FRAME
+
+
+def description_json(model: str, data: bytes, found: FrameDescription) -> dict[str, Any]:
+    """The JSON of a frame; ``fields`` has at least the keys of the worked vectors."""
+    from drivebus.commissioning.decode.describe import alternative_fields
+
+    other = alternative_fields(found)
+    return {
+        "model": model,
+        "family": found.family,
+        "encoding": found.encoding,
+        "direction": found.direction,
+        "valid": found.valid,
+        "hex": data,
+        "fields": dict(found.fields),
+        "problems": _sentences(found.problems),
+        "errata": _sentences(found.errata),
+        "hazards": _sentences(found.hazards),
+        "canonical_hex": found.canonical,
+        "ambiguous": other is not None,
+        "meant": None if other is None else dict(other),
+        "readings": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.readings],
+    }
+
+
+def description_text(model: str, data: bytes, found: FrameDescription) -> str:
+    """The same for people."""
+    from drivebus.cli.text_layout import two_columns
+
+    verdict = output.text("decode.valid" if found.valid else "decode.invalid")
+    way = output.text(f"decode.{found.direction}")
+    lines = [output.text("decode.title", model=model, encoding=found.encoding, direction=way, verdict=verdict)]
+    lines.append(f"  {output.to_json_value(data)}")
+    if found.fields:
+        rows = [(field_label(name), field_text(name, value)) for name, value in found.fields.items()]
+        lines += ["", two_columns(rows, min(98, output.terminal_width(sys.stdout)))]
+    for kind in ("problems", "errata", "hazards"):
+        said = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
+        lines += [output.wrap_for(one, sys.stdout) for one in said]
+    if found.canonical is not None and found.canonical != data:
+        lines.append(output.text("decode.canonical", hex=output.to_json_value(found.canonical)))
+    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in found.readings]
+    return "\n".join(lines)
+
+
+_HEX_FIELDS = frozenset({"data", "register", "value", "raw", "word", "crc"})
+
+
+def _alternative_text(reading: Interpretation) -> str:
+    said = [
+        output.text("decode.equals", name=field_label(one), value=field_text(one, each))
+        for one, each in reading.fields.items()
+    ]
+    return output.text("decode.reading", text=_sentence(reading.note), fields=output.text("decode.and").join(said))
+
+
+def field_label(name: str) -> str:
+    """A field's name for people; what has none keeps the name that JSON gives it."""
+    from drivebus.commissioning.decode import labels
+
+    return labels.field_label(name, output.language())
+
+
+def field_text(name: str, value: Any) -> str:
+    """A field's value; words of the wire with their hexadecimal form beside."""
+    from drivebus.commissioning.decode import labels
+
+    said = labels.value_text(name, value, output.language())
+    if said is not None:
+        return said
+    if isinstance(value, int) and name in _HEX_FIELDS:
+        return f"{value} ({value:04X}H)"
+    if isinstance(value, dict):
+        pairs = [
+            output.text("decode.pair", name=field_label(one), value=field_text(one, each))
+            for one, each in value.items()
+        ]
+        return output.text("decode.and").join(pairs)
+    if isinstance(value, list | tuple):
+        return ", ".join(field_text(name, each) for each in value)
+    return str(output.to_json_value(value)) if not isinstance(value, str | int | float) else str(value)
+
+
+def _sentence(note: Note) -> str:
+    return output.text(note[0], **note[1])
+
+
+def _sentences(notes: tuple[Note, ...]) -> list[str]:
+    return [_sentence(note) for note in notes]
+
+
+command = CliCommand(
+    "decode",
+    callback=_decode,
+    params=[
+        Argument(["hex"], nargs=-1, required=True, type=str, callback=_join_words, metavar="HEX..."),
+        options.model_option(),
+        options.encoding_option(),
+        Option(["--direction"], type=Choice(["request", "response"]), example="--direction response"),
+        Option(["--request"], type=HEX, metavar="HEX", example='--request "51 03 01 30 31 30 31 30 30 30 30"'),
+    ],
+    examples=(
+        "drivebus decode --model c320 2A 30 30 34 30 33 30 30 30 30 30 31 42 37 0D",
+        'drivebus decode --model vc660 --direction response --request "01 03 30 02 00 01 2A CA" 01 03 02 13 88 B5 12',
+        "drivebus decode --model df800 :010600F9",
+        "drivebus decode --model dzb100 --json 4303013031303130334538",
+    ),
+)

@@ -1,0 +1,44 @@
+"""``ports``: the serial ports of this machine, and who holds them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivebus.cli import output
+from drivebus.cli.click_ext import CliCommand
+
+if TYPE_CHECKING:
+    from drivebus.ports.discovery import PortInfo
+
+
+def _ports() -> None:
+    from drivebus import ports
+
+    found = ports.list_ports()
+    output.print_json({"ports": [asdict(port) for port in found]})
+    if found:
+        output.print_text(ports_table(found))
+    else:
+        output.print_message("ports_verb.none")
+
+
+def ports_table(found: list[PortInfo]) -> str:
+    """One row a port."""
+    head = [output.text(f"ports_verb.{name}") for name in ("device", "description", "link", "held")]
+    return output.fitted_table(head, [[port.device, port.description, port.url, _users(port)] for port in found])
+
+
+def _users(port: PortInfo) -> str:
+    held = ", ".join(f"{holder.name} ({holder.pid})" for holder in port.users)
+    return held or output.text("ports_verb.free" if _is_accessible(port.device) else "ports_verb.forbidden")
+
+
+def _is_accessible(device: str) -> bool:
+    """False where this user has no permission; a Windows name is no path and has none to lack."""
+    return not Path(device).exists() or os.access(device, os.R_OK | os.W_OK)
+
+
+command = CliCommand("ports", callback=_ports, examples=("drivebus ports", "drivebus ports --json"))

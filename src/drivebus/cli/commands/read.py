@@ -1,0 +1,92 @@
+"""``read``: parameters in the manual's own notation, or signals by name; raw and scaled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import connect, output
+from drivebus.cli.click_ext import Argument
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_command import drive_command
+from drivebus.cli.errors import ExitCode
+from drivebus.profiles.model import DriveProfile, Parameter, Signal
+
+if TYPE_CHECKING:
+    from drivebus.cli.dry_run import DryRun
+    from drivebus.values import Reading
+
+
+async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
+    profile = target.profile()
+    entries = {name: find_entry(profile, name) for name in names}
+    async with connect.open_drive(target) as (bus, drive):
+        readings = await drive.read(list(names))
+        now = bus.now()
+    rows = [value_json(name, entries[name], readings[name], now) for name in names]
+    output.print_json({"link": target.link, "model": target.model, "address": target.address, "values": rows})
+    output.print_text(values_table(rows, entries))
+    return ExitCode.DONE if all(one["value"] is not None for one in rows) else ExitCode.FAILED
+
+
+def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
+    """What ``name`` means in this profile. Raises ProfileError with the nearest names."""
+    from drivebus.profiles.notation import find_entry
+
+    return find_entry(profile, name)
+
+
+def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
+    """One value with everything that is known of it."""
+    from drivebus.cli.tui.rows import reading_json
+
+    choices = getattr(entry, "choices", {})
+    meaning = choices.get(reading.raw) if reading.raw is not None else None
+    return {
+        "name": name,
+        "notation": entry.notation,
+        "text": output.to_json_value(entry.text),
+        "wire": {"space": entry.locator[0], "address": entry.locator[1], "hex": f"{entry.locator[1]:04X}H"},
+        "raw": reading.raw,
+        "raw_hex": None if reading.raw is None else f"{reading.raw:04X}H",
+        "meaning": output.to_json_value(meaning) if meaning else None,
+    } | reading_json(reading, now)
+
+
+def values_table(rows: list[dict[str, Any]], entries: dict[str, Signal | Parameter]) -> str:
+    """The values for people."""
+    head = [output.text(f"read.{name}") for name in ("notation", "wire", "raw", "value", "text")]
+    return output.fitted_table(head, [_cells(one, entries[one["name"]]) for one in rows])
+
+
+def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
+    from drivebus.cli.value_format import format_value
+
+    meaning = f" = {one['meaning']}" if one["meaning"] else ""
+    reason = output.text("status.because", why=one["reason"]) if one.get("reason") else ""
+    wire = f"{output.text('read.space_' + one['wire']['space'])} {one['wire']['hex']}"
+    value = format_value(one["value"], one["unit"], entry)
+    return [one["notation"], wire, one["raw_hex"] or "–", value, one["text"] + meaning + reason]
+
+
+def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
+    for name in names:
+        entry = find_entry(dry.dialect.profile, name)
+        if isinstance(entry, Parameter):
+            dry.add("read", [dry.dialect.read_parameter(entry)])
+        else:
+            dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
+    return dry.print("dry.note.fence")
+
+
+command = drive_command(
+    "read",
+    _read,
+    _plan,
+    extra=(Argument(["names"], nargs=-1, required=True, metavar="NAME..."),),
+    examples=(
+        "drivebus read /dev/ttyUSB0 F0.1 F9.4 output_frequency --model c320 --address 1",
+        "drivebus read sim://vc660@3 F00.02 3006H --model vc660 --address 3 --json",
+        "drivebus read /dev/ttyUSB0 10 Q01 --model dzb100 --address 5 --dry-run",
+        "drivebus read --service http://127.0.0.1:8080 --drive fan-1 F0.1 F9.4",
+    ),
+)

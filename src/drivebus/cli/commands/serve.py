@@ -1,0 +1,52 @@
+"""``serve``: run a plant: its buses, drives, alarms, history and page, until it is told to end."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from drivebus.cli import output
+from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.extras import require_server
+
+if TYPE_CHECKING:
+    from drivebus.service.config.model import PlantConfig
+
+
+def _serve(plant: str, web: bool, log: str) -> ExitCode:
+    from drivebus.service.config.load import load
+    from drivebus.service.process.logging_setup import configure_logging
+
+    setting = load(plant)
+    if web and setting.web.enabled:
+        require_server()
+    configure_logging(log)
+    return asyncio.run(_run(setting, web))
+
+
+async def _run(setting: PlantConfig, web: bool) -> ExitCode:
+    from drivebus.service.process.logging_setup import LOG
+    from drivebus.service.process.main import run_service
+
+    def ready() -> None:
+        output.print_json({"plant": setting.id, "directory": str(setting.directory)}, stream=True)
+        output.print_message("serve.ready", plant=setting.id, directory=setting.directory)
+
+    found = await run_service(setting, web=web, announce="json" if output.as_json() else "plain", on_ready=ready)
+    left = [drive for drive, told in found.items() if told is None or "word" not in told]
+    for drive in left:
+        LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
+    return ExitCode.UNKNOWN if left else ExitCode.DONE
+
+
+command = CliCommand(
+    "serve",
+    callback=_serve,
+    params=[
+        Argument(["plant"], metavar="PLANT.toml", key="help.argument.plant"),
+        Option(["--web/--no-web"], default=True, key="help.option.web"),
+        Option(["--log"], type=Choice(["text", "json"]), default="text", example="--log json"),
+    ],
+    examples=("drivebus serve plant.toml", "drivebus serve plant.toml --no-web --log json"),
+)

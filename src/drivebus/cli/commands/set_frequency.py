@@ -1,0 +1,58 @@
+"""``set-frequency``: change the set frequency; starts nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivebus.cli import options
+from drivebus.cli.click_ext import Argument
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_command import drive_command
+from drivebus.cli.drive_command import run_command as send
+from drivebus.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from drivebus.cli.dry_run import DryRun
+    from drivebus.drives.readings import ReadingPairs
+
+
+async def _set(target: Target, frequency_hz: float) -> ExitCode:
+    return await send(target, lambda drive: drive.set_frequency(frequency_hz))
+
+
+def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
+    """As a standing drive would get it; where a frequency goes only with a run command, as a running one."""
+    from drivebus.drives.readings import ReadingPairs
+    from drivebus.errors import StartInhibited
+
+    word, as_if = dry.dialect.setpoint_word(frequency_hz), False
+    try:
+        frames = dry.dialect.set_frequency(word, ReadingPairs())
+    except StartInhibited:
+        frames, as_if = dry.dialect.set_frequency(word, _running()), True
+    dry.add("set_frequency", [frame.request for frame in frames])
+    return dry.print(*(("dry.note.as_if_running",) if as_if else ()), "dry.note.confirm")
+
+
+def _running() -> ReadingPairs:
+    """A drive that twice reported to be told to run forward."""
+    from drivebus.drives.readings import ReadingPairs
+    from drivebus.values import Reading
+
+    book = ReadingPairs()
+    for _ in range(2):
+        book.add({"command": Reading(1, raw=1)})
+    return book
+
+
+command = drive_command(
+    "set-frequency",
+    _set,
+    _plan,
+    extra=(Argument(["frequency_hz"], metavar="HZ", type=options.FREQUENCY),),
+    examples=(
+        "drivebus set-frequency /dev/ttyUSB0 25 --model c320 --address 1",
+        "drivebus set-frequency /dev/ttyUSB0 12.5 --model vc660 --address 3 --dry-run",
+        "drivebus set-frequency --service http://127.0.0.1:8080 --drive fan-1 25",
+    ),
+)

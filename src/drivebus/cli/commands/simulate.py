@@ -1,0 +1,139 @@
+"""``simulate``: pretend drives on a pty or a TCP port, for any master to talk to."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Choice, CliCommand, Option
+from drivebus.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from drivebus.simulator.bus import SimulatedBus
+
+
+def _listen(text: str) -> tuple[str, int] | None:
+    """None for ``pty``, else host and port. Raises ValueError."""
+    if text == "pty":
+        return None
+    scheme, separator, rest = text.partition("://")
+    host, colon, port = rest.rpartition(":")
+    if scheme != "tcp" or not separator or not colon or not port.isdecimal() or int(port) > 65535:
+        raise ValueError(text)
+    return host or "127.0.0.1", int(port)
+
+
+def _simulate(
+    model: str,
+    address: tuple[int, ...],
+    listen: tuple[str, int] | None,
+    link: str | None,
+    baud: int | None,
+    format: str | None,
+    encoding: str | None,
+    seed: int,
+    weather: str,
+    load: str,
+    ramp: float,
+    set: tuple[tuple[str, str], ...],
+) -> ExitCode:
+    settings = dict(set) | ({"encoding": encoding} if encoding else {})
+    bench = make_bench(model, address, baud, format, seed, weather, load, ramp, settings)
+    return asyncio.run(_serve(bench, listen, link))
+
+
+def make_bench(
+    model: str,
+    addresses: tuple[int, ...],
+    baud: int | None,
+    format: str | None,
+    seed: int,
+    weather: str,
+    load: str,
+    ramp_s: float,
+    settings: dict[str, str],
+) -> SimulatedBus:
+    """Stations on a wire; without baud and format at the model's factory line. Raises ConfigurationError."""
+    from drivebus.serial_settings import SerialSettings
+    from drivebus.simulator.bus import SimulatedBus
+    from drivebus.simulator.models.catalog import make_station
+
+    stations = [make_station(model, address, settings, load) for address in addresses]
+    for station in stations:
+        station.set_ramps(ramp_s, ramp_s)
+    factory = stations[0].line
+    line = SerialSettings.parse(baud or factory.baud, format or factory.format)
+    return SimulatedBus(stations, line, weather=weather, seed=seed)
+
+
+async def _serve(bench: SimulatedBus, listen: tuple[str, int] | None, link: str | None) -> ExitCode:
+    from drivebus.cli.signals import shutdown_signals
+
+    with shutdown_signals() as ending:
+        server = await _open(bench, listen, link)
+        try:
+            output.print_json(
+                {"url": server.url, "line": str(bench.line), "stations": len(bench.stations)}, stream=True
+            )
+            output.print_message("simulate.ready", url=server.url, line=bench.line, count=len(bench.stations))
+            await ending.wait()
+        finally:
+            await server.close()
+    return ExitCode.DONE
+
+
+async def _open(bench: SimulatedBus, listen: tuple[str, int] | None, link: str | None) -> Any:
+    """A server on a pty or a TCP port. Raises PortUnavailable."""
+    from drivebus.errors import ConfigurationError, PortUnavailable
+
+    try:
+        if listen is not None:
+            from drivebus.simulator.tcp_server import serve_tcp
+
+            return await serve_tcp(bench, *listen)
+        from drivebus.simulator.pty_server import serve_pty
+
+        return await serve_pty(bench, link)
+    except ImportError as error:
+        raise ConfigurationError("simulate.no_pty") from error
+    except OSError as error:
+        where = link or "pty" if listen is None else f"tcp://{listen[0]}:{listen[1]}"
+        raise PortUnavailable("simulate.cannot_listen", where=where, reason=error.strerror or str(error)) from error
+
+
+command = CliCommand(
+    "simulate",
+    callback=_simulate,
+    params=[
+        options.model_option(),
+        Option(
+            ["--address"],
+            required=True,
+            type=options.ADDRESSES,
+            metavar="N,...",
+            key="help.option.addresses",
+            example="--address 0-3,7",
+        ),
+        Option(
+            ["--listen"],
+            default="pty",
+            type=options.ParsedType("listen", _listen, "cli.expect.listen"),
+            metavar="pty|tcp://HOST:PORT",
+            example="--listen tcp://127.0.0.1:4001",
+        ),
+        Option(["--link"], metavar="PATH", key="help.option.link_path", example="--link /tmp/drives"),
+        *options.serial_options(),
+        options.encoding_option(),
+        Option(["--seed"], type=options.SEED, default=1, metavar="N", example="--seed 7"),
+        Option(["--weather"], default="clean", metavar="SPEC", example="--weather loss=0.05,late=0.1:0.4"),
+        Option(["--load"], default="constant", type=Choice(["constant", "fan", "winch"]), example="--load fan"),
+        Option(["--ramp"], default=10.0, type=options.NumberType(0.1, 3600.0), metavar="S", example="--ramp 4"),
+        options.profile_option(),
+    ],
+    examples=(
+        "drivebus simulate --model c320 --address 0-3,7 --listen pty",
+        "drivebus simulate --model vc660 --address 1 --listen tcp://127.0.0.1:4001 --json",
+        "drivebus simulate --model df800 --address 1-4 --link /tmp/pumps --weather lossy --seed 7",
+    ),
+)

@@ -1,0 +1,203 @@
+"""``user …``: who may log in, changed in the users' file itself: for the machine that the plant runs on."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Argument, Choice, CliCommand, LazyGroup, Option
+from drivebus.cli.extras import require_server
+
+if TYPE_CHECKING:
+    from drivebus.service.auth.users import User, UserDatabase
+
+ROLES = ["viewer", "operator", "engineer", "administrator"]
+RIGHTS = ["view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"]
+_DAY_MS = 86_400_000
+
+
+def _add(plant: str, name: str, role: str) -> None:
+    from drivebus.clock import wall_ms
+    from drivebus.service.auth.rights import Role
+    from drivebus.service.auth.users import User, normalized_name
+
+    known = normalized_name(name)
+    user = User(known, Role(role), _hash(known), wall_ms())
+    _change(plant, "user.add", name, {"role": role}, lambda register: register.with_user(user))
+    output.print_json({"name": user.name, "role": role})
+    output.print_message("user_verb.added", name=user.name, role=output.text(f"user_verb.{role}"))
+
+
+def _list(plant: str) -> None:
+    from drivebus.service.auth.admin import user_file_of
+    from drivebus.service.config import load
+
+    users = user_file_of(load(plant)).read().users
+    output.print_json({"users": [_user_json(user) for user in users]})
+    head = [output.text(f"user_verb.{column}") for column in ("name", "role", "state")]
+    states = [output.text("user_verb.disabled_state" if user.disabled else "user_verb.enabled_state") for user in users]
+    rows = [
+        [user.name, output.text(f"user_verb.{user.role}"), state] for user, state in zip(users, states, strict=True)
+    ]
+    output.print_text(output.fitted_table(head, rows)) if users else output.print_message("user_verb.none")
+
+
+def _passwd(plant: str, name: str) -> None:
+    from drivebus.service.auth.admin import user_file_of
+    from drivebus.service.config import load
+
+    user_file_of(load(plant)).read().user(name)  # before anybody types a password for nothing
+    hashed = _hash(name)
+    _change_user(plant, "password", name, {}, lambda user: replace(user, password=hashed))
+    _print_done("user_verb.password_changed", name=name)
+
+
+def _disable(plant: str, name: str) -> None:
+    _change_user(plant, "user.change", name, {"disabled": True}, lambda user: replace(user, disabled=True))
+    _print_done("user_verb.is_disabled", name=name)
+
+
+def _enable(plant: str, name: str) -> None:
+    _change_user(plant, "user.change", name, {"disabled": False}, lambda user: replace(user, disabled=False))
+    _print_done("user_verb.is_enabled", name=name)
+
+
+def _remove(plant: str, name: str) -> None:
+    _change(plant, "user.remove", name, {}, lambda register: register.without_user(name))
+    _print_done("user_verb.removed", name=name)
+
+
+def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
+    from drivebus.clock import wall_ms
+    from drivebus.service.auth.rights import Right
+    from drivebus.service.auth.sessions import secret_digest
+    from drivebus.service.auth.users import Token, normalized_name
+
+    secret, now_ms, rights = "dbt_" + secrets.token_urlsafe(32), wall_ms(), tuple(sorted(Right(one) for one in right))
+    made = Token(
+        secrets.token_hex(6),
+        label,
+        normalized_name(name),
+        rights,
+        secret_digest(secret),
+        now_ms,
+        now_ms + days * _DAY_MS,
+    )
+    told = {"user": name, "rights": list(right), "days": days}
+    _change(plant, "token.add", made.id, told, lambda register: register.with_token(made))
+    output.print_json({"token": secret, "id": made.id, "expires_ms": made.expires_ms})
+    output.print_note("user_verb.token_once")
+    output.print_text(secret)
+
+
+def _change(
+    plant: str, what: str, target: str, params: dict[str, Any], change: Callable[[UserDatabase], UserDatabase]
+) -> None:
+    from drivebus.service.auth.admin import change_users
+    from drivebus.service.config import load
+
+    asyncio.run(change_users(load(plant), what, target, params, change))
+
+
+def _change_user(plant: str, what: str, name: str, params: dict[str, Any], change: Callable[[User], User]) -> None:
+    _change(plant, what, name, params, lambda register: register.with_changed_user(change(register.user(name))))
+
+
+def _hash(name: str) -> str:
+    """Asked for twice where there is a keyboard, else the first line of standard input."""
+    require_server()
+    from drivebus.service.auth.passwords import Passwords, check_password_policy
+
+    said = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
+    return asyncio.run(Passwords().hash(check_password_policy(said, name)))
+
+
+def _prompt_password() -> str:
+    """The same twice."""
+    while True:
+        said, again = (
+            click.prompt(output.text(f"user_verb.{key}"), hide_input=True, err=True) for key in ("password", "again")
+        )
+        if said == again:
+            return str(said)
+        output.print_note("user_verb.differ")
+
+
+def _print_done(key: str, **params: str) -> None:
+    output.print_json(params)
+    output.print_message(key, **params)
+
+
+def _user_json(user: User) -> dict[str, Any]:
+    return {"name": user.name, "role": str(user.role), "disabled": user.disabled, "created_ms": user.created_ms}
+
+
+def _verb(
+    name: str, callback: Callable[..., None], *options: click.Parameter, example: str, named: bool = True
+) -> CliCommand:
+    plant = Argument(["plant"], metavar="PLANT.toml", key="help.argument.plant")
+    params = [plant, *([Argument(["name"], key="help.argument.user")] if named else []), *options]
+    return CliCommand(
+        name, topic=f"user.{name}", callback=callback, params=params, examples=(f"drivebus user {example}",)
+    )
+
+
+add = _verb(
+    "add",
+    _add,
+    Option(["--role"], type=Choice(ROLES), required=True, key="help.option.role", example="--role operator"),
+    example="add plant.toml ann --role administrator",
+)
+listed = _verb("list", _list, example="list plant.toml", named=False)
+passwd = _verb("passwd", _passwd, example="passwd plant.toml ann")
+disable = _verb("disable", _disable, example="disable plant.toml ann")
+enable = _verb("enable", _enable, example="enable plant.toml ann")
+remove = _verb("remove", _remove, example="remove plant.toml ann")
+token = _verb(
+    "token",
+    _token,
+    Option(
+        ["--right"],
+        type=Choice(RIGHTS),
+        multiple=True,
+        default=["view"],
+        key="help.option.right",
+        example="--right view",
+    ),
+    Option(
+        ["--days"],
+        type=options.NumberType(1, 366),
+        default=90,
+        metavar="N",
+        key="help.option.days",
+        example="--days 30",
+    ),
+    Option(["--label"], default="command line", key="help.option.label", example="--label scada"),
+    example="token plant.toml ann --right view --right stop --days 30",
+)
+
+_MODULE = "drivebus.cli.commands.user"
+command = LazyGroup(
+    "user",
+    topic="user",
+    sections={
+        "cli.section.profile": {
+            "add": f"{_MODULE}:add",
+            "list": f"{_MODULE}:listed",
+            "passwd": f"{_MODULE}:passwd",
+            "disable": f"{_MODULE}:disable",
+            "enable": f"{_MODULE}:enable",
+            "remove": f"{_MODULE}:remove",
+            "token": f"{_MODULE}:token",
+        }
+    },
+    no_args_is_help=True,
+    examples=("drivebus user list plant.toml",),
+)

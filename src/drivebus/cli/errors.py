@@ -1,0 +1,148 @@
+"""Exit codes, and what the user reads when a verb ends badly."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from enum import IntEnum
+from typing import Any
+
+import click
+
+from drivebus import i18n
+from drivebus.cli import output
+from drivebus.errors import (
+    ConfigurationError,
+    DrivebusError,
+    OutcomeUnknown,
+    ProtocolError,
+    StopUnconfirmed,
+)
+
+
+class ExitCode(IntEnum):
+    """What a verb's exit code says to a script."""
+
+    DONE = 0
+    """Confirmed, or acknowledged and said so."""
+    FAILED = 1
+    """The drive or the bus said no."""
+    USAGE = 2
+    """Usage or configuration."""
+    INVALID_FRAME = 3
+    UNKNOWN = 4
+    """Outcome unknown, or stop unconfirmed."""
+    INTERRUPTED = 128 + signal.SIGINT
+
+
+def exit_code_of(error: BaseException) -> ExitCode:
+    """The exit code of an error of the library."""
+    if isinstance(error, OutcomeUnknown | StopUnconfirmed):
+        return ExitCode.UNKNOWN
+    if isinstance(error, ConfigurationError):
+        return ExitCode.USAGE
+    return ExitCode.INVALID_FRAME if isinstance(error, ProtocolError) else ExitCode.FAILED
+
+
+def report_error(error: DrivebusError) -> ExitCode:
+    """Say what went wrong, on standard error, and as a document where JSON was asked for."""
+    code = exit_code_of(error)
+    print_error(error)
+    output.print_json(error_json(error) | {"exit": int(code)}, stream=True)
+    return code
+
+
+def from_os_error(error: OSError) -> ConfigurationError:
+    """A file or folder that a verb was given and the operating system refuses."""
+    return ConfigurationError("cli.system", file=error.filename or "-", reason=error.strerror or str(error))
+
+
+def print_error(error: DrivebusError) -> None:
+    """What went wrong and what to do about it, on standard error."""
+    _print_error_line(error_text(error))
+    if said := error_hint(error):
+        click.echo(output.wrap_for(said, sys.stderr), err=True)
+
+
+def error_json(error: DrivebusError) -> dict[str, Any]:
+    """An error as JSON: type, key and numbers for programs, the sentence for people."""
+    return {
+        "error": {
+            "type": type(error).__name__,
+            "key": error.key,
+            "text": error_text(error),
+            "hint": error_hint(error),
+            "scope": str(error.scope),
+            "retryable": error.retryable,
+            "params": {name: value for name, value in error.params.items() if value is not None},
+        }
+    }
+
+
+def error_hint(error: DrivebusError) -> str | None:
+    """What to do at the command line about it, where there is such a thing: the sentence ``hint.<key>``."""
+    key = f"hint.{error.key}"
+    return output.text(key) if i18n.known(key) else None
+
+
+def error_text(error: DrivebusError) -> str:
+    """The error's own text; a model's name that nobody knows is no refused file."""
+    complaints = error.params.get("complaints") or ()
+    if [one.kind for one in complaints] == ["no_model"]:
+        from drivebus import profiles
+
+        return output.text("cli.no_such_model", name=error.params["file"], known=", ".join(profiles.models()))
+    return error.text(output.language())
+
+
+def report_usage(error: click.ClickException) -> ExitCode:
+    """A wrong command line: what is wrong, in the user's language, and where the help is."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else "drivebus"
+    sentence = usage_text(error)
+    _print_error_line(sentence)
+    click.echo(output.text("cli.try_help", command=path), err=True)
+    described = {"type": "UsageError", "key": "cli.usage", "text": sentence, "scope": "configuration"}
+    output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
+    return ExitCode.USAGE
+
+
+def usage_text(error: click.ClickException) -> str:
+    """click's own complaints, in the user's language."""
+    if isinstance(error, click.NoSuchOption):
+        return _with_suggestions("cli.no_such_option", error.option_name, error.possibilities)
+    if isinstance(error, click.exceptions.UsageError) and type(error).__name__ == "NoSuchCommand":
+        return _with_suggestions(
+            "cli.no_such_verb", getattr(error, "command_key", ""), getattr(error, "possibilities", None)
+        )
+    if isinstance(error, click.MissingParameter):
+        return output.text("cli.missing", name=_parameter_name(error))
+    if isinstance(error, click.BadParameter):
+        return output.text("cli.bad_value", name=_parameter_name(error), problem=error.message)
+    if isinstance(error, click.BadOptionUsage):
+        return output.text("cli.needs_value", name=error.option_name)
+    return error.format_message()
+
+
+def _with_suggestions(key: str, name: str, possibilities: list[str] | None) -> str:
+    sentence = output.text(key, name=name)
+    guess = [output.text("cli.did_you_mean", names=", ".join(possibilities))] if possibilities else []
+    return output.join_sentences([sentence, *guess])
+
+
+def _parameter_name(error: click.BadParameter) -> str:
+    if isinstance(error.param, click.Option):
+        return max(error.param.opts, key=len)
+    return (error.param.make_metavar(error.ctx) if error.param and error.ctx else "") or str(error.param_hint or "?")
+
+
+def _print_error_line(sentence: str) -> None:
+    text = output.wrap_for(f"drivebus: {sentence}", sys.stderr)
+    click.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True)
+
+
+def supports_colour(stream: Any) -> bool:
+    """Colours only on a terminal, and never where NO_COLOR is set."""
+    import os
+
+    return not os.environ.get("NO_COLOR") and hasattr(stream, "isatty") and bool(stream.isatty())

@@ -1,0 +1,53 @@
+"""What a service says, as the library's own values: readings, states, outcomes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, FrameExchange, Outcome, OutcomeStatus
+from drivebus.profiles.model import Text
+from drivebus.values import Quality, Reading
+
+Json = dict[str, Any]
+
+SERVICE_TEXT_KEY = "service.told"
+"""The service's own sentence, in both languages."""
+
+
+def parse_text(found: Json | None) -> Text | None:
+    return None if found is None else Text(found["en"], found["zh"])
+
+
+def parse_outcome(found: Json) -> Outcome:
+    """The ``outcome`` of an answer, sentence and frames as the service tells them."""
+    told = found["outcome"]
+    notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in told["notes"])
+    frames = tuple(_parse_exchange(frame) for frame in told["frames"])
+    return Outcome(
+        OutcomeStatus(told["word"]), SERVICE_TEXT_KEY, {"text": parse_text(told["text"])}, frames, None, notes
+    )
+
+
+def _parse_exchange(frame: Json) -> FrameExchange:
+    sent, received = bytes.fromhex(frame["sent"]), bytes.fromhex(frame["received"])
+    return FrameExchange(sent, received, frame["sent_at_s"], frame["received_at_s"], frame["error"], frame["params"])
+
+
+def parse_status(view: Json, now: float) -> DriveStatus:
+    """A DriveView. A drive that is silent has no state, whatever it was before."""
+    readings = {name: parse_reading(signal, now) for name, signal in view["signals"].items()}
+    direction = None if view["direction"] is None else Direction(view["direction"])
+    fault = view["fault"] and parse_fault(view["fault"])
+    return DriveStatus(DriveState(view["state"]), direction, fault, readings, view["state_reason"])
+
+
+def parse_reading(found: Json, now: float) -> Reading:
+    """A value as old as the service says."""
+    age_s = found.get("age_s")
+    at = None if age_s is None else now - age_s
+    return Reading(found["value"], found["unit"], Quality(found["quality"]), at, found["reason"], found.get("raw"))
+
+
+def parse_fault(found: Json) -> Fault:
+    text = parse_text(found["text"]) or Text("", "")
+    return Fault(found["code"], found["label"], text, parse_text(found.get("cause")), parse_text(found.get("remedy")))

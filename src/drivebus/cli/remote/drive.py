@@ -1,0 +1,161 @@
+"""A drive of a service, with the same face as ``drives.Drive``, so that each verb is written once.
+
+Commands take the drive's lease and hold it while the block lasts; a stop takes nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable, Mapping
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli.remote.client import RemoteClient
+from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status
+from drivebus.errors import DrivebusError, OutcomeUnknown, ServiceUnavailable
+
+if TYPE_CHECKING:
+    from drivebus.cli.remote.jog import RemoteJog
+    from drivebus.drives.state import Direction, DriveStatus, Outcome
+    from drivebus.profiles import DriveProfile
+    from drivebus.values import Reading
+
+Json = dict[str, Any]
+
+LEASE_RENEW_PERIOD_S = 3.0
+"""A lease lasts ten seconds."""
+FRESH_STATE_TIMEOUT_S, STATE_POLL_PERIOD_S = 3.0, 0.1
+"""After a start a look waits so long for a state that is newer than it; between two looks."""
+
+
+class RemoteBus:
+    """What the verbs ask of a bus beside its drive."""
+
+    @staticmethod
+    def now() -> float:
+        return time.monotonic()
+
+    @staticmethod
+    def health(address: int) -> Any:
+        """Another master on the line is told by the service itself, as the reason of a refusal."""
+        return SimpleNamespace(foreign_master=False)
+
+
+class RemoteDrive:
+    """One drive, by its name in the plant."""
+
+    def __init__(self, client: RemoteClient, name: str, address: int, profile: DriveProfile) -> None:
+        self._client, self.name, self.address, self.profile = client, name, address, profile
+        self._renewal: asyncio.Task[None] | None = None
+        self._had_control_before = False
+        self._started_at: float | None = None
+
+    async def call(self, operation: str, **params: Any) -> Json:
+        return await self._client.call(operation, {"drive": self.name, **params})
+
+    # --- looking ------------------------------------------------------------------------------------------------
+
+    async def status(self) -> DriveStatus:
+        """Raises ControlNotHeld once the lease of an attached command is lost: somebody else commands the drive now."""
+        if self._renewal is not None and self._renewal.done():
+            self._renewal.result()
+        now = RemoteBus.now()
+        view = await self.call("drives.get")
+        while self._predates_start(view, now) and now - (self._started_at or now) < FRESH_STATE_TIMEOUT_S:
+            await asyncio.sleep(STATE_POLL_PERIOD_S)
+            now = RemoteBus.now()
+            view = await self.call("drives.get")
+        return parse_status(view, now)
+
+    def _predates_start(self, view: Json, now: float) -> bool:
+        """Its state was read before the drive was started: it still tells of the time before."""
+        age_s = view["state_age_s"]
+        return self._started_at is not None and (age_s is None or now - age_s < self._started_at)
+
+    async def read(self, names: Iterable[str]) -> dict[str, Reading]:
+        found = await self.call("parameters.read", names=list(names))
+        return {name: parse_reading(one, RemoteBus.now()) for name, one in found["parameters"].items()}
+
+    async def if_host_dies(self) -> Any:
+        """As the service has read it from the drive."""
+        found = (await self.call("drives.get"))["host_dies"]
+        text = found["text"] or {}
+        return SimpleNamespace(trips=found["kind"] == "trips", text=lambda language: text.get(language, ""))
+
+    # --- commands -----------------------------------------------------------------------------------------------
+
+    async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
+        given: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
+        outcome = parse_outcome(await self.call("drive.run", **given, **await self.arm()))
+        self._started_at = RemoteBus.now()
+        return outcome
+
+    async def set_frequency(self, frequency_hz: float) -> Outcome:
+        return await self._call_with_control("drive.set_frequency", frequency_hz=frequency_hz)
+
+    async def reset_fault(self) -> Outcome:
+        return await self._call_with_control("drive.reset")
+
+    async def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
+        return await self._call_with_control("parameters.write", values=dict(values), save=save)
+
+    def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
+        from drivebus.cli.remote.jog import RemoteJog
+
+        return RemoteJog(self, frequency_hz, direction)
+
+    async def stop(self, wait: bool = True) -> Outcome:
+        return await self._stop("stop")
+
+    async def coast(self, wait: bool = True) -> Outcome:
+        return await self._stop("coast")
+
+    async def _stop(self, how: str) -> Outcome:
+        """No lease, no second step. Where the service is gone, so is all that it could confirm."""
+        try:
+            return parse_outcome(await self.call("drive.stop", how=how))
+        except ServiceUnavailable as error:
+            raise OutcomeUnknown("service.not_stopped", drive=self.name, why=error) from error
+
+    async def _call_with_control(self, operation: str, **params: Any) -> Outcome:
+        await self.take_control()
+        return parse_outcome(await self.call(operation, **params))
+
+    # --- who may ------------------------------------------------------------------------------------------------
+
+    async def arm(self) -> Json:
+        """The lease, and for a start from afar the first of its two steps."""
+        await self.take_control()
+        return {} if self._client.is_local else {"arm": (await self.call("drive.arm"))["arm"]}
+
+    async def take_control(self) -> None:
+        """Take the drive, and keep it until ``close``. Raises ControlNotHeld."""
+        if self._renewal is not None:
+            return
+        before = (await self.call("drives.get"))["lease"]
+        lease = (await self.call("lease.take"))["lease"]
+        self._had_control_before = before is not None and before["session"] == lease["session"]
+        self._renewal = asyncio.create_task(self._renew(), name="lease")
+
+    async def _renew(self) -> None:
+        while True:
+            await asyncio.sleep(LEASE_RENEW_PERIOD_S)
+            try:
+                await self.call("lease.renew")
+            except ServiceUnavailable:
+                continue
+
+    async def close(self) -> None:
+        """Give the drive back, unless another program of ours had it before."""
+        renewing, self._renewal = self._renewal, None
+        if renewing is None:
+            return
+        lost = renewing.done()
+        renewing.cancel()
+        await asyncio.gather(renewing, return_exceptions=True)
+        if not self._had_control_before and not lost:
+            try:
+                await self.call("lease.release")
+            except DrivebusError:
+                return

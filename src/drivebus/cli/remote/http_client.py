@@ -1,0 +1,112 @@
+"""The service over HTTP, with nothing but the standard library: no redirects, certificates checked.
+
+Each question has a connection of its own: a stop waits for no other, and one that was closed meanwhile would leave open
+whether it was asked.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import re
+import ssl
+from typing import Any
+from urllib.parse import quote, urlencode, urlsplit
+
+from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
+from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.service.config.loopback import is_loopback
+
+Json = dict[str, Any]
+
+CONNECT_TIMEOUT_S = 5.0
+RESPONSE_TIMEOUT_S = 60.0
+"""A stop is repeated until the drive reports it; a group starts one after another."""
+MAX_RESPONSE_BYTES = 64 * 1024 * 1024
+
+
+class HttpClient:
+    """Asks in threads."""
+
+    is_local = False
+
+    def __init__(self, address: str, token: str | None) -> None:
+        """Raises ConfigurationError for what is no address, and for a token that anybody on the way could read."""
+        try:
+            parts = urlsplit(address)
+            port, host = parts.port, parts.hostname
+        except ValueError as error:
+            raise ConfigurationError("service.address", found=address) from error
+        if parts.scheme not in ("http", "https") or not host or parts.username or parts.query or parts.fragment:
+            raise ConfigurationError("service.address", found=address)
+        if token is None:
+            raise ConfigurationError("service.no_token", address=address)
+        if not re.fullmatch(r"[!-~]{1,500}", token):
+            raise ConfigurationError("service.token")
+        if parts.scheme == "http" and not is_loopback(host):
+            raise ConfigurationError("service.not_secret", address=address)
+        self._address, self._token, self._base = address, token, parts.path.rstrip("/")
+        self._scheme, self._host, self._port = parts.scheme, host, port
+
+    async def call(self, operation: str, params: Json) -> Json:
+        """See ``Client.call``."""
+        with outcome_unknown_on_loss(operation, "plant.gone", "service.silent"):
+            return await asyncio.to_thread(self._call_sync, operation, params)
+
+    async def close(self) -> None:
+        """Nothing is open between two questions."""
+
+    def _call_sync(self, operation: str, params: Json) -> Json:
+        method, path, body = _build_request(operation, params)
+        headers = {"Authorization": f"Bearer {self._token}", "Accept": "application/json"}
+        headers |= {} if body is None else {"Content-Type": "application/json"}
+        connection = self._connect()
+        try:
+            connection.request(method, self._base + path, body, headers)
+            answer = connection.getresponse()
+            status, text = answer.status, answer.read(MAX_RESPONSE_BYTES)
+        except (OSError, http.client.HTTPException) as error:
+            raise ServiceUnavailable("service.silent", address=self._address, reason=str(error)) from error
+        finally:
+            connection.close()
+        return _parse_response(status, text, self._address)
+
+    def _connect(self) -> http.client.HTTPConnection:
+        connection = http.client.HTTPConnection(self._host, self._port, timeout=CONNECT_TIMEOUT_S)
+        if self._scheme == "https":
+            context = ssl.create_default_context()
+            connection = http.client.HTTPSConnection(self._host, self._port, timeout=CONNECT_TIMEOUT_S, context=context)
+        try:
+            connection.connect()
+        except OSError as error:
+            raise ServiceUnavailable("service.not_there", address=self._address, reason=str(error)) from error
+        connection.sock.settimeout(RESPONSE_TIMEOUT_S)
+        return connection
+
+
+def _build_request(operation: str, params: Json) -> tuple[str, str, bytes | None]:
+    """Method, path and body, by the same table from which the service makes its routes."""
+    from drivebus.web.api.table import API_PREFIX, API_ROUTES
+
+    route = next(one for one in API_ROUTES if one.name == operation)
+    rest = {name: value for name, value in params.items() if name not in route.path_params and value is not None}
+    path = API_PREFIX + route.path.format(**{name: quote(str(params[name]), safe="") for name in route.path_params})
+    if route.has_body:
+        return route.method, path, json.dumps(rest, allow_nan=False).encode()
+    return route.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
+
+
+def _parse_response(status: int, text: bytes, address: str) -> Json:
+    """Raises the error that the service tells; ServiceUnavailable for an answer that no drivebus gives."""
+    from drivebus.service.api.errors import error_from_json
+
+    try:
+        found = json.loads(text)
+        if status == 200:
+            assert isinstance(found, dict)
+            return found
+        error = error_from_json(found["error"])
+    except (ValueError, KeyError, TypeError, AssertionError) as problem:
+        raise ServiceUnavailable("service.strange", address=address, status=status) from problem
+    raise error

@@ -1,0 +1,126 @@
+"""The full-screen view (textual): a table of drives, a table of lines, the news, and the keys."""
+
+from __future__ import annotations
+
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.events import Resize
+from textual.widgets import Footer, Static
+
+from drivebus.cli import output
+from drivebus.cli.tui.row_source import KeyCommands, RowSource
+from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cells, drive_columns
+from drivebus.errors import DrivebusError
+
+REFRESH_PERIOD_S = 0.25
+FREQUENCY_STEP_HZ = 5.0
+
+
+class MonitorApp(App[int]):
+    """Shows a feed until q. With a control its keys command the selected drive; without one it only reads."""
+
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
+    Screen { overflow: hidden; }
+    #drives { height: auto; max-height: 60%; overflow-x: hidden; }
+    #lines { height: auto; overflow-x: hidden; }
+    #legend { height: 1; padding: 0 1; color: $text-muted; }
+    #news { height: 1fr; min-height: 2; padding: 0 1; color: $text-muted; }
+    """
+
+    def __init__(self, feed: RowSource, control: KeyCommands | None = None, duration_s: float | None = None) -> None:
+        super().__init__()
+        self._feed = feed
+        self._control = control
+        self._duration_s = duration_s
+        self.failure: DrivebusError | None = None
+        """Why the feed could not start."""
+        self._drives = CellTable("drive", id="drives", cursor_type="row" if control else "none")
+        self._lines = CellTable("line", id="lines", cursor_type="none")
+        self._news = Static(id="news", markup=False)
+        self._bind_keys()
+
+    def _bind_keys(self) -> None:
+        """Bindings in the user's language."""
+        keys = {"r": "run", "s": "stop", "plus": "faster", "minus": "slower", "x": "reset", "space": "stop_all"}
+        for key, action in keys.items() if self._control else ():
+            shown = {"plus": "+", "minus": "-"}.get(key)
+            self.bind(key, action, description=output.text(f"live.key.{action}"), key_display=shown)
+        self.bind("q", "quit", description=output.text("live.key.quit"))
+
+    def compose(self) -> ComposeResult:
+        yield Static(self._feed.title, id="title", markup=False)
+        yield self._drives
+        select = output.text("live.legend.select") if self._control else ""
+        yield Static(select + output.text("live.legend"), id="legend", markup=False)
+        yield self._lines
+        yield self._news
+        yield Footer(show_command_palette=False)
+
+    async def on_mount(self) -> None:
+        self._set_columns(self.size.width)
+        self._lines.can_focus = False
+        self._drives.focus()
+        try:
+            await self._feed.start()
+        except DrivebusError as error:
+            self.failure = error
+            self.exit()
+            return
+        self.set_interval(REFRESH_PERIOD_S, self.refresh_rows)
+        if self._duration_s is not None:
+            self.set_timer(self._duration_s, self.action_quit)
+
+    async def on_unmount(self) -> None:
+        await self._feed.close()
+
+    def on_resize(self, event: Resize) -> None:
+        self._set_columns(event.size.width)
+
+    def _set_columns(self, cells: int) -> None:
+        self._drives.set_columns(drive_columns(cells), self._drive_rows(cells))
+        self._lines.set_columns(bus_columns(cells), self._bus_rows(cells))
+
+    def _drive_rows(self, cells: int) -> list[list[Text]]:
+        now, columns = self._feed.now(), drive_columns(cells)
+        return [drive_cells(row, now, columns) for row in self._feed.drives()]
+
+    def _bus_rows(self, cells: int) -> list[list[Text]]:
+        return [bus_cells(row, bus_columns(cells)) for row in self._feed.lines()]
+
+    def refresh_rows(self) -> None:
+        """Take the newest rows from the feed."""
+        cells = self.size.width
+        self._drives.update_rows(self._drive_rows(cells))
+        self._lines.update_rows(self._bus_rows(cells))
+        self._news.update("\n".join(self._feed.news()[-max(1, self._news.size.height) :]))
+
+    def _selected(self) -> str | None:
+        rows = self._feed.drives()
+        index = self._drives.cursor_row
+        return rows[index].key if 0 <= index < len(rows) else None
+
+    def _command(self, verb: str, *numbers: float) -> None:
+        key = self._selected()
+        if self._control is not None and key is not None:
+            getattr(self._control, verb)(key, *numbers)
+
+    def action_run(self) -> None:
+        self._command("run")
+
+    def action_stop(self) -> None:
+        self._command("stop")
+
+    def action_faster(self) -> None:
+        self._command("change", FREQUENCY_STEP_HZ)
+
+    def action_slower(self) -> None:
+        self._command("change", -FREQUENCY_STEP_HZ)
+
+    def action_reset(self) -> None:
+        self._command("reset")
+
+    def action_stop_all(self) -> None:
+        if self._control is not None:
+            self._control.stop_all()

@@ -1,0 +1,64 @@
+"""The live view of one real line: polls its drives, commands nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from drivebus.cli import output
+from drivebus.cli.tui.bus_rows import PolledBus, PolledDrive
+from drivebus.cli.tui.rows import BusRow, DriveRow
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus
+    from drivebus.ports.base import Port
+    from drivebus.profiles import DriveProfile
+
+
+class BusRowSource:
+    """A ``Feed`` over a port: which models in which encoding at which addresses is known beforehand."""
+
+    def __init__(self, port: Port, known: Sequence[tuple[DriveProfile, str | None, int]], title: str) -> None:
+        self.title = title
+        self._port = port
+        self._stations = known
+        self._bus: Bus | None = None
+        self._drives: list[PolledDrive] = []
+        self._was_open = True
+        self._news = [output.text("monitor.feeds")]
+
+    async def start(self) -> None:
+        """Open the port and begin to poll. Raises PortUnavailable."""
+        from drivebus.bus import Bus
+        from drivebus.drives import Drive
+
+        self._bus = Bus(self._port, allow_mixed=True)
+        await self._bus.open()
+        for profile, encoding, address in self._stations:
+            drive = Drive(self._bus, profile, address, encoding=encoding)
+            name = f"{profile.model} {address}"
+            self._drives.append(PolledDrive(drive, name, name, self._bus.name))
+
+    async def close(self) -> None:
+        if self._bus is not None:
+            await self._bus.close()
+
+    def now(self) -> float:
+        return self._bus.now() if self._bus is not None else 0.0
+
+    def drives(self) -> list[DriveRow]:
+        return [drive.row() for drive in self._drives]
+
+    def lines(self) -> list[BusRow]:
+        if self._bus is None:
+            return []
+        row = PolledBus(self._bus, self._port.identity.rpartition("/")[2] or self._bus.name).row()
+        if row.up != self._was_open:
+            self._was_open = row.up
+            self._news.append(output.text("monitor.back" if row.up else "monitor.lost"))
+        return [row]
+
+    def news(self) -> list[str]:
+        return self._news
+
+    over = False

@@ -1,0 +1,183 @@
+"""Rows from a capture: what a recorded line said, at the pace at which it was said. Opens no port and sends nothing."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from drivebus.capture.dbcap import BytesRecord, Capture
+from drivebus.cli import output
+from drivebus.cli.tui.bus_rows import RecordedDrive
+from drivebus.cli.tui.rows import BusRow, DriveRow
+from drivebus.errors import ProtocolError
+from drivebus.protocols.codec import Incomplete
+
+if TYPE_CHECKING:
+    from drivebus.drives.dialects.base import Dialect
+    from drivebus.profiles import DriveProfile
+    from drivebus.protocols.codec import Codec
+
+STATISTICS_WINDOW_S = 10.0
+"""Load and rate look back so far."""
+
+
+@dataclass(slots=True)
+class BusActivity:
+    """What happened on the line lately."""
+
+    busy_periods: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=4096))
+    """When, and how long the wire was busy."""
+    reply_times: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
+    errors: Counter[str] = field(default_factory=Counter)
+
+    def load(self, now: float) -> float:
+        since = max(0.0, now - STATISTICS_WINDOW_S)
+        return min(1.0, sum(busy for at, busy in self.busy_periods if at >= since) / max(1e-9, now - since))
+
+    def rate(self, now: float) -> float:
+        since = max(0.0, now - STATISTICS_WINDOW_S)
+        return sum(1 for at in self.reply_times if at >= since) / max(1e-9, now - since)
+
+
+class CapturePlayer:
+    """Turns records into drives. Pure: time is the capture's own."""
+
+    def __init__(self, capture: Capture, candidates: Sequence[tuple[DriveProfile, str]]) -> None:
+        self.capture = capture
+        self.drives: dict[int, RecordedDrive] = {}
+        self.activity = BusActivity()
+        self._candidates = [_candidate(profile, encoding) for profile, encoding in candidates]
+        self._pending: tuple[RecordedDrive, Any] | None = None
+        self._buffer = b""
+
+    def on_record(self, record: BytesRecord) -> None:
+        """One record, in order."""
+        self.activity.busy_periods.append((record.time_s, self.capture.header.settings.seconds(len(record.data))))
+        if record.line_errors:
+            self.activity.errors["marks"] += record.line_errors
+        if record.direction == "tx":
+            self._end_pending()
+            self._on_request(record.data)
+        elif self._pending is None:
+            self._on_request(record.data)
+        else:
+            self._buffer += record.data
+            self._on_reply(record.time_s)
+
+    def _on_request(self, data: bytes) -> None:
+        """A frame of the master: who is asked, and what."""
+        for profile, encoding, codec in self._candidates:
+            try:
+                verdict = codec.decode_request(data)
+            except ProtocolError:
+                continue
+            if isinstance(verdict, Incomplete) or verdict.size != len(data):
+                continue
+            request = getattr(verdict.message, "request", verdict.message)
+            address = codec.address_of(request)
+            if address != codec.broadcast_address:
+                self._pending = (self._drive_at(profile, encoding, address), request)
+                self._buffer = b""
+            return
+        self.activity.errors["unsolicited"] += 1
+
+    def _on_reply(self, at: float) -> None:
+        assert self._pending is not None
+        judged, request = self._pending
+        try:
+            verdict = judged.dialect.codec.decode_reply(request, self._buffer)
+        except ProtocolError as error:
+            self.activity.errors[type(error).__name__] += 1
+            self._pending = None
+            return
+        if isinstance(verdict, Incomplete) or verdict.size != len(self._buffer):
+            return
+        self.activity.reply_times.append(at)
+        judged.on_reply(request, verdict.message, at)
+        self._pending = None
+
+    def _end_pending(self) -> None:
+        """The master speaks again: what was asked before was not answered."""
+        if self._pending is not None:
+            self.activity.errors["NoReply"] += 1
+        self._pending = None
+
+    def _drive_at(self, profile: DriveProfile, encoding: str, address: int) -> RecordedDrive:
+        if address not in self.drives:
+            from drivebus.drives.dialects.create import create_dialect
+
+            dialect = create_dialect(profile, address, encoding=encoding)
+            name = f"{profile.model} {address}"
+            self.drives[address] = RecordedDrive(dialect, name, name, self.capture.header.port)
+        return self.drives[address]
+
+
+def _candidate(profile: DriveProfile, encoding: str) -> tuple[DriveProfile, str, Codec]:
+    from drivebus.drives.dialects.create import create_dialect
+
+    dialect: Dialect = create_dialect(profile, max(1, profile.addresses[0]), encoding=encoding)
+    return profile, encoding, dialect.codec
+
+
+class CaptureRowSource:
+    """A ``Feed`` over a capture."""
+
+    def __init__(
+        self, capture: Capture, candidates: Sequence[tuple[DriveProfile, str]], title: str, speed: float
+    ) -> None:
+        self.title = title
+        self._player = CapturePlayer(capture, candidates)
+        self._records = [record for record in capture.records if isinstance(record, BytesRecord)]
+        self._speed = speed
+        self._task: asyncio.Task[None] | None = None
+        self._position_s = 0.0
+        self._over = not self._records
+        self._news: list[str] = [output.text("monitor.truncated")] if capture.truncated else []
+
+    async def start(self) -> None:
+        self._task = asyncio.create_task(self._play())
+
+    async def close(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _play(self) -> None:
+        loop = asyncio.get_running_loop()
+        begun, first = loop.time(), self._records[0].time_s if self._records else 0.0
+        for record in self._records:
+            await asyncio.sleep(max(0.0, begun + (record.time_s - first) / self._speed - loop.time()))
+            self._position_s = record.time_s
+            self._player.on_record(record)
+        self._news.append(output.text("monitor.end", seconds=f"{self._position_s:.1f}"))
+        self._over = True
+
+    def now(self) -> float:
+        return self._position_s
+
+    def drives(self) -> list[DriveRow]:
+        return [self._player.drives[address].row("online") for address in sorted(self._player.drives)]
+
+    def lines(self) -> list[BusRow]:
+        capture, line = self._player.capture, self._player.activity
+        name = capture.header.port.rpartition(":")[2].removeprefix("//") or "capture"
+        return [
+            BusRow(
+                name,
+                str(capture.header.settings),
+                True,
+                line.load(self._position_s),
+                line.rate(self._position_s),
+                dict(line.errors),
+            )
+        ]
+
+    def news(self) -> list[str]:
+        return self._news
+
+    @property
+    def over(self) -> bool:
+        return self._over

@@ -1,0 +1,137 @@
+"""The two tables of the full-screen view: columns, cells and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from rich.text import Text
+from textual.coordinate import Coordinate
+from textual.widgets import DataTable
+
+from drivebus.cli import output
+from drivebus.cli.text_layout import width
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
+
+STALE_AGE_S = 3.0
+"""Older values are dimmed: they are history, not the present."""
+
+DRIVE_COLUMNS = {"name": 13, "state": 13, "direction": 5} | dict(zip(COLUMN_SIGNALS, (8, 8, 7, 6, 6), strict=True))
+AGE_CELLS, FAULT_CELLS = 6, 7
+FAULT_TEXT_MIN_CELLS = 24
+"""From so many cells on a fault is shown with its text."""
+LOAD_CELLS, ERROR_CELLS = 7, 12
+BUS_COLUMNS = {"line": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
+_RIGHT_ALIGNED = frozenset({*COLUMN_SIGNALS, "age", "rate"})
+_BAR_CELLS = 10
+
+_STATE_STYLE = {
+    "running": "bold green",
+    "accelerating": "green",
+    "decelerating": "green",
+    "jogging": "green",
+    "braking": "green",
+    "fault": "bold red",
+    "emergency_stopped": "bold red",
+    "not_ready": "yellow",
+    "unknown": "yellow",
+}
+
+
+def drive_columns(cells: int) -> dict[str, int]:
+    """Widths of the drive table's columns on a terminal so wide: the fault takes what is left. Where little is left,
+    voltage, DC bus and current give way, in this order."""
+    columns, free = dict(DRIVE_COLUMNS), cells - AGE_CELLS
+    for name in ("output_voltage", "dc_bus_voltage", "output_current"):
+        if sum(columns.values()) + FAULT_CELLS > free:
+            del columns[name]
+    return columns | {"fault": max(FAULT_CELLS, free - sum(columns.values()) - 1), "age": AGE_CELLS}
+
+
+def bus_columns(cells: int) -> dict[str, int]:
+    """Widths of the line table's columns: the error counters take what is left, from the load's bar too."""
+    columns = dict(BUS_COLUMNS)
+    if sum(columns.values()) + ERROR_CELLS >= cells:
+        columns["load"] = LOAD_CELLS
+    return columns | {"errors": max(ERROR_CELLS, cells - sum(columns.values()) - 1)}
+
+
+def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[Text]:
+    """One row of the drive table, in these columns."""
+    age = row.age_s(now)
+    fresh = row.presence == "online" and age is not None and age <= STALE_AGE_S
+    style = "" if fresh else "dim"
+    fault = (
+        f"{row.fault_label} {row.fault_text}".strip() if columns["fault"] >= FAULT_TEXT_MIN_CELLS else row.fault_label
+    )
+    shown = {
+        "name": (row.name, "bold"),
+        "state": (row.state_text(), _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),
+        "direction": (row.direction_text(), style),
+        "fault": (f" {fault}", "bold red"),
+        "age": (row.age_text(now), style if fresh else "yellow"),
+    } | {signal: (row.cell(signal), style) for signal in COLUMN_SIGNALS}
+    return [_cell(shown[name][0], name, shown[name][1]) for name in columns]
+
+
+def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
+    """One row of the line table, in these columns."""
+    rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
+    return [
+        _cell(_keep_end(row.name, columns["line"] - 1), "line", "bold"),
+        _cell(row.settings, "settings"),
+        _cell(output.text("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
+        _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
+        _cell(rate, "rate"),
+        _cell(f" {row.errors_text()}", "errors", "yellow" if any(row.errors.values()) else "dim"),
+    ]
+
+
+def _keep_end(text: str, cells: int) -> str:
+    """The end of a long name is what tells ports apart."""
+    return text if width(text) <= cells else "…" + text[1 - cells :]
+
+
+def load_bar(load: float | None, bar: bool = True) -> str:
+    """The percentage, after a bar where there is room."""
+    if load is None:
+        return "–"
+    full = min(_BAR_CELLS, round(load * _BAR_CELLS))
+    drawn = "█" * full + "░" * (_BAR_CELLS - full) + " " if bar else ""
+    return f"{drawn}{load * 100:3.0f} %"
+
+
+class CellTable(DataTable[Text]):
+    """A DataTable that redraws only the cells that changed."""
+
+    def __init__(self, room: str, **rest: Any) -> None:
+        super().__init__(cell_padding=0, **rest)
+        self._key_prefix = room
+        self._rows: list[list[Text]] = []
+
+    def set_columns(self, widths: Mapping[str, int], rows: Sequence[list[Text]]) -> None:
+        """(Re)make the columns with these rows in them; the selected row stays selected."""
+        selected = self.cursor_row
+        self.clear(columns=True)
+        for name, cells in widths.items():
+            self.add_column(_cell(output.text(f"live.{self._key_prefix}.{name}"), name), key=name, width=cells)
+        self._rows = []
+        self.update_rows(rows)
+        if rows:
+            self.move_cursor(row=selected)
+
+    def update_rows(self, rows: Sequence[list[Text]]) -> None:
+        """Show these rows; their number only grows (drives and lines do not vanish, they fall silent)."""
+        for index, row in enumerate(rows):
+            if index == len(self._rows):
+                self._rows.append(row)
+                self.add_row(*row)
+            for column, cell in enumerate(row):
+                if cell != self._rows[index][column] or cell.style != self._rows[index][column].style:
+                    self.update_cell_at(Coordinate(index, column), cell)
+            self._rows[index] = row
+
+
+def _cell(text: str, name: str, style: str = "") -> Text:
+    side: Literal["left", "right"] = "right" if name in _RIGHT_ALIGNED else "left"
+    return Text(text, style=style, justify=side, no_wrap=True, overflow="ellipsis")

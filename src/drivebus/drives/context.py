@@ -1,0 +1,122 @@
+"""What the host keeps of one drive between conversations. Values and one counter; no clock, no port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.eeprom_budget import DEFAULT_SAVES_PER_DAY, EepromBudget
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.permissives import DriveCommand, Kind
+from drivebus.drives.state import Direction
+from drivebus.errors import CapabilityError, ConfigurationError, LimitError
+from drivebus.profiles.model import Text
+from drivebus.protocols.codec import BusResult
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLimits:
+    """The user's own limits. Those of frequency, in Hz, can only be narrower than the profile's.
+
+    Raises ConfigurationError where ``saves_per_day`` is no whole number from 0.
+    """
+
+    minimum_hz: float = 0.0
+    maximum_hz: float | None = None
+    forward: bool = True
+    reverse: bool = True
+    saves_per_day: int = DEFAULT_SAVES_PER_DAY
+    """How often a day each parameter may be written to EEPROM, 0: never (G16). Counted over restarts."""
+
+    def __post_init__(self) -> None:
+        found = self.saves_per_day
+        if type(found) is not int or found < 0:
+            raise ConfigurationError("drives.saves_per_day", found=found)
+
+
+@dataclass(frozen=True, slots=True)
+class UnmetPrecondition:
+    """A precondition that does not hold."""
+
+    notation: str
+    found: int | None
+    accepted: tuple[int, ...]
+    keypad: Text
+
+
+@dataclass(frozen=True, slots=True)
+class Preflight:
+    """Does this drive listen to the bus? What holds, what does not, and what can't be read (named, never assumed)."""
+
+    satisfied: tuple[str, ...]
+    unmet: tuple[UnmetPrecondition, ...]
+    unreadable: tuple[tuple[str, Text], ...]
+    at: float
+
+    @property
+    def passed(self) -> bool:
+        """Everything that can be read holds."""
+        return not self.unmet
+
+
+@dataclass(slots=True)
+class DriveContext:
+    """One drive's dialect, limits, pre-flight, ramps, wear and command numbers."""
+
+    dialect: Dialect
+    eeprom_budget: EepromBudget
+    limits: DriveLimits = field(default_factory=DriveLimits)
+    preflight: Preflight | None = None
+    acceleration_s: float | None = None
+    deceleration_s: float | None = None
+    command_count: int = 0
+    on_read: Callable[[BusResult], None] = lambda _answer: None
+    """Told of every read that a conversation took into its book."""
+
+    def create_command(self, kind: Kind, around: BusConditions) -> DriveCommand:
+        """A new wish, made now."""
+        self.command_count += 1
+        return DriveCommand(f"{kind.value}-{self.command_count}", kind, around.now, around.generation)
+
+    def require_capability(self, capability: str) -> None:
+        """Raises CapabilityError where the model can't; nothing is sent."""
+        profile = self.dialect.profile
+        if capability not in profile.capabilities:
+            raise CapabilityError("drives.cannot", model=profile.model, what=capability)
+
+    @property
+    def maximum_hz(self) -> float:
+        profile, own = self.dialect.profile.limits.maximum_hz, self.limits.maximum_hz
+        return profile if own is None else min(profile, own)
+
+    @property
+    def minimum_hz(self) -> float:
+        return max(self.dialect.profile.limits.minimum_hz, self.limits.minimum_hz)
+
+    def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
+        """The raw word of a frequency and what the drive makes of it, both within the limits. Raises LimitError."""
+        self._check_limits(frequency_hz)
+        word = self.dialect.setpoint_word(frequency_hz)
+        actual_hz = self.dialect.setpoint_frequency(word)
+        self._check_limits(actual_hz)
+        return word, actual_hz
+
+    def _check_limits(self, frequency_hz: float) -> None:
+        if not frequency_hz <= self.maximum_hz:
+            raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=self.maximum_hz)
+        if frequency_hz < self.minimum_hz:
+            raise LimitError("drives.below_minimum", frequency_hz=frequency_hz, limit_hz=self.minimum_hz)
+
+    def check_direction(self, direction: Direction | None) -> None:
+        """Raises CapabilityError (the model can't) or LimitError (the user forbids it)."""
+        if direction is Direction.REVERSE:
+            self.require_capability("reverse")
+        allowed = self.limits.reverse if direction is Direction.REVERSE else self.limits.forward
+        unsure = (
+            direction is None
+            and not self.dialect.reports_run_state
+            and not (self.limits.forward and self.limits.reverse)
+        )
+        if not allowed or unsure:
+            raise LimitError("drives.direction_forbidden", direction=direction or Direction.FORWARD)

@@ -1,0 +1,45 @@
+"""The dialect of a profile. Three families have code of their own; models never do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.dzb100 import Dzb100Dialect
+from drivebus.drives.dialects.modbus import ModbusDialect
+from drivebus.drives.dialects.sunfar import SunfarDialect
+from drivebus.errors import ConfigurationError
+from drivebus.profiles.model import DriveProfile
+from drivebus.protocols.codec import StationTiming
+
+_DIALECT_FACTORIES: dict[str, Callable[..., Dialect]] = {
+    "sifang": SunfarDialect,
+    "dzb": Dzb100Dialect,
+    "modbus": ModbusDialect,
+}
+
+
+def create_dialect(
+    profile: DriveProfile,
+    address: int,
+    *,
+    encoding: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    timing: StationTiming | None = None,
+) -> Dialect:
+    """The dialect that speaks to this drive. Raises ConfigurationError: an address, encoding or setting it has not."""
+    low, high = profile.addresses
+    if address == profile.broadcast or not low <= address <= high:
+        key = "drives.address_broadcast" if address == profile.broadcast else "drives.address"
+        raise ConfigurationError(key, model=profile.model, found=address, expected=f"{low}-{high}")
+    chosen = encoding or profile.encodings[0]
+    if chosen not in profile.encodings:
+        known = ", ".join(profile.encodings)
+        raise ConfigurationError("drives.encoding", model=profile.model, found=chosen, expected=known)
+    unknown = [name for name in settings or {} if name not in profile.settings]
+    if unknown:
+        known = ", ".join(profile.settings) or "-"
+        raise ConfigurationError("drives.setting", model=profile.model, found=unknown[0], expected=known)
+    merged = dict(profile.settings) | dict(settings or {})
+    return _DIALECT_FACTORIES[profile.family](profile, address, chosen, merged, timing or profile.timing)

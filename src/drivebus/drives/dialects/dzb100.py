@@ -1,0 +1,303 @@
+"""The DZB100's dialect: 11-byte frames without a checksum, a state that is derived, and the tenfold trap (T08).
+
+Nothing on the wire detects a flipped bit, so every value that drives logic needs two agreeing readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from drivebus.drives.dialects.base import (
+    CommandFrame,
+    Rejection,
+    StopMode,
+    decode_whole_request,
+    parameter_reading,
+    setpoint_matches,
+    shortest_period_s,
+    signal_reading,
+    signals_by_index,
+    with_plausibility,
+)
+from drivebus.drives.dialects.dzb100_scaling import (
+    CODINGS,
+    DEFAULT_CODING,
+    UNCALIBRATED_CAP_HZ,
+    highest_safe_word,
+    is_within_cap,
+    possible_codings,
+)
+from drivebus.drives.readings import ReadingPairs, Readings
+from drivebus.drives.state import DerivedState, Direction, DriveState
+from drivebus.errors import CapabilityError, LimitError, ProtocolError, StartInhibited
+from drivebus.profiles.model import DriveProfile, Parameter, Signal
+from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.dzb100 import (
+    Dzb100Codec,
+    Dzb100Command,
+    Dzb100Control,
+    Dzb100Query,
+    Dzb100ReadParameter,
+    Dzb100Reply,
+    Dzb100WriteParameter,
+    FrequencyCoding,
+    StateWord,
+    decode_frequency,
+    encode_frequency,
+)
+from drivebus.values import Quality, Reading, missing_reading
+
+FREQUENCY_ITEMS = (0, 1)
+STATE_ITEM = 3
+STOP_COMMANDS = frozenset({Dzb100Command.STOP, Dzb100Command.STOP_2})
+PARAMETER_COUNT = 81
+"""00 to 80."""
+
+
+class Dzb100Dialect:
+    """DZB100 (see ``dialect.Dialect``)."""
+
+    reports_run_state = True
+    state_names: tuple[str, ...] = ("output_frequency", "fault")
+    start_includes_setpoint = True
+
+    def __init__(
+        self, profile: DriveProfile, address: int, encoding: str, settings: dict[str, Any], timing: StationTiming
+    ) -> None:
+        self.profile, self.address, self.settings = profile, address, settings
+        self.codec: Codec = Dzb100Codec()
+        self._signals = signals_by_index(profile, "query")
+        self._sync_count = 0
+        self._last_read: Dzb100ReadParameter | None = None
+        self.station_config = StationConfig(
+            address, self.codec, timing, self.effect, self._bus_sync_request, profile.model
+        )
+
+    def effect(self, frame: bytes) -> Effect:
+        """What these bytes do; a stop with a frequency, an unknown number or a frame that is none may move (T11)."""
+        heard = decode_whole_request(self.codec, frame)
+        return Effect.MOTION if heard is None else _request_effect(heard)
+
+    def _bus_sync_request(self, n: int) -> Dzb100ReadParameter:
+        request = Dzb100ReadParameter(self.address, 2 * n % (PARAMETER_COUNT + 1))
+        return request if request != self._last_read else self._bus_sync_request(n + 1)
+
+    def sync_request(self, avoid: Any = None) -> Dzb100ReadParameter:
+        """Odd numbers; the bus uses the even ones. 40 tags at two frames each outlast the longest lateness."""
+        self._sync_count += 1
+        request = Dzb100ReadParameter(self.address, (2 * self._sync_count + 1) % (PARAMETER_COUNT - 1))
+        return self.sync_request(None) if request == avoid else request
+
+    def is_valid_sync_reply(self, reply: Dzb100Reply) -> bool:
+        return True
+
+    def needs_sync(self, request: Any) -> bool:
+        return False
+
+    def state_reads(self) -> tuple[Any, ...]:
+        """Output frequency and the state word; two rounds of them put a different item between equal ones."""
+        return Dzb100Query(self.address, 1), Dzb100Query(self.address, STATE_ITEM)
+
+    def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
+        wanted = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
+        items = sorted(wanted | {1, STATE_ITEM})
+        return tuple((Dzb100Query(self.address, item), self._period(item)) for item in items)
+
+    def query(self, item: int) -> Dzb100Query:
+        """The query of an item, for proofs."""
+        return Dzb100Query(self.address, item)
+
+    def _period(self, item: int) -> float:
+        return shortest_period_s(self.profile, tuple(s.name for s in self._signals.get(item, [])))
+
+    def decode_readings(self, request: Any, reply: Dzb100Reply, at: float | None) -> Readings:
+        if not isinstance(request, Dzb100Query):
+            return {}
+        signals = self._signals.get(request.item, [])
+        if reply.accepted is not True:
+            return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in signals}
+        if request.item == STATE_ITEM:
+            return self._state_readings(reply.data, at)
+        return {signal.name: self._reading(signal, request.item, reply.data, at) for signal in signals}
+
+    def _state_readings(self, data: int, at: float | None) -> Readings:
+        try:
+            word = StateWord.parse(data, self.settings.get("fault_coding", "decimal"))
+        except ProtocolError:
+            return {"fault": Reading(None, "", Quality.BAD, at, "drives.not_documented", data)}
+        return {
+            "state": Reading(data, "", Quality.UNCERTAIN, at, "drives.bits_not_published", data),
+            "command": Reading(word.command, "", Quality.GOOD, at, None, word.command),
+            "fault": Reading(word.fault_code, "", Quality.GOOD, at, None, word.fault_code),
+        }
+
+    def _reading(self, signal: Signal, item: int, data: int, at: float | None) -> Reading:
+        coding = self.settings.get("query_coding", "unknown")
+        settled = coding in CODINGS
+        if item not in FREQUENCY_ITEMS and coding != "decimal-0.1":
+            return signal_reading(signal, data, at)
+        try:
+            value = decode_frequency(data, coding if settled else DEFAULT_CODING)
+        except ValueError:
+            return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", data)
+        reading = with_plausibility(signal, Reading(value, signal.unit, Quality.GOOD, at, None, data))
+        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
+
+    def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
+        """Q01 > 0 twice is turning; a fault is a fault; stopped only when Q01 reads 0 twice; else not decided."""
+        output, code = readings.raw_pair("output_frequency"), readings.agreed_raw("fault")
+        if output is None or code is None or (output[0] > 0) is not (output[1] > 0):
+            return None
+        fault = code or None
+        if output[1] > 0:
+            return DerivedState(DriveState.RUNNING, None, fault)
+        return DerivedState(DriveState.FAULT if fault else DriveState.STOPPED, None, fault)
+
+    def echo_test_read(self) -> Any:
+        return Dzb100Query(self.address, 1)
+
+    def fault_reads(self) -> tuple[Any, ...]:
+        return ()
+
+    def setpoint_reads(self) -> tuple[Any, ...]:
+        return (Dzb100Query(self.address, 0),)
+
+    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
+        """By value where both codings are settled; else by the word: it proves that it was taken, not what it means."""
+        raw = readings.agreed_raw("set_frequency")
+        if raw is None:
+            return None
+        if self.can_confirm_speed() and len(possible_codings(self.settings)) == 1:
+            return setpoint_matches(readings, self.profile, frequency_hz)
+        return True if raw == word else None
+
+    def can_confirm_speed(self) -> bool:
+        """The output frequency means something only once the query coding is settled."""
+        return self.settings.get("query_coding", "unknown") in CODINGS
+
+    def confirms_stop(self, readings: ReadingPairs) -> bool:
+        """Q03's A echoes the last command: stop, twice (RELIABILITY 6.4)."""
+        return readings.agreed_raw("command") in STOP_COMMANDS
+
+    def confirms_start(self, readings: ReadingPairs) -> bool:
+        """Also where it stands by now: then somebody has stopped it at the keypad (ruling 6)."""
+        return readings.agreed_raw("command") in (Dzb100Command.FORWARD, Dzb100Command.REVERSE)
+
+    def rejection(self, reply: Dzb100Reply) -> Rejection | None:
+        return Rejection("drives.dzb_refused", 7) if reply.accepted is False else None
+
+    def setpoint_word(self, frequency_hz: float) -> int:
+        codings, coding = possible_codings(self.settings), self._setpoint_coding()
+        try:
+            word = encode_frequency(frequency_hz, coding)
+        except ValueError as error:
+            raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=coding) from error
+        if len(codings) > 1 and not is_within_cap(word, codings):
+            cap = highest_safe_word(codings)
+            raise LimitError(
+                "drives.coding_cap",
+                frequency_hz=frequency_hz,
+                word=f"{word:04X}H",
+                cap=f"{cap:04X}H",
+                limit_hz=UNCALIBRATED_CAP_HZ,
+            )
+        return word
+
+    def setpoint_frequency(self, word: int) -> float:
+        return decode_frequency(word, self._setpoint_coding())
+
+    def _setpoint_coding(self) -> FrequencyCoding:
+        """The settled coding; hex-0.1 until then."""
+        codings = possible_codings(self.settings)
+        return codings[0] if len(codings) == 1 else DEFAULT_CODING
+
+    def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
+        return self._control_frame(
+            Dzb100Command.REVERSE if direction is Direction.REVERSE else Dzb100Command.FORWARD, word
+        )
+
+    def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
+        """The frequency is part of the run command: only a drive that runs as it was told can take it."""
+        command = readings.agreed_raw("command")
+        if command not in (Dzb100Command.FORWARD, Dzb100Command.REVERSE):
+            raise StartInhibited("drives.frequency_with_run", model=self.profile.model)
+        return self._control_frame(Dzb100Command(command), word)
+
+    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
+        if word is None:
+            raise CapabilityError("drives.jog_needs_frequency", model=self.profile.model)
+        return self._control_frame(
+            Dzb100Command.JOG_REVERSE if direction is Direction.REVERSE else Dzb100Command.JOG_FORWARD, word
+        )
+
+    def _control_frame(self, command: Dzb100Command, word: int = 0) -> tuple[CommandFrame, ...]:
+        return (CommandFrame(Dzb100Control(self.address, command, word), RetryPolicy.EDGE_TRIGGERED),)
+
+    def stop(self, mode: StopMode) -> tuple[Any, ...]:
+        """STOP always carries 0000, so that a flipped bit commands 0 Hz (T11)."""
+        if mode not in (StopMode.STOP, StopMode.JOG_STOP):
+            raise CapabilityError("drives.cannot", model=self.profile.model, what=mode.value)
+        return (Dzb100Control(self.address, Dzb100Command.STOP, 0),)
+
+    def broadcast_stop(self) -> tuple[Any, ...]:
+        return (Dzb100Control(self.profile.broadcast or 0, Dzb100Command.STOP, 0, broadcast=True),)
+
+    def reset(self) -> tuple[CommandFrame, ...]:
+        return self._control_frame(Dzb100Command.RESET)
+
+    def read_parameter(self, parameter: Parameter) -> Any:
+        space, index = parameter.locator
+        return Dzb100Query(self.address, index) if space == "query" else Dzb100ReadParameter(self.address, index)
+
+    def parameter_raw(self, reply: Dzb100Reply) -> int | None:
+        return reply.data if reply.accepted is True else None
+
+    def _scaled_parameter(self, parameter: Parameter) -> Parameter:
+        """The parameter under the coding of parameters: whole numbers are the same in all of them."""
+        scale, coding = parameter.scale, self.settings.get("parameter_coding", "unknown")
+        if scale.factor >= 1.0 or coding not in CODINGS or coding == DEFAULT_CODING:
+            return parameter
+        if coding == "decimal-0.1":
+            return replace(parameter, scale=replace(scale, coding="bcd"))
+        times = 0.1 if coding == "hex-0.01" else 10.0
+        return replace(parameter, scale=replace(scale, factor=scale.factor * times))
+
+    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
+        reading = parameter_reading(self._scaled_parameter(parameter), raw, at)
+        settled = self.settings.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
+        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
+
+    def parameter_word(self, parameter: Parameter, value: float) -> int:
+        return self._scaled_parameter(parameter).scale.raw(value)
+
+    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+        return CommandFrame(Dzb100WriteParameter(self.address, parameter.locator[1], raw), RetryPolicy.EEPROM)
+
+    def is_allowed(self, frame: bytes) -> bool:
+        """Every frame that the codec reads is in the manual's tables; numbers beyond them are not (I7)."""
+        request = decode_whole_request(self.codec, frame)
+        return request is not None and (
+            not isinstance(request, Dzb100WriteParameter) or request.parameter < PARAMETER_COUNT
+        )
+
+    def set_option(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+
+    def on_sent(self, request: Any) -> None:
+        """The last parameter read, so that the bus's next fence is not like it."""
+        if isinstance(request, Dzb100ReadParameter):
+            self._last_read = request
+
+
+def _request_effect(request: Any) -> Effect:
+    if isinstance(request, (Dzb100ReadParameter, Dzb100Query)):
+        return Effect.NONE
+    if isinstance(request, Dzb100WriteParameter):
+        return Effect.SETTING if request.parameter < PARAMETER_COUNT else Effect.MOTION
+    if not isinstance(request, Dzb100Control):
+        return Effect.MOTION
+    digit = int(request.command) % 10
+    if digit in STOP_COMMANDS and request.data == 0:
+        return Effect.STOP
+    return Effect.SETTING if digit == Dzb100Command.RESET and request.data == 0 else Effect.MOTION

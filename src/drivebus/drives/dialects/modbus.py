@@ -1,0 +1,353 @@
+"""The Modbus dialect: VC660, DF800 and every inverter that a profile describes. No model has Python of its own.
+
+What a frame does is told from its bytes and the profile's command map; what the map does not name is never sent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from drivebus.drives.dialects.base import (
+    UNNAMED_FAULT_CODE,
+    CommandFrame,
+    Rejection,
+    StopMode,
+    frequency_word,
+    parameter_reading,
+    setpoint_matches,
+    signal_reading,
+    signals_by_index,
+)
+from drivebus.drives.dialects.command_word import CommandWord
+from drivebus.drives.dialects.modbus_reads import SYNC_READ_COUNT, merge_reads, sync_register_pairs
+from drivebus.drives.dialects.modbus_status import direction_from_bits, state_from_bits
+from drivebus.drives.readings import ReadingPairs, Readings
+from drivebus.drives.state import DerivedState, Direction
+from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
+from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
+from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.modbus import (
+    Diagnostics,
+    DiagnosticsReply,
+    ExceptionReply,
+    ModbusAsciiCodec,
+    ModbusRtuCodec,
+    ReadRegisters,
+    RegisterValues,
+    WriteRegister,
+    registers_written,
+)
+from drivebus.values import Quality, Reading, missing_reading
+
+RTU_END_SILENCE_CHARACTERS = 3.5
+"""Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
+LOOPBACK_NONCE_STEP, LOOPBACK_NONCE_START = 0x9E37, 0x5AA5
+"""An odd step visits all 65,536 nonces before one comes again."""
+
+
+class ModbusDialect:
+    """One Modbus inverter (see ``dialect.Dialect``)."""
+
+    def __init__(
+        self, profile: DriveProfile, address: int, encoding: str, settings: dict[str, Any], timing: StationTiming
+    ) -> None:
+        self.profile, self.address, self.settings = profile, address, settings
+        self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
+        form, most = self._rule.error_form, self._rule.max_read
+        ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
+        self.codec: Codec = ascii_codec if encoding == "ascii" else ModbusRtuCodec(form, most)
+        self.status_map: StatusMap | None = profile.status
+        self.command_word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
+        self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
+        self._signals = signals_by_index(profile, "holding")
+        self._sync_count = 0
+        extra = {"longest": tuple(request for request, _ in self.polls(tuple(profile.signals)))}
+        self.station_config = StationConfig(
+            address,
+            self.codec,
+            _with_end_silence(timing, encoding),
+            self.effect,
+            self._bus_sync_request,
+            profile.model,
+            extra,
+        )
+
+    @property
+    def reports_run_state(self) -> bool:
+        """Only where the profile names a status register: DF800 has none (T17), and a state is never guessed."""
+        return self.status_map is not None
+
+    start_includes_setpoint = False
+    state_names: tuple[str, ...] = ("state",)
+
+    @property
+    def _command_map(self) -> CommandMap:
+        return self._require_command_word().map
+
+    def effect(self, frame: bytes) -> Effect:
+        """What these bytes do; bytes that are no request, and registers that no table has, may move (T12)."""
+        try:
+            changes = registers_written(frame, self.codec.encoding)
+        except (ProtocolError, KeyError):
+            return Effect.MOTION
+        effects = {self._effect_of(*change) for change in changes}
+        if not effects:
+            return Effect.NONE
+        return effects.pop() if len(effects) == 1 else Effect.MOTION
+
+    def _effect_of(self, space: str, register: int, value: int) -> Effect:
+        if space != "holding":
+            return Effect.MOTION
+        if self.command_word is not None and register == self.command_word.map.register:
+            return self.command_word.effect(value)
+        if self.command_word is not None and register == self.command_word.map.setpoint_register:
+            return Effect.SETTING
+        return Effect.SETTING if self._writable_parameter(register) is not None else Effect.MOTION
+
+    def _writable_parameter(self, register: int) -> Parameter | None:
+        """The listed parameter of a register, its EEPROM form too. A write-only register without a stated range may
+        be a terminal that somebody wired to "run" (VC660 2002H to 2005H): it counts as motion."""
+        bit = self.profile.write_support.eeprom_address_bit or 0
+        for parameter in self.profile.parameters.values():
+            space, index = parameter.locator
+            if space == "holding" and register in (index, index | bit) and parameter.writable:
+                return parameter if parameter.readable or parameter.maximum is not None else None
+        return None
+
+    def is_allowed(self, frame: bytes) -> bool:
+        """Only registers of the profile's tables, and only command words made of its own bits (T12, T16)."""
+        try:
+            changes = registers_written(frame, self.codec.encoding)
+        except (ProtocolError, KeyError):
+            return False
+        if changes and not self._is_addressed_here(frame):
+            return False
+        return all(self._is_allowed_change(*change) for change in changes)
+
+    def _is_addressed_here(self, frame: bytes) -> bool:
+        """Nothing but a stop is ever sent to everybody (matrix: broadcast X), and stops ask for no leave."""
+        address = int(frame[1:3], 16) if self.codec.encoding == "ascii" else frame[0]
+        return address == self.address
+
+    def _is_allowed_change(self, space: str, register: int, value: int) -> bool:
+        if space == "holding" and self.command_word is not None and register == self.command_word.map.register:
+            return self.command_word.is_mapped(value)
+        return self._effect_of(space, register, value) is Effect.SETTING
+
+    def _bus_sync_request(self, n: int) -> Any:
+        return self._sync_request_at(2 * n)
+
+    def sync_request(self, avoid: Any = None) -> Any:
+        self._sync_count += 1
+        return self._sync_request_at(2 * self._sync_count + 1)
+
+    def _sync_request_at(self, n: int) -> Any:
+        if self._rule.loopback:
+            return Diagnostics(self.address, (LOOPBACK_NONCE_START + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
+        return ReadRegisters(self.address, self._sync_registers[n // 2 % len(self._sync_registers)], SYNC_READ_COUNT)
+
+    def is_valid_sync_reply(self, reply: Any) -> bool:
+        """A loop-back that came back whole, or a read with the fence's count; an error echoes only its function."""
+        return isinstance(reply, (DiagnosticsReply, RegisterValues))
+
+    def needs_sync(self, request: Any) -> bool:
+        """A read's reply names neither register nor value (F01): a read of settings goes behind a fence."""
+        return isinstance(request, ReadRegisters)
+
+    def state_reads(self) -> tuple[Any, ...]:
+        if self.status_map is None:
+            return ()
+        return tuple(request for request, _ in self.polls(("set_frequency", "output_frequency")))
+
+    def echo_test_read(self) -> Any:
+        indexes = [signal.locator[1] for signal in self.profile.signals.values()]
+        indexes += [p.locator[1] for p in self.profile.parameters.values() if p.readable]
+        return ReadRegisters(self.address, self.status_map.register if self.status_map else indexes[0], 1)
+
+    def fault_reads(self) -> tuple[Any, ...]:
+        """Reads that name the fault once the status word says that there is one."""
+        registers = self.status_map.fault_registers if self.status_map else ()
+        return tuple(request for request, _ in self._merged_reads(dict.fromkeys(registers, 1.0)))
+
+    def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
+        """Signals of one period share a read where their registers touch; no register that nobody asked for (F22)."""
+        wanted: dict[int, float] = {}
+        if self.status_map is not None:
+            wanted[self.status_map.register] = 0.5
+        for name in names:
+            signal = self.profile.signals.get(name)
+            if signal is not None and signal.locator[0] == "holding":
+                index = signal.locator[1]
+                wanted[index] = min(wanted.get(index, signal.period_s), signal.period_s)
+        return self._merged_reads(wanted)
+
+    def _merged_reads(self, wanted: dict[int, float]) -> tuple[tuple[ReadRegisters, float], ...]:
+        return merge_reads(self.address, wanted, self._rule.max_read, reserve_sync_count=not self._rule.loopback)
+
+    def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
+        if not isinstance(request, ReadRegisters):
+            return {}
+        registers = range(request.register, request.register + request.count)
+        if not isinstance(reply, RegisterValues):
+            return self._rejected_readings(registers)
+        found: dict[str, Reading] = {}
+        for register, raw in zip(registers, reply.values, strict=True):
+            found |= self._register_readings(register, raw, at)
+        return found
+
+    def _rejected_readings(self, registers: range) -> Readings:
+        found = [signal for register in registers for signal in self._signals.get(register, [])]
+        return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in found}
+
+    def _register_readings(self, register: int, raw: int, at: float | None) -> Readings:
+        found = {s.name: signal_reading(s, raw, at) for s in self._signals.get(register, [])}
+        status = self.status_map
+        if status is None:
+            return found
+        if register == status.register:
+            broken = raw & status.reserved_mask
+            quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
+            found["state"] = Reading(raw, "", quality, at, reason, raw)
+            if not broken and self.command_word is not None:
+                self.command_word.learn_direction(bool(raw & status.bits.get("set_reverse", 0)))
+        if register in status.fault_registers:
+            found[f"fault_{status.fault_registers.index(register)}"] = Reading(raw, "", Quality.GOOD, at, None, raw)
+        return found
+
+    def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
+        """Two status words that mean the same state; of two different turning states the newer one."""
+        pair = readings.raw_pair("state")
+        if self.status_map is None or pair is None:
+            return None
+        older, newer = (state_from_bits(self.status_map, raw) for raw in pair)
+        if older is not newer and not (older.turning and newer.turning):
+            return None
+        fault = self._fault_code(readings) if pair[1] & self.status_map.bits.get("fault", 0) else None
+        return DerivedState(newer, direction_from_bits(self.status_map, pair[1]) if newer.turning else None, fault)
+
+    def _fault_code(self, book: ReadingPairs) -> int:
+        """The lowest bit that is set in the fault words; ``UNNAMED`` where the drive names none (yet)."""
+        assert self.status_map is not None
+        for place, _ in enumerate(self.status_map.fault_registers):
+            word = book.agreed_raw(f"fault_{place}")
+            if word:
+                return 16 * place + (word & -word).bit_length() - 1
+        return UNNAMED_FAULT_CODE
+
+    def confirms_stop(self, readings: ReadingPairs) -> bool:
+        return True
+
+    def confirms_start(self, readings: ReadingPairs) -> bool:
+        return False
+
+    def setpoint_reads(self) -> tuple[Any, ...]:
+        signal = self.profile.signals.get("set_frequency")
+        return () if signal is None else (ReadRegisters(self.address, signal.locator[1], 1),)
+
+    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
+        return setpoint_matches(readings, self.profile, frequency_hz)
+
+    def can_confirm_speed(self) -> bool:
+        return self.reports_run_state and "output_frequency" in self.profile.signals
+
+    def rejection(self, reply: Any) -> Rejection | None:
+        if not isinstance(reply, ExceptionReply):
+            return None
+        return Rejection("drives.modbus_refused_short" if reply.code is None else "drives.modbus_refused", reply.code)
+
+    def setpoint_word(self, frequency_hz: float) -> int:
+        return frequency_word(self.profile, frequency_hz)
+
+    def setpoint_frequency(self, word: int) -> float:
+        return self.profile.setpoint_scale.value(word)
+
+    def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
+        self._check_direction(direction)
+        return self._command_frames(self._require_command_word().start(direction))
+
+    def _check_direction(self, direction: Direction | None) -> None:
+        """DF800: which way round the direction field is, is open until a watched jog has settled it."""
+        if direction is not None and self.settings.get("direction_proved") is False:
+            raise StartInhibited("drives.direction_unproved", direction=direction, model=self.profile.model)
+
+    def _require_command_word(self) -> CommandWord:
+        if self.command_word is None:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
+        return self.command_word
+
+    def _command_frames(self, words: tuple[int, ...]) -> tuple[CommandFrame, ...]:
+        """The pulse, an edge; then the levels without it (VC660: whether a pulse must return to 0 is open)."""
+        requests = [WriteRegister(self.address, self._command_map.register, word) for word in words]
+        classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
+        return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
+
+    def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
+        return (
+            CommandFrame(
+                WriteRegister(self.address, self._command_map.setpoint_register, word), RetryPolicy.IDEMPOTENT
+            ),
+        )
+
+    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
+        if word is not None:
+            raise CapabilityError("drives.jog_frequency_keypad", model=self.profile.model)
+        self._check_direction(direction)
+        return self._command_frames(self._require_command_word().jog(direction))
+
+    def calibration_jog(self) -> tuple[CommandFrame, ...]:
+        """The one jog before the direction field is proved: "forward" as b3b2 reads it, whatever the setting says."""
+        commands = self.profile.commands
+        bits = {} if commands is None else commands.variants.get("direction_field", {}).get("b3b2", {})
+        if "jog_forward" not in bits:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what="direction proof")
+        return self._command_frames((bits["jog_forward"].value,))
+
+    def stop(self, mode: StopMode) -> tuple[Any, ...]:
+        words = self._require_command_word().stop(mode, self.profile.model)
+        return tuple(WriteRegister(self.address, self._command_map.register, word) for word in words)
+
+    def broadcast_stop(self) -> tuple[Any, ...]:
+        if self.profile.broadcast is None:
+            return ()
+        requests = self.stop(StopMode.STOP)
+        return tuple(replace(request, address=self.profile.broadcast) for request in requests)
+
+    def reset(self) -> tuple[CommandFrame, ...]:
+        return self._command_frames(self._require_command_word().reset(self.profile.model))
+
+    def read_parameter(self, parameter: Parameter) -> Any:
+        return ReadRegisters(self.address, parameter.locator[1], 1)
+
+    def parameter_raw(self, reply: Any) -> int | None:
+        return reply.values[0] if isinstance(reply, RegisterValues) else None
+
+    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
+        return parameter_reading(parameter, raw, at)
+
+    def parameter_word(self, parameter: Parameter, value: float) -> int:
+        return parameter.scale.raw(value)
+
+    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+        bit = self.profile.write_support.eeprom_address_bit if save else None
+        request = WriteRegister(self.address, parameter.locator[1] | (bit or 0), raw)
+        return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
+
+    def set_option(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+        self.command_word = (
+            CommandWord(self.profile.commands.resolved(self.settings)) if self.profile.commands else None
+        )
+
+    def on_sent(self, request: Any) -> None:
+        """A command word has left: its levels are what the drive holds now."""
+        ours = self.command_word is not None and isinstance(request, WriteRegister) and request.address == self.address
+        if ours and self.command_word is not None and request.register == self.command_word.map.register:
+            self.command_word.on_sent(request.value)
+
+
+def _with_end_silence(timing: StationTiming, encoding: str) -> StationTiming:
+    """An RTU station knows that a request has ended by 3.5 characters of silence: only then its delay begins."""
+    if encoding != "rtu":
+        return timing
+    return replace(timing, reply_delay_characters=max(timing.reply_delay_characters, RTU_END_SILENCE_CHARACTERS))

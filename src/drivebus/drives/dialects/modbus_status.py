@@ -1,0 +1,35 @@
+"""A Modbus model's status word: which state and direction its bits mean, by the profile's map. Pure."""
+
+from __future__ import annotations
+
+from drivebus.drives.state import Direction, DriveState
+from drivebus.profiles.model import StatusMap
+
+
+def state_from_bits(status: StatusMap, raw: int) -> DriveState:
+    """What the bits say, motion first: a drive that still turns is not "in fault" but turning, with a fault."""
+    for name, state in STATE_BITS:
+        if raw & status.bits.get(name, 0):
+            return state
+    ready = status.bits.get("ready", 0)
+    return DriveState.STOPPED if not ready or raw & ready else DriveState.NOT_READY
+
+
+STATE_BITS = (
+    ("emergency_stopping", DriveState.BRAKING),
+    ("dc_braking", DriveState.BRAKING),
+    ("jogging", DriveState.JOGGING),
+    ("speed_search", DriveState.RESTARTING),
+    ("paused", DriveState.PAUSED),
+    ("running", DriveState.RUNNING),
+    ("fault", DriveState.FAULT),
+    ("under_voltage", DriveState.NOT_READY),
+)
+"""In order of precedence."""
+
+
+def direction_from_bits(status: StatusMap, raw: int) -> Direction | None:
+    bit = status.bits.get("output_reverse") or status.bits.get("set_reverse")
+    if not bit:
+        return None
+    return Direction.REVERSE if raw & bit else Direction.FORWARD

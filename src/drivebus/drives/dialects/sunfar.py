@@ -1,0 +1,284 @@
+"""The C320 family's dialect: profile data in, requests and readings out. Source: C320 manual 2.3 and 2.4.
+
+A reply does not say which class it answers, so nothing here takes a command's own reply for its confirmation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.drives.dialects.base import (
+    CommandFrame,
+    Rejection,
+    StopMode,
+    decode_whole_request,
+    frequency_word,
+    parameter_reading,
+    setpoint_matches,
+    shortest_period_s,
+    signal_reading,
+    signals_by_index,
+)
+from drivebus.drives.dialects.sunfar_maps import (
+    DRIVE_STATES,
+    REJECTION_KEYS,
+    STOP_OPERATIONS_BY_MODE,
+    operation_effect,
+    sync_tags,
+)
+from drivebus.drives.readings import ReadingPairs, Readings
+from drivebus.drives.state import DerivedState, Direction, DriveState
+from drivebus.errors import CapabilityError
+from drivebus.profiles.model import DriveProfile, Parameter
+from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.sunfar import (
+    ReadIdentity,
+    ReadMonitor,
+    SunfarCodec,
+    SunfarControl,
+    SunfarOperation,
+    SunfarReadParameter,
+    SunfarReply,
+    SunfarState,
+    SunfarWriteParameter,
+)
+from drivebus.values import Quality, Reading, missing_reading
+
+MIN_TAGS_TO_SHARE = 4
+"""With so many fence tags the bus and our conversations have their own; draft profiles list fewer and share them."""
+
+
+class SunfarDialect:
+    """C320 and its sisters (see ``dialect.Dialect``)."""
+
+    reports_run_state = True
+    state_names: tuple[str, ...] = ("state",)
+    start_includes_setpoint = True
+
+    def __init__(
+        self, profile: DriveProfile, address: int, encoding: Any, settings: dict[str, Any], timing: StationTiming
+    ) -> None:
+        self.profile, self.address, self.settings = profile, address, settings
+        digits, nibble = settings.get("digits", "strict"), bool(settings.get("nibble", False))
+        self.codec: Codec = SunfarCodec(encoding=encoding, digits=digits, nibble=nibble)
+        self._sync_tags = sync_tags(profile)
+        self._signals = signals_by_index(profile, "monitor")
+        self._sync_count = 0
+        self._last_read: SunfarReadParameter | None = None
+        extra = {
+            "stop": self._control_request(SunfarOperation.STOP),
+            "longest": (SunfarWriteParameter(address, 0, 0, 0),),
+        }
+        self.station_config = StationConfig(
+            address, self.codec, timing, self.effect, self._bus_sync_request, profile.model, extra
+        )
+
+    def effect(self, frame: bytes) -> Effect:
+        """What these bytes do: the operation counts in every class (T01); what can't be read may move."""
+        heard = decode_whole_request(self.codec, frame)
+        return Effect.MOTION if heard is None else operation_effect(heard.request, heard.operation)
+
+    def _bus_sync_request(self, n: int) -> SunfarReadParameter:
+        tags = self._sync_tags[0::2] if len(self._sync_tags) >= MIN_TAGS_TO_SHARE else self._sync_tags
+        return self._tag_read(self._outside_group(tags, self._last_read) or tags, n)
+
+    def sync_request(self, avoid: Any = None) -> SunfarReadParameter:
+        tags = self._sync_tags[1::2] if len(self._sync_tags) >= MIN_TAGS_TO_SHARE else self._sync_tags
+        tags = self._outside_group(tags, avoid) or self._outside_group(self._sync_tags, avoid) or tags
+        self._sync_count += 1
+        return self._tag_read(tags, self._sync_count)
+
+    @staticmethod
+    def _outside_group(tags: list[tuple[int, int]], request: Any) -> list[tuple[int, int]]:
+        """Tags whose reply can't be that of ``request``: in a fault only the group is echoed."""
+        return [tag for tag in tags if not isinstance(request, SunfarReadParameter) or tag[0] != request.group]
+
+    def _tag_read(self, tags: list[tuple[int, int]], n: int) -> SunfarReadParameter:
+        group, item = tags[n % len(tags)]
+        return SunfarReadParameter(self.address, group, item)
+
+    def is_valid_sync_reply(self, reply: SunfarReply) -> bool:
+        """A short reply (6, 7, 8) echoes nothing but the address."""
+        return reply.state is not None
+
+    def needs_sync(self, request: Any) -> bool:
+        """Parameter F0.n and monitor d.n share their echo, so do write and read; in a fault the item is gone (T04)."""
+        return isinstance(request, SunfarReadParameter)
+
+    def state_reads(self) -> tuple[Any, ...]:
+        """Every full reply carries the state; the output frequency is wanted with it."""
+        return tuple(request for request, _ in self.polls(("output_frequency",))[:1])
+
+    def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
+        wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
+        if not wanted:  # every reply carries the state, so any monitor will do
+            wanted = {min(self._signals, default=0)}
+        return tuple((self._monitor_read(index), self._period(index, names)) for index in sorted(wanted))
+
+    def _is_monitor(self, name: str) -> bool:
+        return name in self.profile.signals and self.profile.signals[name].locator[0] == "monitor"
+
+    def _period(self, index: int, names: tuple[str, ...]) -> float:
+        at = tuple(s.name for s in self._signals.get(index, []))
+        return shortest_period_s(self.profile, tuple(n for n in at if n in names) or at)
+
+    def _monitor_read(self, index: int) -> ReadMonitor:
+        bcd = self.settings.get("monitor_index") == "bcd"
+        return ReadMonitor(self.address, int(str(index), 16) if bcd else index)
+
+    def _monitor_index(self, item: int) -> int:
+        return int(f"{item:X}") if self.settings.get("monitor_index") == "bcd" else item
+
+    def decode_readings(self, request: Any, reply: SunfarReply, at: float | None) -> Readings:
+        if isinstance(request, SunfarControl):
+            known = request.expected_item is not None and reply.item == request.expected_item
+            return self._monitor_readings(request.expected_item, reply, at) if known else {}
+        if reply.state is None:
+            return {}
+        found = {"state": Reading(reply.state.name.lower(), "", Quality.GOOD, at, None, int(reply.state))}
+        if reply.fault_code is not None:
+            found["fault"] = Reading(reply.fault_code, "", Quality.GOOD, at, None, reply.fault_code)
+        if isinstance(request, ReadMonitor):
+            found |= self._monitor_readings(request.item, reply, at)
+        return found
+
+    def _monitor_readings(self, item: int | None, reply: SunfarReply, at: float | None) -> dict[str, Reading]:
+        signals = self._signals.get(self._monitor_index(item or 0), [])
+        if reply.response != 0 or reply.data is None:
+            return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in signals}
+        found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
+        if reply.item is not None:
+            return found
+        if reply.data == 0:  # in a fault nobody can tell "0" from "not carried out" (manual 2.4.6): None is never 0.0
+            return {signal.name: missing_reading("drives.item_not_echoed", signal.unit) for signal in signals}
+        return {name: _without_item_echo(reading) for name, reading in found.items()}
+
+    def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
+        """Two agreeing states; of two different turning states (a ramp between them) the newer one."""
+        pair = readings.raw_pair("state")
+        if pair is None or any(raw not in DRIVE_STATES for raw in pair):
+            return None
+        (older, _), (state, direction) = DRIVE_STATES[pair[0]], DRIVE_STATES[pair[1]]
+        if older is not state and not (older.turning and state.turning):
+            return None
+        if state is not DriveState.FAULT:
+            return DerivedState(state, direction)
+        code = readings.agreed_raw("fault")
+        return None if code is None else DerivedState(state, None, code)
+
+    def echo_test_read(self) -> Any:
+        return self.state_reads()[0]
+
+    def fault_reads(self) -> tuple[Any, ...]:
+        return ()
+
+    def setpoint_reads(self) -> tuple[Any, ...]:
+        return self.monitor_reads("set_frequency")
+
+    def monitor_reads(self, name: str) -> tuple[Any, ...]:
+        """The request of one monitor; empty where the profile does not name it."""
+        return (self._monitor_read(self.profile.signals[name].locator[1]),) if self._is_monitor(name) else ()
+
+    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
+        return setpoint_matches(readings, self.profile, frequency_hz)
+
+    def can_confirm_speed(self) -> bool:
+        return self._is_monitor("output_frequency")
+
+    def confirms_stop(self, readings: ReadingPairs) -> bool:
+        """An emergency stop stands until it is reset (2.4.6); a frequency that is shown with it says otherwise."""
+        pair = readings.raw_pair("output_frequency")
+        return readings.agreed_raw("state") != SunfarState.EMERGENCY_STOP or pair is None or not pair[1]
+
+    def confirms_start(self, readings: ReadingPairs) -> bool:
+        return False
+
+    def rejection(self, reply: SunfarReply) -> Rejection | None:
+        """Response codes 1 to 8 (manual 2.4.3)."""
+        key = REJECTION_KEYS.get(int(reply.response))
+        return None if key is None else Rejection(key, int(reply.response))
+
+    def setpoint_word(self, frequency_hz: float) -> int:
+        return frequency_word(self.profile, frequency_hz)
+
+    def setpoint_frequency(self, word: int) -> float:
+        return self.profile.setpoint_scale.value(word)
+
+    def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
+        reverse = direction is Direction.REVERSE
+        return self._edge_frame(SunfarOperation.RUN_REVERSE_AT if reverse else SunfarOperation.RUN_FORWARD_AT, word)
+
+    def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
+        return (CommandFrame(self._control_request(SunfarOperation.SET_FREQUENCY, word), RetryPolicy.IDEMPOTENT),)
+
+    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
+        reverse = direction is Direction.REVERSE
+        if word is None:
+            return self._edge_frame(SunfarOperation.JOG_REVERSE if reverse else SunfarOperation.JOG_FORWARD)
+        return self._edge_frame(SunfarOperation.JOG_REVERSE_AT if reverse else SunfarOperation.JOG_FORWARD_AT, word)
+
+    def stop(self, mode: StopMode) -> tuple[Any, ...]:
+        if mode not in STOP_OPERATIONS_BY_MODE:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what=mode.value)
+        return (self._control_request(STOP_OPERATIONS_BY_MODE[mode]),)
+
+    def broadcast_stop(self) -> tuple[Any, ...]:
+        broadcast = self.profile.broadcast
+        return () if broadcast is None else (SunfarControl(broadcast, SunfarOperation.STOP),)
+
+    def reset(self) -> tuple[CommandFrame, ...]:
+        return self._edge_frame(SunfarOperation.RESET_FAULT)
+
+    def _edge_frame(self, operation: SunfarOperation, word: int = 0) -> tuple[CommandFrame, ...]:
+        return (CommandFrame(self._control_request(operation, word), RetryPolicy.EDGE_TRIGGERED),)
+
+    def _control_request(self, operation: SunfarOperation, word: int = 0) -> SunfarControl:
+        item = self.settings.get("class4_item")
+        return SunfarControl(self.address, operation, word, item if isinstance(item, int) and item >= 0 else None)
+
+    def read_parameter(self, parameter: Parameter) -> Any:
+        space, index = parameter.locator
+        if space == "monitor":
+            return self._monitor_read(index)
+        return SunfarReadParameter(self.address, index >> 8, index & 0xFF)
+
+    def parameter_raw(self, reply: SunfarReply) -> int | None:
+        hidden = reply.item is None and not reply.data
+        return reply.data if reply.response == 0 and not hidden else None
+
+    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
+        return parameter_reading(parameter, raw, at)
+
+    def parameter_word(self, parameter: Parameter, value: float) -> int:
+        return parameter.scale.raw(value)
+
+    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+        index = parameter.locator[1]
+        request = SunfarWriteParameter(self.address, index >> 8, index & 0xFF, raw, save)
+        return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
+
+    def is_allowed(self, frame: bytes) -> bool:
+        """An operation only in a control frame (T07), and nothing but a stop to everybody (matrix: broadcast X)."""
+        heard = decode_whole_request(self.codec, frame)
+        if heard is None or heard.request.address == self.profile.broadcast:
+            return False
+        return isinstance(heard.request, SunfarControl) or heard.operation is SunfarOperation.NONE
+
+    def set_option(self, setting: str, value: Any) -> None:
+        self.settings[setting] = value
+
+    def on_sent(self, request: Any) -> None:
+        """The last parameter read, so that the bus's next fence is not like it."""
+        if isinstance(request, SunfarReadParameter):
+            self._last_read = request
+
+    def identity_reads(self) -> tuple[ReadIdentity, ...]:
+        """Class 0, groups 0 to 3."""
+        return tuple(ReadIdentity(self.address, group) for group in range(4))
+
+
+def _without_item_echo(reading: Reading) -> Reading:
+    """In a fault the reply does not say which monitor it carries (T05)."""
+    return Reading(
+        reading.value, reading.unit, Quality.UNCERTAIN, reading.source_time, "drives.item_not_echoed", reading.raw
+    )

@@ -1,0 +1,201 @@
+"""Bench proofs: open questions of a family that only the drive itself, with a person watching, can answer. Pure.
+
+DZB100: which coding (T08). DF800: which way round the direction field is. What is proved is stored per drive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.dzb100 import Dzb100Dialect
+from drivebus.drives.dialects.dzb100_scaling import (
+    CODINGS,
+    UNCALIBRATED_CAP_HZ,
+    decode_or_none,
+    highest_safe_word,
+    possible_codings,
+)
+from drivebus.drives.dialects.modbus import ModbusDialect
+from drivebus.drives.operations.context import EXTRA_VERIFICATION_ROUNDS, VERIFICATION_ROUNDS, OperationContext
+from drivebus.drives.operations.jog import send_jog
+from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.setpoint import write_setpoint
+from drivebus.drives.operations.start import confirm_start, send_frames
+from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.stop import stop
+from drivebus.drives.permissives import Kind
+from drivebus.drives.state import Direction, Outcome, OutcomeStatus
+from drivebus.errors import CapabilityError, LimitError, StartInhibited, TargetNotReached
+
+DEFAULT_KEYPAD_HZ = 12.3
+"""All four codings of it differ: 007B, 04CE, 0123, 000C."""
+CALIBRATION_RUN_S = 3.0
+"""A run at the cap lasts this long: time to reach 5 Hz and to be looked at."""
+MAX_CALIBRATION_JOG_HZ = 5.0
+CALIBRATION_JOG_S = 0.5
+"""T13: no jog without a lease longer than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScalingResult:
+    """What a proof leaves: the words read and the codings that are still possible. One: settled."""
+
+    words: tuple[int, ...]
+    codings: tuple[str, ...]
+
+    @property
+    def coding(self) -> str | None:
+        return self.codings[0] if len(self.codings) == 1 else None
+
+
+def calibrate_query_coding(
+    talk: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ
+) -> DriveOperation[ScalingResult]:
+    """Somebody has set ``keypad_hz`` on the keypad; Q00 names the query coding. Nothing moves."""
+    dialect = _require_dzb100(talk)
+    word = yield from _read_agreed_word(talk, dialect, 0)
+    step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
+    fits = tuple(coding for coding in CODINGS if step[coding] <= _half_resolution_hz(coding))
+    if not fits:
+        raise TargetNotReached("drives.coding_not_named", word=f"{word:04X}H", keypad_hz=keypad_hz)
+    return ScalingResult((word,), fits)
+
+
+def calibrate_setpoint_coding(
+    talk: OperationContext, direction: Direction | None = None
+) -> DriveOperation[ScalingResult]:
+    """Run at the cap with a person watching, read Q00 and Q01 back, exclude codings until one is left. Always stops.
+
+    Needs the query coding. Raises StartInhibited without it, and whatever ``run`` raises.
+    """
+    dialect = _require_dzb100(talk)
+    if not dialect.can_confirm_speed():
+        raise StartInhibited("drives.query_coding_first")
+    left = possible_codings(dialect.settings)
+    words: list[int] = []
+    while len(left) > 1:
+        word = highest_safe_word(left)
+        seen_hz = yield from _measure_at_word(talk, dialect, word, direction)
+        words.append(word)
+        fits = tuple(
+            coding for coding in left if abs(_decode_hz(word, coding) - seen_hz) <= _query_resolution_hz(dialect)
+        )
+        if not fits:
+            raise TargetNotReached("drives.setpoint_not_named", word=f"{word:04X}H", found_hz=seen_hz)
+        if fits == left:
+            break
+        left = fits
+    return ScalingResult(tuple(words), left)
+
+
+def _measure_at_word(
+    talk: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
+) -> DriveOperation[float]:
+    """One run at a raw word; what Q00 and Q01 agree on, in Hz. Stops whatever happens."""
+    talk.drive.require_capability("run")
+    talk.drive.check_direction(direction)
+    if talk.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
+        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=talk.drive.maximum_hz)
+    talk.limits_checked = True  # the word is at most 5 Hz under every coding that is left
+    yield from ensure_preflight(talk)
+    error = yield from talk.read_verified_state()
+    if error is not None:
+        raise error
+    around = yield from get_bus_conditions()
+    command = talk.create_command(Kind.START, around)
+    frames = dialect.start(direction, word)
+    answer = yield from send_frames(talk, command, frames)
+    if not answer.sent and answer.error is not None:
+        raise answer.error
+    begun = yield from confirm_start(talk, command, frames, direction, answer.error is None)
+    seen: float | None = None
+    if begun.word is OutcomeStatus.CONFIRMED:
+        yield from wait(CALIBRATION_RUN_S)
+        yield from talk.check_not_superseded(command)
+        seen = yield from _read_agreeing_hz(talk, dialect)
+    stopped = yield from stop(talk, StopMode.STOP)
+    if seen is None or stopped.word is not OutcomeStatus.CONFIRMED:
+        failure = TargetNotReached(
+            "drives.proof_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
+        )
+        failure.outcome = stopped
+        raise failure
+    return seen
+
+
+def _read_agreeing_hz(talk: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:
+    """Q00 and Q01, each read twice behind fences; None where they do not agree."""
+    command = yield from _read_agreed_word(talk, dialect, 0)
+    output = yield from _read_agreed_word(talk, dialect, 1)
+    coding = str(dialect.settings["query_coding"])
+    first, second = _decode_hz(command, coding), _decode_hz(output, coding)
+    return second if abs(first - second) <= 2 * _query_resolution_hz(dialect) else None
+
+
+def _read_agreed_word(talk: OperationContext, dialect: Dzb100Dialect, item: int) -> DriveOperation[int]:
+    """The raw word of Q00 or Q01, two fenced reads that agree. Raises the bus's error, or TargetNotReached."""
+    requests = (dialect.query(item),)
+    name = ("set_frequency", "output_frequency")[item]
+    talk.reading_pairs.clear(name)
+    for _ in range(VERIFICATION_ROUNDS + EXTRA_VERIFICATION_ROUNDS):
+        error = yield from talk.verified_reads(requests)
+        if error is not None:
+            raise error
+        word = talk.reading_pairs.agreed_raw(name)
+        if word is not None:
+            return word
+    raise TargetNotReached("drives.no_agreement", item=f"Q{item:02d}")
+
+
+def _decode_hz(word: int, coding: str) -> float:
+    """Hertz of a word; infinitely wrong where the coding can't read it."""
+    value = decode_or_none(word, coding)
+    return float("inf") if value is None else value
+
+
+def _half_resolution_hz(coding: str) -> float:
+    """12.3 Hz shows as 12 Hz under hex-1."""
+    return {"hex-1": 0.5, "hex-0.01": 0.005}.get(coding, 0.05)
+
+
+def _query_resolution_hz(dialect: Dzb100Dialect) -> float:
+    """What one digit of Q00 can hide."""
+    return 2 * _half_resolution_hz(str(dialect.settings["query_coding"]))
+
+
+def _require_dzb100(talk: OperationContext) -> Dzb100Dialect:
+    if not isinstance(talk.dialect, Dzb100Dialect):
+        raise CapabilityError("drives.cannot", model=talk.dialect.profile.model, what="coding proof")
+    return talk.dialect
+
+
+def calibration_jog(talk: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
+    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2; then a person says which way it turned.
+
+    The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first.
+    """
+    dialect = talk.dialect
+    if not isinstance(dialect, ModbusDialect) or "direction_field" not in dialect.settings:
+        raise CapabilityError("drives.cannot", model=dialect.profile.model, what="direction proof")
+    if not 0.0 < frequency_hz <= MAX_CALIBRATION_JOG_HZ:
+        raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=MAX_CALIBRATION_JOG_HZ)
+    word, actual_hz = talk.check_frequency(frequency_hz)
+    yield from ensure_preflight(talk)
+    around = yield from get_bus_conditions()
+    command = talk.create_command(Kind.JOG, around)
+    outcome = yield from write_setpoint(talk, command, word, actual_hz)
+    if not outcome.done:
+        return outcome
+    outcome = yield from send_jog(talk, dialect.calibration_jog())
+    if outcome.done:
+        yield from wait(CALIBRATION_JOG_S)
+        stopped = yield from stop(talk, StopMode.STOP)
+        if not stopped.done:
+            return stopped
+    return outcome
+
+
+def direction_field_for(seen: Direction) -> str:
+    """Which reading of the field the watched jog proves."""
+    return "b3b2" if seen is Direction.FORWARD else "b2b3"

@@ -1,0 +1,100 @@
+"""Does this drive listen to the bus at all (ruling 4)? Read before the first run; what is missing is named. Pure."""
+
+from __future__ import annotations
+
+from drivebus.drives.context import Preflight, UnmetPrecondition
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
+from drivebus.errors import DrivebusError, PreflightError
+from drivebus.profiles.model import Parameter, Precondition, Text
+from drivebus.values import Quality
+
+
+def read_preflight(talk: OperationContext) -> DriveOperation[Preflight]:
+    """Read every precondition of the profile, and the ramp times where it knows them.
+
+    Raises PreflightError where the drive does not answer: silence proves nothing.
+    """
+    holds: list[str] = []
+    missing: list[UnmetPrecondition] = []
+    unreadable: list[tuple[str, Text]] = []
+    for condition in talk.dialect.profile.preconditions:
+        if condition.unreadable is not None:
+            unreadable.append((condition.notation, condition.unreadable))
+            continue
+        raw = yield from read_raw_parameter(talk, talk.dialect.profile.parameters[condition.notation])
+        if raw in condition.accepted:
+            holds.append(condition.notation)
+        else:
+            missing.append(_unmet(condition, raw))
+    yield from _read_ramp_times(talk)
+    around = yield from get_bus_conditions()
+    found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), around.now)
+    talk.drive.preflight = found
+    return found
+
+
+def ensure_preflight(talk: OperationContext) -> DriveOperation[Preflight]:
+    """The pre-flight, read where it was not yet. Where a drive reports no status this *is* its status: read each time.
+
+    Raises PreflightError naming each missing parameter with its keypad step.
+    """
+    known = talk.drive.preflight
+    fresh = known is not None and known.passed and talk.dialect.reports_run_state
+    found = known if fresh and known is not None else (yield from read_preflight(talk))
+    if not found.passed:
+        raise PreflightError(
+            "drives.preflight",
+            model=talk.dialect.profile.model,
+            station=talk.dialect.address,
+            parameters=", ".join(m.notation for m in found.unmet),
+            steps=_keypad_steps(found.unmet),
+        )
+    return found
+
+
+def read_raw_parameter(talk: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
+    """The raw word of a parameter; None where the drive refuses it. Raises PreflightError where it does not answer."""
+    request = talk.dialect.read_parameter(parameter)
+    error: DrivebusError | None = None
+    if talk.dialect.needs_sync(request):
+        error = yield from talk.sync(avoid=request)
+    if error is None:
+        answer = yield from talk.transact(request)
+        if answer.error is None:
+            return talk.dialect.parameter_raw(answer.reply)
+        error = answer.error if isinstance(answer.error, DrivebusError) else None
+    problem = error.text() if error is not None else ""
+    raise PreflightError(
+        "drives.preflight_silent", station=talk.dialect.address, notation=parameter.notation, problem=problem
+    ) from error
+
+
+def _read_ramp_times(talk: OperationContext) -> DriveOperation[None]:
+    """Ramp times give deadlines; a drive that does not tell them costs patience, nothing else."""
+    notations = talk.dialect.profile.ramp_notations
+    if notations is None:
+        return
+    seconds: list[float | None] = []
+    for notation in notations:
+        parameter = talk.dialect.profile.parameters[notation]
+        raw = yield from read_raw_parameter(talk, parameter)
+        reading = None if raw is None else talk.dialect.parameter_reading(parameter, raw, None)
+        good = reading is not None and reading.quality is Quality.GOOD
+        seconds.append(float(reading.value) if good and isinstance(reading.value, int | float) else None)  # type: ignore[union-attr]
+    talk.drive.acceleration_s, talk.drive.deceleration_s = seconds
+
+
+def _unmet(condition: Precondition, raw: int | None) -> UnmetPrecondition:
+    return UnmetPrecondition(condition.notation, raw, condition.accepted, condition.keypad)
+
+
+def _keypad_steps(missing: tuple[UnmetPrecondition, ...]) -> Text:
+    """What reads what, and the keypad step that mends it, in both languages."""
+    en = " ".join(f"{m.notation} reads {_raw_text(m.found)}: {m.keypad.en}" for m in missing)
+    zh = "".join(f"{m.notation} 当前为 {_raw_text(m.found)}：{m.keypad.zh}" for m in missing)
+    return Text(en, zh)
+
+
+def _raw_text(raw: int | None) -> str:
+    return "?" if raw is None else str(raw)

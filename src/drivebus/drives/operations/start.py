@@ -1,0 +1,224 @@
+"""``run``: checked, permitted, sent once, confirmed by fenced reads; never resent blindly (rulings 4 and 6). Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivebus.drives.dialects.base import CommandFrame
+from drivebus.drives.operations.context import OperationContext, with_note
+from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
+from drivebus.drives.operations.steps import DriveOperation, wait
+from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.permissives import COMMAND_TTL_S, DriveCommand, Kind
+from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeStatus
+from drivebus.errors import CapabilityError, Expired, StartInhibited, Superseded
+from drivebus.protocols.codec import BusResult
+
+COMMAND_SETTLE_S = 0.15
+"""Between a start and the first look: the reply to a start may still show "stopped" (C320 2.4.6)."""
+START_CONFIRM_TIMEOUT_S = 3.0
+"""A drive that accepted a start and still stands after this did not obey it."""
+WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)
+"""Why a frame is not sent: no such error may hide that another one has left before."""
+MAX_RESENDS = 2
+"""6.5, class A and B alike: at most twice, while the command lives."""
+
+
+def run(
+    talk: OperationContext, frequency_hz: float, direction: Direction | None, *, will_wait: bool = False
+) -> DriveOperation[Outcome]:
+    """Run at a frequency. Raises before sending: CapabilityError, LimitError, PreflightError, StartInhibited, Expired.
+
+    ``will_wait``: ``reach`` is to follow, so a model that can't show the frequency is refused now.
+    """
+    memory, dialect = talk.drive, talk.dialect
+    memory.require_capability("run")
+    memory.check_direction(direction)
+    word, actual_hz = talk.check_frequency(frequency_hz)
+    dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
+    if will_wait and not dialect.can_confirm_speed():
+        raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
+    yield from talk.start_clock()
+    yield from check_readiness(talk)
+    if talk.derived.state.turning:
+        outcome = yield from _change_running_speed(talk, frequency_hz, direction)
+    else:
+        outcome = yield from _start_from_standstill(talk, actual_hz, direction, word)
+    return _note_unread_preconditions(talk, outcome)
+
+
+def check_readiness(talk: OperationContext) -> DriveOperation[None]:
+    """Status, pre-flight, and the status again where the pre-flight took time. A drive in fault is told first: its
+    parameters can't be read then (C320). Raises StartInhibited, PreflightError, or the bus's error."""
+    yield from _require_state(talk)
+    state = talk.derived.state
+    if talk.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
+        raise StartInhibited("drives.state_forbids", state=state, kind=Kind.START)
+    known = talk.drive.preflight
+    if (yield from ensure_preflight(talk)) is not known:
+        yield from _require_state(talk)
+
+
+def _require_state(talk: OperationContext) -> DriveOperation[None]:
+    """Two agreeing reads, or the bus's error: a drive that does not answer is not started."""
+    error = yield from talk.read_verified_state()
+    if error is not None:
+        raise error
+
+
+def _change_running_speed(
+    talk: OperationContext, frequency_hz: float, direction: Direction | None
+) -> DriveOperation[Outcome]:
+    """A run that goes on: only its frequency changes. Turning the other way round begins at standstill."""
+    verdict = talk.derived
+    wanted = direction or Direction.FORWARD
+    runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
+    if not runs or (verdict.direction is not None and verdict.direction is not wanted):
+        shown_direction = verdict.direction if verdict.direction else "?"
+        raise StartInhibited("drives.turning", state=verdict.state, direction=shown_direction)
+    if verdict.direction is None and direction is not None:
+        raise StartInhibited("drives.turning_unknown_way", direction=direction)
+    return (yield from set_frequency(talk, frequency_hz))
+
+
+def _start_from_standstill(
+    talk: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+) -> DriveOperation[Outcome]:
+    if talk.dialect.start_includes_setpoint:
+        return (yield from _send_start(talk, frequency_hz, direction, word))
+    around = yield from talk.check_deadline()
+    start = talk.create_command(Kind.START, around)
+    yield from talk.request_permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
+    setpoint = talk.create_command(Kind.SETPOINT, around)
+    outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
+    if not outcome.done:
+        return outcome if outcome.word is OutcomeStatus.REFUSED else _not_started_outcome(outcome)
+    yield from talk.check_not_superseded(setpoint)
+    try:
+        if talk.dialect.reports_run_state:
+            yield from _require_state(talk)
+        return (yield from _send_start(talk, frequency_hz, direction, word))
+    except (StartInhibited, Expired) as withheld:  # they promise that nothing was sent, and the frequency has left
+        return talk.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
+
+
+def _send_start(
+    talk: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+) -> DriveOperation[Outcome]:
+    around = yield from talk.check_deadline()
+    command = talk.create_command(Kind.START, around)
+    frames = talk.dialect.start(direction, word)
+    answer = yield from send_frames(talk, command, frames)
+    refused = talk.rejected_outcome(answer)
+    if refused is not None:
+        return refused
+    outcome = yield from confirm_start(talk, command, frames, direction, answer.error is None)
+    if outcome.word is OutcomeStatus.CONFIRMED and talk.dialect.start_includes_setpoint:
+        return (yield from _check_setpoint(talk, outcome, word, frequency_hz))
+    return outcome
+
+
+def _not_started_outcome(outcome: Outcome) -> Outcome:
+    """The frequency is not known to have been taken, so the start never left."""
+    return replace(outcome, word=OutcomeStatus.FAILED, key="drives.not_started", params={"why": outcome})
+
+
+def send_frames(
+    talk: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
+) -> DriveOperation[BusResult]:
+    """The acting frame, then what must follow it. Returns the answer to the acting one.
+
+    Raises StartInhibited, Expired, Superseded only before the acting frame has left; whoever looks next sees the rest.
+    """
+    first: BusResult = yield from talk.send_command(command, frames[0])
+    if first.sent:
+        try:
+            for frame in frames[1:]:
+                yield from talk.send_command(command, frame)
+        except WITHHELD_ERRORS:
+            pass
+    return first
+
+
+def resend_frames(
+    talk: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
+) -> DriveOperation[bool | None]:
+    """Was it answered? None where it may not be sent any more: what became of the first one is still to be seen."""
+    try:
+        answer = yield from send_frames(talk, command, frames)
+    except WITHHELD_ERRORS:
+        return None
+    return answer.error is None
+
+
+def confirm_start(
+    talk: OperationContext,
+    command: DriveCommand,
+    frames: tuple[CommandFrame, ...],
+    direction: Direction | None,
+    answered: bool,
+) -> DriveOperation[Outcome]:
+    """Was it executed? An unanswered start is sent again only after two fenced reads show standstill (ruling 6)."""
+    if not talk.dialect.reports_run_state:
+        return talk.unverifiable_outcome(answered, "drives.start_acknowledged", "drives.start_unknown")
+    sent_again = 0
+    deadline = (yield from talk.check_not_superseded(command)) + START_CONFIRM_TIMEOUT_S
+    talk.motion_seen = False
+    while True:
+        yield from wait(COMMAND_SETTLE_S)
+        error = yield from talk.read_verified_state()
+        now = yield from talk.check_not_superseded(command)
+        state = talk.derived.state
+        if state.driven:
+            return _running_outcome(talk, direction)
+        if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.motion_seen:
+            return talk.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
+        taken = talk.motion_seen or talk.dialect.confirms_start(talk.reading_pairs)
+        may_resend = state is DriveState.STOPPED and not answered and not taken
+        if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[Kind.START]:
+            again = yield from resend_frames(talk, command, frames)
+            answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
+        elif talk.motion_seen and state.output_off:
+            return talk.outcome(OutcomeStatus.FAILED, "drives.started_and_stopped", state=state)
+        elif now > deadline:
+            return _unconfirmed_outcome(talk, state, error is not None)
+
+
+def _running_outcome(talk: OperationContext, direction: Direction | None) -> Outcome:
+    found = talk.derived.direction
+    if direction is not None and found is not None and found is not direction:
+        return talk.outcome(OutcomeStatus.FAILED, "drives.wrong_way", expected=direction, found=found)
+    return talk.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=talk.derived.state)
+
+
+def _unconfirmed_outcome(talk: OperationContext, state: DriveState, silent: bool) -> Outcome:
+    if silent or state is DriveState.UNKNOWN or state.turning:  # jogged, braked or ramped down by somebody else
+        return talk.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    talk.drive.preflight = None  # whoever starts it again reads first whether it still listens to the bus
+    return talk.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
+
+
+def _check_setpoint(
+    talk: OperationContext, outcome: Outcome, word: int, frequency_hz: float
+) -> DriveOperation[Outcome]:
+    """The start is confirmed; is its frequency?"""
+    if not talk.dialect.setpoint_reads():
+        return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
+    found = yield from read_back_setpoint(talk, word, frequency_hz, answered=True)
+    if found.word is OutcomeStatus.FAILED:
+        return raise_for_status(
+            found
+        )  # raises: it runs, but not at what was asked for (a wrong scale or a wrong drive)
+    merged = replace(outcome, evidence=found.evidence)
+    if found.word is OutcomeStatus.CONFIRMED:
+        return merged
+    return with_note(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
+
+
+def _note_unread_preconditions(talk: OperationContext, outcome: Outcome) -> Outcome:
+    """Preconditions that the host could not read are named, never assumed to hold."""
+    preflight = talk.drive.preflight
+    for notation, why in preflight.unreadable if preflight else ():
+        outcome = with_note(outcome, "drives.precondition_unread", notation=notation, why=why)
+    return outcome

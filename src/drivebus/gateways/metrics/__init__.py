@@ -1,1 +1,0 @@
-"""``/metrics`` for Prometheus: the plant's state in numbers, asked anew for each scrape."""

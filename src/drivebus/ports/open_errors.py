@@ -1,0 +1,106 @@
+"""Why a serial port can't be opened, and what to do about it: one sentence with the next step in it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from drivebus.errors import PortUnavailable
+from drivebus.ports.device_users import DeviceUser, device_users, lock_holder, pids_named, process_name
+
+_DEVICE_MISSING_ERRNOS = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
+_NOT_SERIAL_ERRNOS = (errno.ENOTTY, errno.EISDIR)
+_PORT_GRABBING_SERVICES = ("ModemManager", "brltty")
+"""Services that open every new serial port by themselves, as root, where /proc hides them from us."""
+
+
+def open_error(path: str, error: OSError, owner_pid: int | None = None) -> PortUnavailable:
+    """The sentence for an OSError of opening ``path``; ``owner_pid`` of the drivebus that holds it, where known."""
+    if error.errno == errno.EBUSY or (sys.platform == "win32" and isinstance(error, PermissionError)):
+        return _busy_error(path, owner_pid)
+    if isinstance(error, PermissionError):
+        return _permission_error(path)
+    if isinstance(error, FileNotFoundError) or error.errno in _DEVICE_MISSING_ERRNOS:
+        return _missing_error(path)
+    if error.errno in _NOT_SERIAL_ERRNOS or not _is_character_device(path):
+        return PortUnavailable("ports.not-serial", port=path)
+    if error.errno == errno.EIO:
+        return PortUnavailable("ports.no-hardware", port=path)
+    return PortUnavailable("ports.failed", port=path, reason=error.strerror or str(error))
+
+
+def in_use_error(path: str, user: DeviceUser) -> PortUnavailable:
+    """The sentence for a device that another program has open."""
+    remedies = {"ModemManager": "ports.held-modemmanager", "brltty": "ports.held-brltty"}
+    key = "ports.held-getty" if user.name in ("agetty", "getty") else remedies.get(user.name, "ports.held")
+    return PortUnavailable(key, port=path, pid=user.pid, name=user.name or "?", device=Path(path).name)
+
+
+def _busy_error(path: str, owner_pid: int | None) -> PortUnavailable:
+    if owner_pid is not None:
+        key = "ports.already-open" if owner_pid == os.getpid() else "ports.held-drivebus"
+        return PortUnavailable(key, port=path, pid=owner_pid, name=process_name(owner_pid))
+    real = os.path.realpath(path)
+    others = [holder for holder in device_users({real})[real] if holder.pid != os.getpid()]
+    who = lock_holder(real) or next(iter(others), None)
+    if who is not None:
+        return in_use_error(path, who)
+    for name in _PORT_GRABBING_SERVICES:
+        for pid in pids_named(name):
+            return in_use_error(path, DeviceUser(pid, name))
+    return PortUnavailable("ports.busy-windows" if sys.platform == "win32" else "ports.busy", port=path)
+
+
+def _permission_error(path: str) -> PortUnavailable:
+    """The device's own group is the one to be in (dialout on Debian, uucp on Arch); root's is no group to join."""
+    if sys.platform == "win32":
+        return PortUnavailable("ports.busy-windows", port=path)
+    import grp
+    import pwd
+
+    mode, gid = Path(path).stat().st_mode, _group_of(path)
+    user = _name_or_default(lambda: pwd.getpwuid(os.getuid()).pw_name, "$USER")
+    if gid == 0 or not mode & stat.S_IRGRP or not mode & stat.S_IWGRP:
+        return PortUnavailable("ports.permission-rule", port=path, mode=stat.filemode(mode))
+    group = _name_or_default(lambda: grp.getgrgid(gid).gr_name, str(gid))
+    members = _name_or_default(lambda: " ".join(grp.getgrgid(gid).gr_mem), "").split()
+    key = "ports.permission-relogin" if user in members else "ports.permission"
+    return PortUnavailable(key, port=path, group=group, user=user)
+
+
+def _group_of(path: str) -> int:
+    return Path(path).stat().st_gid
+
+
+def _missing_error(path: str) -> PortUnavailable:
+    from drivebus.ports.discovery import discover_ports
+
+    existing = [port.url for port in discover_ports()]
+    if existing:
+        return PortUnavailable("ports.missing", port=path, existing=", ".join(existing))
+    return PortUnavailable("ports.missing-wsl" if _in_wsl() else "ports.missing-none", port=path)
+
+
+def _in_wsl() -> bool:
+    try:
+        return "microsoft" in Path("/proc/version").read_text(encoding="utf-8", errors="replace").lower()
+    except OSError:
+        return False
+
+
+def _is_character_device(path: str) -> bool:
+    try:
+        return stat.S_ISCHR(Path(path).stat().st_mode)
+    except OSError:
+        return True
+
+
+def _name_or_default(look_up: Callable[[], str], default: str) -> str:
+    try:
+        return look_up()
+    except KeyError:
+        return default

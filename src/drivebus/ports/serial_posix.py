@@ -1,0 +1,241 @@
+"""The serial port on POSIX systems: a raw descriptor in the event loop, as each microsecond here is paid per byte.
+
+Opening, locking and proving live in ``posix``; which device it is in ``device``; why not in ``diagnose``.
+"""
+
+# ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+
+assert sys.platform != "win32"
+
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.ports.base import Capabilities, EchoSetting, PortNote, Receiver
+from drivebus.ports.device import open_by_identity
+from drivebus.ports.parmrk import ParityMarkDecoder
+from drivebus.ports.tty import SerialDescriptor
+from drivebus.ports.url import PortUrl
+
+READ_SIZE = 4096
+"""The kernel's own buffer of a terminal."""
+WRITE_STALL_TIMEOUT_S = 2.0
+"""Bytes that the kernel does not take for so long are given up with the port: a start expires after 2 s (ruling 12)."""
+
+
+class SerialPort:
+    """A serial device on a POSIX system."""
+
+    def __init__(self, link: PortUrl) -> None:
+        link.reject_unknown_options("echo", "rs485")
+        self.settings = link.settings
+        self.echo: EchoSetting = link.echo()
+        self.url = link.text
+        self.capabilities = Capabilities()
+        self.notes: tuple[PortNote, ...] = ()
+        """Whether the adapter holds bytes back, and whether parity is real."""
+        self._path = link.path
+        self._rs485 = link.flag("rs485")
+        self._identity = ""
+        self._descriptor: SerialDescriptor | None = None
+        self._fd = -1
+        self._poller = select.poll()
+        """Whether there is anything to read: a third of the price of an ``os.read`` that finds nothing."""
+        self._receiver: Receiver | None = None
+        self._deliver: Callable[[bytes], None] = _discard
+        self._mark_decoder: ParityMarkDecoder | None = None
+        self._reading = False
+        self._paused = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._unsent = bytearray()
+        self._stall: asyncio.TimerHandle | None = None
+        self._closed: asyncio.Future[None] | None = None
+
+    @property
+    def identity(self) -> str:
+        """As ``listing.PortInfo.identity``; final once opened, and what a reopening looks for (F12)."""
+        return self._identity or f"device:{self._path}"
+
+    async def open(self, receiver: Receiver) -> None:
+        """Open, or find the same device again. Raises PortUnavailable with why and what to do."""
+        if self._fd >= 0:
+            raise PortUnavailable("ports.already-open", port=self._path)
+        if self._closed is not None:
+            await asyncio.shield(self._closed)
+        self._loop = asyncio.get_running_loop()
+        opening = self._loop.run_in_executor(None, self._open)
+        try:
+            descriptor, self._identity = await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            self._closed = _close_when_opened(opening)
+            raise
+        self._start(descriptor, receiver)
+
+    def write(self, data: bytes, /) -> None:
+        """At once, or as the kernel takes it; what it does not take within STALL_S costs the port. Raises PortLost."""
+        if self._fd < 0:
+            raise PortLost("ports.not-open", port=self._path)
+        if self._unsent:
+            self._unsent += data
+            return
+        try:
+            sent = os.write(self._fd, data)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            raise self._fail(error.strerror or str(error), notify_later=True) from error
+        if sent != len(data):
+            self._unsent += data[sent:]
+            self._loop.add_writer(self._fd, self._writable)
+            self._stall = self._loop.call_later(WRITE_STALL_TIMEOUT_S, self._fail, "stalled")
+
+    def pause_until(self, when: float, /) -> None:
+        """Leave bytes in the kernel until loop time ``when`` (inf: until called again), then deliver them.
+
+        One epoll change for a whole reply instead of a wake-up for each of its bytes; none at all where the caller
+        falls quiet again from within ``data_received``. A hang-up is noticed when the quiet ends.
+        """
+        if self._fd < 0:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if when != math.inf and when <= self._loop.time():
+            if self._paused or self._poller.poll(0):
+                self._resume()
+            return
+        self._paused = True
+        if self._reading:
+            self._reading = False
+            self._loop.remove_reader(self._fd)
+        if when != math.inf:
+            self._timer = self._loop.call_at(when, self._resume)
+
+    async def close(self) -> None:
+        """Release the device; what the kernel holds is still sent, what it did not take is dropped."""
+        self._release()
+        if self._closed is not None:
+            await asyncio.shield(self._closed)
+
+    def _open(self) -> tuple[SerialDescriptor, str]:
+        """In a thread: which device, then open it."""
+        return open_by_identity(self._path, self._identity, self.settings, rs485=self._rs485)
+
+    def _start(self, descriptor: SerialDescriptor, receiver: Receiver) -> None:
+        self._descriptor, self._fd = descriptor, descriptor.fd
+        self._poller = select.poll()
+        self._poller.register(self._fd, select.POLLIN)
+        self.capabilities, self.notes = descriptor.capabilities, tuple(self._notes(descriptor))
+        self._receiver, self._deliver = receiver, receiver.data_received
+        self._mark_decoder = ParityMarkDecoder() if descriptor.marks_line_errors else None
+        self._paused = False
+        self._start_reading()
+
+    def _notes(self, descriptor: SerialDescriptor) -> Iterator[PortNote]:
+        if not descriptor.low_latency:
+            yield PortNote("ports.note-latency", {"port": self._path, "device": os.path.basename(descriptor.device)})  # noqa: PTH119
+        if self.settings.parity != "N" and not descriptor.capabilities.parity:
+            yield PortNote("ports.note-parity", {"port": self._path, "format": self.settings.format})
+
+    def _start_reading(self) -> None:
+        self._reading = True
+        self._loop.add_reader(self._fd, self._readable)
+
+    def _resume(self) -> None:
+        """The quiet is over: deliver, and watch again at the loop's next turn unless it is quiet again by then."""
+        self._timer = None
+        self._paused = False
+        self._readable()
+        if not self._reading:
+            self._loop.call_soon(self._resume_reading)
+
+    def _resume_reading(self) -> None:
+        if self._fd >= 0 and not self._paused and not self._reading:
+            self._start_reading()
+
+    def _readable(self) -> None:
+        try:
+            chunk = os.read(self._fd, READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+            return
+        if not chunk:
+            self._fail("hang-up")
+        elif self._mark_decoder is None:
+            self._deliver(chunk)
+        else:
+            self._deliver_marked(chunk)
+
+    def _deliver_marked(self, chunk: bytes) -> None:
+        data, marks = self._mark_decoder.decode(chunk) if self._mark_decoder else (chunk, 0)
+        if data and self._receiver is not None:
+            self._receiver.data_received(data, marks)
+
+    def _writable(self) -> None:
+        try:
+            del self._unsent[: os.write(self._fd, self._unsent)]
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+            return
+        if not self._unsent:
+            self._loop.remove_writer(self._fd)
+            self._cancel_stall()
+
+    def _fail(self, reason: str, *, notify_later: bool = False) -> PortLost:
+        """Give up the device and tell the receiver, once; ``tell_later`` from within ``write``."""
+        error = PortLost("ports.lost", port=self._path, reason=reason)
+        receiver = self._receiver
+        self._release()
+        if receiver is not None and notify_later:
+            self._loop.call_soon(receiver.port_lost, error)
+        elif receiver is not None:
+            receiver.port_lost(error)
+        return error
+
+    def _release(self) -> None:
+        """Let go of the loop at once and of the device in a thread (closing may wait for the hardware)."""
+        if self._fd < 0 or self._descriptor is None:
+            return
+        self._loop.remove_reader(self._fd)
+        self._loop.remove_writer(self._fd)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._cancel_stall()
+        self._unsent.clear()
+        self._receiver, self._deliver, self._reading, self._fd = None, _discard, False, -1
+        self._closed = self._loop.run_in_executor(None, self._descriptor.close)
+        self._descriptor = None
+
+    def _cancel_stall(self) -> None:
+        if self._stall is not None:
+            self._stall.cancel()
+            self._stall = None
+
+
+def _discard(_: bytes) -> None:
+    """Receives for a port that is not open."""
+
+
+def _close_when_opened(opening: asyncio.Future[tuple[SerialDescriptor, str]]) -> asyncio.Future[None]:
+    """Close what a cancelled opening still opens; done when that is done."""
+    closed = opening.get_loop().create_future()
+
+    def drop(opened: asyncio.Future[tuple[SerialDescriptor, str]]) -> None:
+        if not opened.cancelled() and opened.exception() is None:
+            opened.result()[0].close()
+        if not closed.done():
+            closed.set_result(None)
+
+    opening.add_done_callback(drop)
+    return closed

@@ -1,0 +1,71 @@
+"""A COM port on Windows, over serialx's own transport (overlapped I/O on a proactor loop).
+
+Not proved on this system: the Windows driver checks parity only in counters that no byte is tied to, so ``parity`` is
+False here and DZB100 drives lose their only check (shown in the capabilities).
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.ports import open_errors, serialx_adapter
+from drivebus.ports.base import Capabilities, EchoSetting, Receiver
+from drivebus.ports.url import PortUrl
+
+MAX_UNSENT_BYTES = 512
+"""More bytes waiting than two frames means that the driver does not send."""
+
+
+class WindowsPort(asyncio.Protocol):
+    """A COM port. Needs the proactor loop, Windows' default."""
+
+    def __init__(self, link: PortUrl) -> None:
+        link.reject_unknown_options("echo")
+        self.settings = link.settings
+        self.echo: EchoSetting = link.echo()
+        self.url = link.text
+        self.capabilities = Capabilities(has_line_timing=True)
+        self._path = link.path
+        self._transport: asyncio.WriteTransport | None = None
+        self._receiver: Receiver | None = None
+
+    @property
+    def identity(self) -> str:
+        """Windows keeps the COM number of a USB adapter by its own serial number."""
+        return "device:" + self._path.upper().removeprefix("\\\\.\\")
+
+    async def open(self, receiver: Receiver) -> None:
+        """Raises PortUnavailable."""
+        if self._transport is not None:
+            raise PortUnavailable("ports.already-open", port=self._path)
+        try:
+            self._transport = await serialx_adapter.connect_windows(self._path, self.settings, self)
+        except OSError as error:
+            raise open_errors.open_error(self._path, error) from error
+        self._receiver = receiver
+
+    def write(self, data: bytes, /) -> None:
+        """Raises PortLost where the port is not open or the driver takes nothing any more."""
+        if self._transport is None:
+            raise PortLost("ports.not-open", port=self._path)
+        if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self._transport.abort()
+            raise PortLost("ports.lost", port=self._path, reason="stalled")
+        self._transport.write(data)
+
+    async def close(self) -> None:
+        self._receiver = None
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
+
+    def data_received(self, data: bytes) -> None:
+        if self._receiver is not None:
+            self._receiver.data_received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        receiver, self._receiver = self._receiver, None
+        self._transport = None
+        if receiver is not None:
+            receiver.port_lost(PortLost("ports.lost", port=self._path, reason=str(exc or "closed")))

@@ -1,0 +1,185 @@
+"""LINK: the one way to name a port. Reads text into a ``Link``; opens nothing.
+
+/dev/ttyUSB0 · COM3 · serial:///dev/ttyUSB0?baud=9600&format=8E1 · tcp://host:port · rfc2217://host:port?baud=9600
+sim://c320@0-3,7 · memory://name · replay://FILE.dbcap
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+from drivebus.errors import PortUrlError
+from drivebus.ports.base import EchoSetting
+from drivebus.serial_settings import SerialSettings
+
+DEFAULT_BAUD = 9600
+"""The baud rate that all four families leave the factory with, or offer first."""
+DEFAULT_FORMAT = "8N1"
+NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
+PORT_URL_EXAMPLES = (
+    "/dev/ttyUSB0, COM3, serial:///dev/ttyUSB0?baud=9600&format=8E1, tcp://192.168.1.50:4001, sim://c320@1"
+)
+
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
+_COM = re.compile(r"(?:\\\\\.\\)?COM\d{1,3}", re.IGNORECASE)
+_HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
+_BOOLEAN_WORDS = {
+    "on": True,
+    "yes": True,
+    "true": True,
+    "1": True,
+    "off": False,
+    "no": False,
+    "false": False,
+    "0": False,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PortUrl:
+    """A LINK taken apart.
+
+    ``path`` is everything between ``://`` and ``?`` (a device, a file, ``c320@0-3,7``); ``host`` is its part before
+    the first slash, for network schemes without the port number, which is ``port``.
+    """
+
+    text: str
+    scheme: str
+    host: str = ""
+    port: int | None = None
+    path: str = ""
+    settings: SerialSettings = SerialSettings()
+    options: Mapping[str, str] = field(default_factory=dict)
+    explicit: frozenset[str] = frozenset()
+    """Which of "baud" and "format" the user said; the others are defaults."""
+
+    def reject_unknown_options(self, *known: str) -> None:
+        """Refuse options that this scheme does not know. Raises PortUrlError."""
+        for name in self.options:
+            if name not in known:
+                expected = ", ".join(sorted({"baud", "format", *known}))
+                raise PortUrlError(
+                    "ports.option-unknown", link=self.text, scheme=self.scheme, found=name, expected=expected
+                )
+
+    def choice(self, name: str, allowed: Iterable[str], default: str) -> str:
+        """An option that is one of a few words. Raises PortUrlError."""
+        words = tuple(allowed)
+        found = self.options.get(name, default).lower()
+        if found not in words:
+            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=", ".join(words))
+        return found
+
+    def echo(self) -> EchoSetting:
+        """What the user says of the adapter's echo. Raises PortUrlError."""
+        found = self.choice("echo", ("detect", "on", "off"), "detect")
+        return "on" if found == "on" else "off" if found == "off" else "detect"
+
+    def flag(self, name: str, default: bool = False) -> bool:
+        """An option that is on or off. Raises PortUrlError."""
+        found = self.options.get(name)
+        if found is None:
+            return default
+        if found.lower() not in _BOOLEAN_WORDS:
+            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected="on, off")
+        return _BOOLEAN_WORDS[found.lower()]
+
+    def number(self, name: str, default: float, lowest: float, highest: float) -> float:
+        """A number within limits. Raises PortUrlError."""
+        found = self.options.get(name)
+        if found is None:
+            return default
+        value = _float(found)
+        if value is None or not lowest <= value <= highest:
+            raise PortUrlError(
+                "ports.option", link=self.text, name=name, found=found, expected=f"{lowest:g} … {highest:g}"
+            )
+        return value
+
+
+def parse_port_url(text: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> PortUrl:
+    """Read a LINK; explicit arguments beat its query. Raises PortUrlError: what was found, expected, the next step."""
+    scheme, rest = _split_scheme(text.strip())
+    target, _, query = rest.partition("?")
+    chosen = _query(text, query) | {name: _option_text(value) for name, value in options.items() if value is not None}
+    if baud is not None:
+        chosen["baud"] = str(baud)
+    if format is not None:
+        chosen["format"] = format
+    given = frozenset(chosen) & {"baud", "format"}
+    settings = _settings(text, chosen.pop("baud", str(DEFAULT_BAUD)), chosen.pop("format", DEFAULT_FORMAT))
+    if scheme in NETWORK_SCHEMES:
+        host, port = _address(text, scheme, target)
+        return PortUrl(text, scheme, host, port, "", settings, chosen, given)
+    path = unquote(target)
+    if not path:
+        raise PortUrlError("ports.link-empty", link=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
+    return PortUrl(text, scheme, path.partition("/")[0], None, path, settings, chosen, given)
+
+
+def _split_scheme(text: str) -> tuple[str, str]:
+    if match := _SCHEME.match(text):
+        return match[1].lower(), text[match.end() :]
+    if _COM.fullmatch(text.partition("?")[0]) or text.startswith(("/", "./", "../")):
+        return "serial", text
+    raise PortUrlError("ports.link", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
+
+
+def _suggestion(text: str) -> str:
+    """The LINK that was probably meant."""
+    if text.lower().endswith(".dbcap"):
+        return f"replay://{text}"
+    if text.startswith(("tty", "serial/by-", "rfcomm", "cu.")):
+        return f"/dev/{text}"
+    if _HOST_AND_PORT.fullmatch(text):
+        return f"tcp://{text}"
+    return "drivebus ports"
+
+
+def _query(text: str, query: str) -> dict[str, str]:
+    if not query:
+        return {}
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True)
+    except ValueError:
+        raise PortUrlError("ports.query", link=text, found=query) from None
+    if len(dict(pairs)) != len(pairs):
+        raise PortUrlError("ports.query-twice", link=text, found=query)
+    return dict(pairs)
+
+
+def _settings(text: str, baud: str, format: str) -> SerialSettings:
+    if not (baud.isascii() and baud.isdigit()) or not 50 <= int(baud) <= 4_000_000:
+        raise PortUrlError("ports.baud", link=text, found=baud, expected="50 … 4000000")
+    try:
+        return SerialSettings.parse(int(baud), format)
+    except ValueError:
+        raise PortUrlError("ports.format", link=text, found=format, expected="8N1, 8E1, 8O1, 8N2, 7E1 …") from None
+
+
+def _address(text: str, scheme: str, target: str) -> tuple[str, int]:
+    try:
+        parts = urlsplit(f"//{target}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if not host or not port or parts.path.strip("/") or "@" in target:
+        raise PortUrlError("ports.address", link=text, scheme=scheme, found=target)
+    return host, port
+
+
+def _option_text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return str(value)
+
+
+def _float(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,92 @@
+"""Frames on the wire for people: bytes and meaning, decoded only when somebody looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from drivebus import i18n
+from drivebus.bus.trace import TraceKind
+from drivebus.commissioning.decode import labels
+from drivebus.commissioning.decode.describe import describe_frame
+from drivebus.errors import DrivebusError
+from drivebus.protocols.describe import FrameDescription
+from drivebus.service.api.errors import localized
+from drivebus.service.runtime.bus import BusRuntime, TracedFrame
+
+Json = dict[str, Any]
+DECODE_CACHE_SIZE = 4096
+"""So many meanings are remembered."""
+DECODED_KINDS = (TraceKind.SENT, TraceKind.REPLY)
+
+
+def frame_json(line: BusRuntime, seen: TracedFrame) -> Json:
+    """One frame. ``time_ms`` is a label, ``time_s`` monotonic."""
+    number, time_ms, event = seen
+    error = event.error
+    return {
+        "n": number,
+        "time_ms": time_ms,
+        "time_s": round(event.time, 6),
+        "kind": event.kind.value,
+        "station": event.station,
+        "hex": event.data.hex(" ").upper(),
+        "text": _frame_text(line, seen),
+        "error": None if not isinstance(error, DrivebusError) else _error(error),
+    }
+
+
+def _error(error: DrivebusError) -> Json:
+    return {"code": error.key, "text": localized(error.key, error.params)}
+
+
+@dataclass(frozen=True, slots=True)
+class LazyFrame:
+    """A frame that is told when somebody takes it."""
+
+    line: BusRuntime
+    frame: TracedFrame
+
+    def json(self, now: float) -> Json:
+        return frame_json(self.line, self.frame)
+
+
+def _frame_text(line: BusRuntime, seen: TracedFrame) -> Json:
+    """What it says; what is not ours to read is named by its kind only."""
+    event = seen.event
+    profile = next((unit.profile for unit in line.drives.values() if unit.config.address == event.station), None)
+    if profile is None or not event.data or event.kind not in DECODED_KINDS:
+        return localized(f"plant.frame_{event.kind.value}")
+    return dict(_decode(profile.source or profile.model, event.data, event.kind is TraceKind.SENT))
+
+
+@lru_cache(maxsize=DECODE_CACHE_SIZE)
+def _decode(model: str, data: bytes, asked: bool) -> Json:
+    """Polls say the same again and again."""
+    try:
+        found = describe_frame(model, data, direction="request" if asked else "response")
+    except DrivebusError as error:
+        return localized(error.key, error.params)
+    return {language: _describe(found, language) for language in i18n.LANGUAGES}
+
+
+def _describe(found: FrameDescription, language: str) -> str:
+    """Its fields in a row, and what is wrong with it."""
+    fields = [_field_text(name, value, language) for name, value in found.fields.items()]
+    notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
+    comma, semicolon = (i18n.text(f"decode.{sign}", language) for sign in ("comma", "semicolon"))
+    return semicolon.join([comma.join(fields), *notes])
+
+
+def _field_text(name: str, value: Any, language: str) -> str:
+    return f"{labels.field_label(name, language)} {_value_text(name, value, language)}"
+
+
+def _value_text(name: str, value: Any, language: str) -> str:
+    if isinstance(value, dict):
+        return ", ".join(_field_text(one, each, language) for one, each in value.items())
+    if isinstance(value, list | tuple):
+        return " ".join(_value_text(name, each, language) for each in value)
+    said = labels.value_text(name, value, language)
+    return str(getattr(value, "value", value)) if said is None else said

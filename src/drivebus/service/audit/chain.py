@@ -1,0 +1,151 @@
+"""The trail's files as they are written: records in a chain, checkpoints beside it, and what a killed writer left.
+
+No thread and no loop lives here; every function may take as long as a disk does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+from drivebus.atomic_write import fsync_directory
+from drivebus.service.audit import records
+from drivebus.service.audit.entry import AuditEntry
+from drivebus.service.audit.paths import AuditPaths, lines_backwards
+from drivebus.service.audit.recovery import TornTail, torn_tail, unterminated_tail
+from drivebus.service.live.views import Json
+from drivebus.service.storage.append_log import AppendLog, write_durably
+
+RECORDS_MISSING: Final = "audit.cut"
+"""What is recorded where records are missing at the start."""
+MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
+"""Octets; then the file is put aside under its number, and the chain goes on in a new one."""
+
+
+class AuditChain:
+    """The trail of one plant. One writer: the service holds its lock."""
+
+    def __init__(
+        self, paths: AuditPaths, now_ms: Callable[[], int], max_file_bytes: int = MAX_AUDIT_FILE_BYTES
+    ) -> None:
+        self.paths, self._now_ms, self._max_file_bytes = paths, now_ms, max_file_bytes
+        self._journal, self._checkpoints = AppendLog(paths.current), AppendLog(paths.checkpoints)
+        self._is_open = False
+        self._recovery_entries: list[AuditEntry] = []
+        self._key = b""
+        self._last_number, self._last_hash = 0, records.GENESIS_HASH
+        self._first_number = 1
+        """The number of the first record of the file that is written."""
+        self._unmarked = False
+        """Something was written since the last checkpoint."""
+        self._checkpoint_number, self._checkpoint_mac, self._checkpoint_record = 0, records.GENESIS_HASH, 0
+        """Of the last checkpoint: its number, its MAC, the number of its record."""
+
+    def open(self) -> list[AuditEntry]:
+        """Make ready, once; what was found that has to be told, as entries to be written. Raises OSError."""
+        if self._is_open:
+            return []
+        self._key = self.paths.create_key()
+        self._load_last_checkpoint()
+        files = self.paths.files()
+        if files:
+            self._quarantine_torn(torn_tail(files[-1], self._checkpoint_record))
+        self._continue_after(files)
+        self._journal.open()
+        if self._last_number < self._checkpoint_record:
+            self._recovery_entries.append(
+                AuditEntry(RECORDS_MISSING, params={"last": self._last_number, "checkpoint": self._checkpoint_record})
+            )
+        self._is_open = True
+        found, self._recovery_entries = self._recovery_entries, []
+        return found
+
+    def _load_last_checkpoint(self) -> None:
+        """Go on after it. What a killed writer left of its last line is taken away: it was no checkpoint yet."""
+        if not self.paths.checkpoints.exists():
+            return
+        tail = unterminated_tail(self.paths.checkpoints)
+        if tail.torn:
+            self._checkpoints.truncate(tail.valid_bytes)
+        lines = (records.decode_checkpoint(line, None) for line in lines_backwards(self.paths.checkpoints))
+        last = next((one for one in lines if one is not None), None)
+        if last is not None:
+            self._checkpoint_number, self._checkpoint_mac, self._checkpoint_record = last.number, last.mac, last.n
+
+    def _quarantine_torn(self, tail: TornTail) -> None:
+        """What was never acknowledged: kept in a file of its own, and said."""
+        if not tail.torn:
+            return
+        digest = sha256(tail.torn).hexdigest()
+        path = self.paths.folder / f"audit-torn-{digest[:16]}.bin"
+        write_durably(path, tail.torn)
+        torn = AppendLog(tail.path)
+        torn.truncate(tail.valid_bytes)
+        torn.close()
+        params = {"octets": len(tail.torn), "file": path.name, "sha256": digest}
+        self._recovery_entries.append(AuditEntry("audit.recovered", params=params))
+
+    def _continue_after(self, files: Sequence[Path]) -> None:
+        """After the last record that there is, whole or not: a line that was changed stays for ``verify`` to find."""
+        for path in reversed(files):
+            for line in lines_backwards(path):
+                last = records.decode_record(line)
+                if last is not None:
+                    self._last_number, self._last_hash = last.n, last.hash
+                    self._first_number = self._first_record_number()
+                    return
+
+    def _first_record_number(self) -> int:
+        """The number of its first record; the next one where it is empty."""
+        try:
+            with self.paths.current.open("rb") as file:
+                found = records.decode_record(file.readline().rstrip(b"\n"))
+        except FileNotFoundError:
+            found = None
+        return found.n if found else self._last_number + 1
+
+    # --- writing ---------------------------------------------------------------------------------------------------
+
+    def append(self, bodies: Sequence[Json]) -> list[int]:
+        """Their numbers; durable when it returns. Raises OSError, and then none of them is there."""
+        n, hash, lines = self._last_number, self._last_hash, []
+        for body in bodies:
+            n += 1
+            line, hash = records.encode_record(n, hash, self._checkpoint_number, body)
+            lines.append(line)
+        self._journal.append(b"".join(lines))
+        first, self._last_number, self._last_hash, self._unmarked = self._last_number + 1, n, hash, True
+        if self._journal.size >= self._max_file_bytes:
+            self._rotate()
+        return list(range(first, n + 1))
+
+    def _rotate(self) -> None:
+        """The file is full. Where that fails it grows on: its records are kept either way."""
+        full = self.paths.rotated(self._first_number)
+        if full.exists():
+            return
+        with suppress(OSError):
+            self._journal.close()
+            self.paths.current.rename(full)
+            self._first_number = self._last_number + 1
+            fsync_directory(self.paths.folder)
+
+    def write_checkpoint(self) -> None:
+        """Write a checkpoint, unless nothing happened since the last one. Raises OSError."""
+        if not self._is_open or not self._unmarked:
+            return
+        last = (self._last_number, self._last_hash)
+        line, mac = records.encode_checkpoint(
+            self._checkpoint_number + 1, last, self._checkpoint_mac, self._now_ms(), self._key
+        )
+        self._checkpoints.append(line)
+        self._checkpoint_number, self._checkpoint_mac, self._unmarked = self._checkpoint_number + 1, mac, False
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._is_open = False
+        self._journal.close()
+        self._checkpoints.close()

@@ -1,0 +1,88 @@
+"""Files, folders, addresses of the network: what the service will need at its start."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+from urllib.parse import urlsplit
+
+from drivebus.profiles.diagnostics import Issue, issue
+from drivebus.service.config.build import state_directory
+from drivebus.service.config.loopback import is_loopback
+from drivebus.service.config.parsed import ParsedPlant
+
+_ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
+
+
+def path_problems(draft: ParsedPlant) -> Iterator[Issue]:
+    yield from _check_directory(draft)
+    yield from _check_users(draft)
+    yield from _check_audit(draft)
+    yield from _check_web(draft)
+    yield from _check_history(draft)
+
+
+def _check_directory(draft: ParsedPlant) -> Iterator[Issue]:
+    plant = draft.file.plant
+    where = draft.resolve_path(plant.directory) if plant.directory else state_directory(plant.id)
+    if where.exists() and not where.is_dir():
+        yield issue("not_a_folder", ("plant", "directory"), str(where))
+
+
+def _check_users(draft: ParsedPlant) -> Iterator[Issue]:
+    if draft.file.plant.users is None:
+        return
+    where = draft.resolve_path(draft.file.plant.users)
+    if where.is_dir() or not where.parent.is_dir():
+        yield issue("users_file", ("plant", "users"), str(where))
+
+
+def _check_audit(draft: ParsedPlant) -> Iterator[Issue]:
+    for name in ("checkpoints", "key"):
+        text = getattr(draft.file.audit, name)
+        where = None if text is None else draft.resolve_path(text)
+        if where is not None and (where.is_dir() or not where.parent.is_dir()):
+            yield issue("audit_file", ("audit", name), str(where))
+
+
+def _check_web(draft: ParsedPlant) -> Iterator[Issue]:
+    web = draft.file.web
+    for name, other in (("certificate", "key"), ("key", "certificate")):
+        text = getattr(web, name)
+        if text is None:
+            continue
+        if not draft.resolve_path(text).is_file():
+            yield issue("web_file", ("web", name), str(draft.resolve_path(text)))
+        if getattr(web, other) is None:
+            yield issue("needs_other", ("web", name), text, other=other)
+    if web.enabled and web.certificate is None and not is_loopback(web.host):
+        yield issue("tls", ("web", "host"), web.host)
+    for origin in web.origins:
+        if not _ORIGIN.fullmatch(origin):
+            yield issue("origin", ("web", "origins"), origin)
+
+
+def _check_history(draft: ParsedPlant) -> Iterator[Issue]:
+    history = draft.file.history
+    if history.url is not None and not _is_postgres(history.url):
+        yield issue("history_url", ("history", "url"), redact_url(history.url))
+    steps = ("raw_days", "second_days", "minute_days", "hour_days")
+    for shorter, longer in pairwise(steps):
+        least, found = getattr(history, shorter), getattr(history, longer)
+        if found < least:
+            also = (("history", shorter),)
+            yield issue("retention", ("history", longer), found, shorter=shorter, least=f"{least:g}", related=also)
+
+
+def _is_postgres(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in ("postgresql", "postgres") and bool(parts.path.strip("/")) and parts.port != 0
+    except ValueError:
+        return False
+
+
+def redact_url(url: str) -> str:
+    """The URL without its password: complaints are shown, logged and sent."""
+    return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:…@", url)

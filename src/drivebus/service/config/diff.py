@@ -1,0 +1,125 @@
+"""What a changed ``plant.toml`` asks for: only this is done by a reload, everything else goes on. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import Any, Generic, Protocol, TypeVar
+
+from drivebus.service.config.model import AlarmConfig, BusConfig, DriveConfig, GroupConfig, InterlockConfig, PlantConfig
+
+
+class ReloadAction(StrEnum):
+    """What a reload does to a drive that was there before and still is."""
+
+    UNCHANGED = "untouched"
+    """Nothing: it misses no poll."""
+    UPDATE = "live"
+    """Title, limits, policies: taken over as they are; it misses no poll either."""
+    REPOLL = "polls"
+    """Its polls are replaced; it stays on its bus with its fences, permits and stops."""
+    RECREATE = "anew"
+    """It is another drive, or on another line: taken off its bus and added again."""
+
+
+UPDATE_FIELDS = frozenset({"title", "limits", "on_client_lost", "on_service_stop", "on_restart"})
+REPOLL_FIELDS = frozenset({"signals", "fastest_s"})
+UPDATE_BUS_FIELDS = frozenset({"title"})
+"""All other settings of a bus mean that its port is closed and another one opened."""
+_CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms")
+
+
+class _HasId(Protocol):
+    @property
+    def id(self) -> str: ...
+
+
+T = TypeVar("T", bound=_HasId)
+
+
+@dataclass(frozen=True, slots=True)
+class PartDiff(Generic[T]):
+    """One kind of thing: what came, what went, what is different; ``order`` is all of them as they are now."""
+
+    added: Mapping[str, T]
+    removed: tuple[str, ...]
+    changed: Mapping[str, T]
+    order: tuple[str, ...]
+
+    def __bool__(self) -> bool:
+        """Is there anything to do? Another order alone is not."""
+        return bool(self.added or self.removed or self.changed)
+
+    def applied(self, old: Sequence[T]) -> tuple[T, ...]:
+        known = {one.id: one for one in old} | dict(self.added) | dict(self.changed)
+        return tuple(known[id] for id in self.order)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigDiff:
+    """From one plant to another."""
+
+    buses: PartDiff[BusConfig]
+    drives: PartDiff[DriveConfig]
+    groups: PartDiff[GroupConfig]
+    interlocks: PartDiff[InterlockConfig]
+    alarms: PartDiff[AlarmConfig]
+    actions: Mapping[str, ReloadAction]
+    """Every drive that is in both."""
+    reopened: tuple[str, ...]
+    """Buses in both whose port must be closed and opened anew; their drives' fate is ``anew``."""
+    others: Mapping[str, Any]
+    """Further settings of the plant that changed (``title``, ``history``, ``web`` …), with their new values."""
+
+    def __bool__(self) -> bool:
+        """Does anything change?"""
+        return bool(any(getattr(self, name) for name in _CONFIG_PARTS) or self.others)
+
+    @property
+    def unchanged(self) -> tuple[str, ...]:
+        """Drives that miss no poll and change nothing, in the order of the new file."""
+        return tuple(id for id in self.drives.order if self.actions.get(id) is ReloadAction.UNCHANGED)
+
+
+def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
+    """What must be done to get from ``old`` to ``new``."""
+    parts: dict[str, Any] = {name: _part_diff(getattr(old, name), getattr(new, name)) for name in _CONFIG_PARTS}
+    before = {bus.id: bus for bus in old.buses}
+    reopened = tuple(
+        bus.id for bus in new.buses if bus.id in before and _changed_fields(before[bus.id], bus) - UPDATE_BUS_FIELDS
+    )
+    drives = {drive.id: drive for drive in old.drives}
+    fates = {drive.id: _reload_action(drives[drive.id], drive, reopened) for drive in new.drives if drive.id in drives}
+    others = {name: getattr(new, name) for name in _changed_fields(old, new) - set(_CONFIG_PARTS)}
+    return ConfigDiff(**parts, actions=fates, reopened=reopened, others=others)
+
+
+def apply_diff(change: ConfigDiff, old: PlantConfig) -> PlantConfig:
+    """``apply(difference(a, b), a) == b``."""
+    parts: dict[str, Any] = {name: getattr(change, name).applied(getattr(old, name)) for name in _CONFIG_PARTS}
+    return replace(old, **parts, **change.others)
+
+
+def _part_diff(old: Sequence[T], new: Sequence[T]) -> PartDiff[T]:
+    before, after = {one.id: one for one in old}, {one.id: one for one in new}
+    return PartDiff(
+        added={id: one for id, one in after.items() if id not in before},
+        removed=tuple(id for id in before if id not in after),
+        changed={id: one for id, one in after.items() if id in before and before[id] != one},
+        order=tuple(after),
+    )
+
+
+def _reload_action(old: DriveConfig, new: DriveConfig, reopened: Sequence[str]) -> ReloadAction:
+    found = _changed_fields(old, new)
+    if new.bus in reopened or found - UPDATE_FIELDS - REPOLL_FIELDS:
+        return ReloadAction.RECREATE
+    if found & REPOLL_FIELDS:
+        return ReloadAction.REPOLL
+    return ReloadAction.UPDATE if found else ReloadAction.UNCHANGED
+
+
+def _changed_fields(old: Any, new: Any) -> set[str]:
+    """Names of the fields that are different."""
+    return {one.name for one in fields(old) if getattr(old, one.name) != getattr(new, one.name)}

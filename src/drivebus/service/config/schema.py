@@ -1,0 +1,159 @@
+"""The shape of a ``plant.toml``: pydantic, strict, nothing unknown. What needs two keys at once is in ``check``.
+
+Everything that can be referred to is a table with its id in the header (``[drive.fan-1]``), so that no id is given
+twice and every complaint has a line. Each key has its paragraph in the catalogues, ``plant_config.key.<table>.<key>``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from drivebus.drives.eeprom_budget import DEFAULT_SAVES_PER_DAY
+from drivebus.service.api.operations import Id
+from drivebus.service.config.model import AlarmKind, HistoryConfig, WebConfig
+
+PLANT_FILE_FORMAT = 1
+"""Newest file format that this drivebus reads."""
+MIN_PERIOD_S = 0.05
+"""No poll more often: a transaction at 9600 baud takes about as long."""
+_DAY_S = 86_400.0
+
+Seconds = Annotated[float, Field(ge=0, le=_DAY_S)]
+Period = Annotated[float, Field(ge=MIN_PERIOD_S, le=_DAY_S)]
+Hertz = Annotated[float, Field(ge=0, le=1000)]
+Days = Annotated[float, Field(gt=0, le=100_000)]
+ShortText = Annotated[str, Field(min_length=1, max_length=200)]
+Expression = Annotated[str, Field(min_length=1, max_length=2000)]
+PathText = Annotated[str, Field(min_length=1, max_length=4096)]
+SettingValue = str | int | float | bool
+
+
+class StrictModel(BaseModel):
+    """No unknown keys, no coercion."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class TitleIn(StrictModel):
+    en: ShortText
+    zh: ShortText
+
+
+def _in_both_languages(value: Any) -> Any:
+    """One name for both languages may be written once."""
+    return {"en": value, "zh": value} if isinstance(value, str) else value
+
+
+Title = Annotated[TitleIn, BeforeValidator(_in_both_languages)]
+
+
+class PlantTable(StrictModel):
+    id: Id
+    title: Title | None = None
+    directory: PathText | None = None
+    users: PathText | None = None
+
+
+class BusTable(StrictModel):
+    link: Annotated[str, Field(min_length=1, max_length=1000)]
+    baud: Annotated[int | None, Field(ge=50, le=4_000_000)] = None
+    format: str | None = None
+    title: Title | None = None
+
+
+class LimitsTable(StrictModel):
+    minimum_hz: Hertz = 0.0
+    maximum_hz: Hertz | None = None
+    forward: bool = True
+    reverse: bool = True
+    saves_per_day: Annotated[int, Field(ge=0, le=10_000)] = DEFAULT_SAVES_PER_DAY
+
+
+class DriveTable(StrictModel):
+    bus: Id
+    address: Annotated[int, Field(ge=0, le=255)]
+    model: PathText
+    title: Title | None = None
+    encoding: str | None = None
+    settings: dict[str, SettingValue] = {}
+    limits: LimitsTable = LimitsTable()
+    signals: dict[str, Period] = {}
+    fastest_s: Annotated[float | None, Field(ge=0, le=_DAY_S)] = None
+    on_client_lost: Literal["hold", "stop"] = "hold"
+    on_service_stop: Literal["stop", "hold"] = "stop"
+    on_restart: Literal["adopt", "stop"] = "adopt"
+
+
+class GroupTable(StrictModel):
+    drives: Annotated[list[Id], Field(min_length=1)]
+    title: Title | None = None
+    stagger_s: Seconds = 0.0
+    at_once: Annotated[int, Field(ge=1, le=1000)] = 1
+    leader: Id | None = None
+    ratios: dict[Id, Annotated[float, Field(ge=0.01, le=100)]] = {}
+
+
+class InterlockTable(StrictModel):
+    drives: Annotated[list[Id], Field(min_length=1)]
+    require: Expression
+    action: Literal["stop", "block_start"] = "stop"
+    delay_s: Seconds = 0.0
+    title: Title | None = None
+
+
+AlarmKindName = Literal["above", "below", "fault", "silent", "stale"]
+assert set(AlarmKindName.__args__) == set(AlarmKind)  # type: ignore[attr-defined]
+
+
+class AlarmTable(StrictModel):
+    kind: AlarmKindName
+    drives: list[Id] = []
+    signal: str | None = None
+    threshold: float | None = None
+    hysteresis: Annotated[float, Field(ge=0)] = 0.0
+    delay_s: Seconds = 0.0
+    priority: Literal["urgent", "high", "low"] = "high"
+    title: Title | None = None
+
+
+_HISTORY, _WEB = HistoryConfig(), WebConfig()
+
+
+class HistoryTable(StrictModel):
+    url: Annotated[str, Field(max_length=1000)] | None = None
+    raw_days: Days = _HISTORY.raw_days
+    second_days: Days = _HISTORY.second_days
+    minute_days: Days = _HISTORY.minute_days
+    hour_days: Days = _HISTORY.hour_days
+    largest_mb: Annotated[float, Field(ge=10, le=100_000_000)] = _HISTORY.largest_mb
+
+
+class AuditTable(StrictModel):
+    checkpoints: PathText | None = None
+    key: PathText | None = None
+
+
+class WebTable(StrictModel):
+    host: Annotated[str, Field(min_length=1, max_length=255)] = _WEB.host
+    port: Annotated[int, Field(ge=0, le=65_535)] = _WEB.port
+    certificate: PathText | None = None
+    key: PathText | None = None
+    origins: list[str] = []
+    enabled: bool = _WEB.enabled
+
+
+class PlantFile(StrictModel):
+    """A whole file."""
+
+    format: int
+    plant: PlantTable
+    bus: dict[Id, BusTable] = {}
+    drive: dict[Id, DriveTable] = {}
+    group: dict[Id, GroupTable] = {}
+    interlock: dict[Id, InterlockTable] = {}
+    alarm: dict[Id, AlarmTable] = {}
+    history: HistoryTable = HistoryTable()
+    audit: AuditTable = AuditTable()
+    web: WebTable = WebTable()

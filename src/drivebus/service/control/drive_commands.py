@@ -1,0 +1,236 @@
+"""What is done to one drive. Every handler takes its checked parameters and the actor; rights were looked at before."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict
+from math import inf
+from typing import Any
+
+from drivebus.drives.context import DriveLimits
+from drivebus.drives.state import Outcome
+from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, StopUnconfirmed
+from drivebus.service.alarms import SystemAlarm
+from drivebus.service.api import operations as ask
+from drivebus.service.api.errors import outcome_json
+from drivebus.service.auth.actor import Actor
+from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
+from drivebus.service.control.permissives import check_start
+from drivebus.service.control.tickets import CommandTicket, MotionHandler
+from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.parts import OperationHandler
+from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.plant import Plant, narrow_limits
+
+Json = dict[str, Any]
+FollowerUpdate = Callable[[DriveRuntime, float, Actor], Awaitable[Json]]
+
+
+async def _no_followers(leader: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+    return {}
+
+
+class DriveCommands:
+    """Leases, arms, motion, parameters, waivers and limits of single drives."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self.update_followers: FollowerUpdate = _no_followers
+        """Called with a drive whose frequency has changed: its followers' part of the answer."""
+
+    def handlers(self) -> dict[str, OperationHandler]:
+        return {
+            "lease.take": self.take_lease,
+            "lease.renew": self.renew_lease,
+            "lease.release": self.release_lease,
+            "drive.arm": self.arm_start,
+            "drive.stop": self.stop,
+            "drive.reset": self.reset_fault,
+            "drive.release": self.release_start_inhibit,
+            "drive.waiver": self.grant_waiver,
+            "drive.unwaive": self.revoke_waiver,
+            "drive.limits": self.set_limits,
+            "parameters.write": self.write_parameters,
+        }
+
+    def motions(self) -> dict[str, MotionHandler]:
+        return {"drive.run": self.run, "drive.set_frequency": self.set_frequency}
+
+    def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
+        """The drive, which the actor may command now. Raises NotFound, ControlNotHeld."""
+        unit = self.plant.drive(drive)
+        self.plant.leases.require(drive, actor, self.plant.now())
+        return unit
+
+    def require_control_with_followers(self, drive: str, actor: Actor) -> DriveRuntime:
+        """``own`` for who changes a frequency that others follow. Raises ControlNotHeld, before anything is sent, unless the
+        actor may command each of them too."""
+        unit = self.require_control(drive, actor)
+        for _, follower in self.plant.followers(drive):
+            try:
+                self.require_control(follower.id, actor)
+            except ControlNotHeld as error:
+                raise ControlNotHeld("plant.follower_not_owned", drive=follower.id, leader=drive, why=error) from error
+        return unit
+
+    # --- who may --------------------------------------------------------------------------------------------------
+
+    async def take_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+        unit, now = self.plant.drive(params.drive), self.plant.now()
+        taken = self.plant.leases.take(unit.id, actor, now)
+        if taken is not None:
+            self.plant.publish_event("lease", unit.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
+        return self._lease_json(unit)
+
+    async def renew_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+        unit = self.plant.drive(params.drive)
+        self.plant.leases.renew(unit.id, actor, self.plant.now())
+        return self._lease_json(unit)
+
+    async def release_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+        unit = self.plant.drive(params.drive)
+        self.plant.leases.release(unit.id, actor, self.plant.now())
+        return {}
+
+    def _lease_json(self, unit: DriveRuntime) -> Json:
+        now = self.plant.now()
+        lease = self.plant.leases.get(unit.id, now)
+        return {"lease": None if lease is None else lease.view(now).as_json(), "ttl_s": LEASE_TTL_S}
+
+    async def arm_start(self, params: ask.DriveParams, actor: Actor) -> Json:
+        """The first step; refused for whatever the second would be refused for."""
+        unit = self.require_control(params.drive, actor)
+        check_start(self.plant, unit)
+        return {"arm": self.plant.arm_tokens.issue(unit.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
+
+    # --- motion ---------------------------------------------------------------------------------------------------
+
+    async def run(self, params: ask.RunParams, actor: Actor, ticket: CommandTicket) -> Json:
+        unit = self.require_control_with_followers(params.drive, actor)
+        check_start(self.plant, unit)
+        unit.drive.check_frequency(params.frequency_hz)
+        self.plant.arm_tokens.consume(params.arm, unit.id, actor, self.plant.now())
+        told = await self.start_drive(unit, params.frequency_hz, params.direction, actor, ticket.issued_at)
+        return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
+
+    async def start_drive(
+        self, unit: DriveRuntime, frequency_hz: float, direction: str | None, actor: Actor, requested_at: float
+    ) -> Json:
+        """Everything is allowed; from the moment its frame may have left the drive is one that we started."""
+        outcome = await self.run_motion(unit, unit.drive.run(frequency_hz, direction, requested_at=requested_at))
+        unit.commanded_hz = frequency_hz
+        return self.publish_outcome(unit, "run", outcome, actor, frequency_hz=frequency_hz)
+
+    async def run_motion(self, unit: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
+        """Do it; where nothing can have left, the drive is as much ours as it was."""
+        before, unit.started_by_service, unit.last_motion_at = unit.started_by_service, True, inf
+        try:
+            return await motion
+        except DrivebusError as error:
+            if error.outcome is None:
+                unit.started_by_service = before
+            raise
+        finally:
+            unit.last_motion_at = self.plant.now()
+
+    async def set_frequency(self, params: ask.SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
+        unit = self.require_control_with_followers(params.drive, actor)
+        outcome = await unit.drive.set_frequency(params.frequency_hz, ticket.issued_at)
+        unit.commanded_hz = params.frequency_hz
+        told = self.publish_outcome(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
+        return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
+
+    async def stop(self, params: ask.StopParams, actor: Actor) -> Json:
+        """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""
+        unit = self.plant.drive(params.drive)
+        self.plant.note_stop(unit)
+        ways = {"stop": unit.drive.stop, "coast": unit.drive.coast, "quick_stop": unit.drive.quick_stop}
+        return self.publish_outcome(unit, "stop", await self.finish_stop(unit, ways[params.how]()), actor)
+
+    async def finish_stop(self, unit: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
+        """A stop's outcome; one that is not confirmed raises an alarm, and is repeated by the drive itself."""
+        try:
+            outcome = await stop
+        except StopUnconfirmed:
+            self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+            raise
+        unit.started_by_service, unit.commanded_hz = False, None
+        self.plant.stop_counters.count_outcome(outcome)
+        self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+        return outcome
+
+    async def reset_fault(self, params: ask.DriveParams, actor: Actor) -> Json:
+        unit = self.require_control(params.drive, actor)
+        return self.publish_outcome(unit, "reset", await unit.drive.reset_fault(), actor)
+
+    async def release_start_inhibit(self, params: ask.DriveParams, actor: Actor) -> Json:
+        """Starts may be asked for again after a bus stop; nothing is sent."""
+        unit = self.require_control(params.drive, actor)
+        unit.bus.release_start([unit.config.address])
+        self.plant.publish_event("command", unit.id, "plant.released", actor=actor.name)
+        return {}
+
+    def publish_outcome(self, unit: DriveRuntime, word: str, outcome: Outcome, actor: Actor, **params: Any) -> Json:
+        """The outcome as JSON; everybody who listens hears of it too."""
+        said = outcome_json(outcome, self.plant.command_id(word))
+        self.plant.publish_event(
+            "stop" if word == "stop" else "command",
+            unit.id,
+            f"plant.did_{word}",
+            actor=actor.name,
+            outcome=str(outcome.word),
+            **params,
+            how=outcome,
+        )
+        return {"outcome": said}
+
+    async def write_parameters(self, params: ask.ParameterWriteParams, actor: Actor) -> Json:
+        """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
+        unit = self.require_control(params.drive, actor)
+        unit.invalidate_comm_loss()
+        try:
+            outcome = await unit.drive.write(params.values, params.save)
+        finally:
+            unit.invalidate_comm_loss()  # what was read meanwhile may have been the old value
+        self.plant.publish_event(
+            "configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word)
+        )
+        return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
+
+    # --- what an engineer allows ------------------------------------------------------------------------------------
+
+    async def grant_waiver(self, params: ask.WaiverParams, actor: Actor) -> Json:
+        unit = self.plant.drive(params.drive)
+        text = f"{params.reason} ({actor.name})"
+        waiver = CommLossWaiver.for_drive(text, unit.config, self.plant.bus_of(unit).config)
+        await self._store_value(f"waiver/{unit.id}", waiver.to_json())
+        unit.waiver = text
+        self.plant.publish_event("waiver", unit.id, "plant.waived", actor=actor.name, reason=params.reason)
+        return {"waiver": text}
+
+    async def _store_value(self, key: str, value: str) -> None:
+        """Durable on return; the bus does not wait for the disk. Raises ConfigurationError."""
+        await asyncio.to_thread(self.plant.store.put, key, value)
+
+    async def revoke_waiver(self, params: ask.DriveParams, actor: Actor) -> Json:
+        unit = self.plant.drive(params.drive)
+        await self._store_value(f"waiver/{unit.id}", "")
+        unit.waiver, unit.waiver_of_another = None, None
+        self.plant.publish_event("waiver", unit.id, "plant.unwaived", actor=actor.name)
+        return {}
+
+    async def set_limits(self, params: ask.LimitsParams, actor: Actor) -> Json:
+        """Narrower than the plant's file says, never wider. Raises LimitError."""
+        unit = self.plant.drive(params.drive)
+        own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)
+        lowest, highest = max(own.minimum_hz, unit.configured_range_hz[0]), unit.configured_range_hz[1]
+        wanted = highest if own.maximum_hz is None else own.maximum_hz
+        if wanted > highest or own.minimum_hz > wanted or lowest > wanted:
+            raise LimitError("plant.limits", drive=unit.id, minimum_hz=unit.configured_range_hz[0], maximum_hz=highest)
+        await self._store_value(f"limits/{unit.id}", json.dumps(asdict(own)))
+        unit.set_limits(narrow_limits(own, unit.config.limits))
+        self.plant.publish_event("configuration", unit.id, "plant.limited", actor=actor.name)
+        low, high = unit.drive.range_hz
+        return {"minimum_hz": low, "maximum_hz": high}

@@ -1,0 +1,252 @@
+"""Drives that start together: one after another, not too many at once, followers at their ratio to the leader.
+
+The leader comes first, and nobody follows a leader that does not go.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+from drivebus.drives.state import DriveState, OutcomeStatus
+from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
+from drivebus.service.api import operations as ask
+from drivebus.service.api.errors import error_to_json
+from drivebus.service.auth.actor import Actor
+from drivebus.service.config.model import GroupConfig
+from drivebus.service.control.drive_commands import DriveCommands
+from drivebus.service.control.leases import ARM_TTL_S
+from drivebus.service.control.permissives import check_start
+from drivebus.service.control.tickets import CommandTicket, MotionHandler, check_not_superseded
+from drivebus.service.live.views import text_json
+from drivebus.service.parts import OperationHandler
+from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.plant import Plant
+
+Json = dict[str, Any]
+SLOT_POLL_INTERVAL_S = 0.1
+ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
+DEFAULT_RAMP_S = 10.0
+"""A drive that does not tell counts as accelerating for its own ramp, or for so long where that is not known."""
+
+
+class GroupCommands:
+    """Starts and setpoints of groups."""
+
+    def __init__(self, plant: Plant, commands: DriveCommands) -> None:
+        self.plant, self.commands = plant, commands
+        self.progress: dict[str, int] = {}
+        """Groups that are being started, and how many of their drives have been."""
+        commands.update_followers = self.update_followers
+
+    def handlers(self) -> dict[str, OperationHandler]:
+        return {"group.arm": self.arm_start}
+
+    def motions(self) -> dict[str, MotionHandler]:
+        return {"group.start": self.start, "group.set_frequency": self.set_frequency}
+
+    def _require_control(self, id: str, actor: Actor) -> tuple[GroupConfig, list[DriveRuntime]]:
+        """Its drives, the leader first."""
+        group = self.plant.group(id)
+        order = sorted(group.drives, key=lambda drive: drive != group.leader)
+        return group, [self.commands.require_control(drive, actor) for drive in order]
+
+    async def arm_start(self, params: ask.GroupParams, actor: Actor) -> Json:
+        """The first step; refused for whatever the second would be refused for."""
+        group, units = self._require_control(params.group, actor)
+        for unit in units:
+            check_start(self.plant, unit)
+        return {
+            "arm": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
+            "expires_s": ARM_TTL_S,
+        }
+
+    async def start(self, params: ask.GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
+        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest, and so
+        does a leader that has not started.
+
+        The first drive's start is as old as the wish, each further one's as its turn: the lease shows that the wish
+        lives on. Raises Expired (TargetNotReached, where its frequency has left) for the first: then no other is tried.
+        """
+        group, units = self._require_control(params.group, actor)
+        if group.id in self.progress:
+            raise Superseded("plant.group_starting", group=group.id)
+        for unit in units:
+            check_start(self.plant, unit)
+            unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
+        self.plant.arm_tokens.consume(params.arm, f"group:{group.id}", actor, self.plant.now())
+        self.progress[group.id] = 0
+        outcomes: Json = {}
+        try:
+            for unit in units:
+                outcomes[unit.id] = await self._start_one(group, units, unit, ticket, params, actor)
+                if unit.id == group.leader and not _is_done(outcomes[unit.id]):
+                    return {"outcomes": outcomes | _skipped(group, units[1:])}
+                self.progress[group.id] += 1
+                ticket = replace(ticket, issued_at=self.plant.now())
+        finally:
+            self.progress.pop(group.id, None)
+        return {"outcomes": outcomes}
+
+    async def _start_one(
+        self,
+        group: GroupConfig,
+        units: list[DriveRuntime],
+        unit: DriveRuntime,
+        wish: CommandTicket,
+        params: ask.GroupStartParams,
+        actor: Actor,
+    ) -> Json:
+        """One drive's start, when it is its turn and nobody has stopped any of them since."""
+        try:
+            wished_at = await self._wait_for_slot(group, units, unit, wish)
+            check_not_superseded(self.plant, wish)
+            self._check_still_owner(unit, actor)
+            check_start(self.plant, unit)
+            if any(one.id not in self.plant.drives for one in units):
+                raise Superseded("plant.another_meanwhile", drive=unit.id)
+            frequency_hz = follower_hz(group, unit.id, params.frequency_hz)
+            found = await self.commands.start_drive(unit, frequency_hz, params.direction, actor, wished_at)
+        except DrivebusError as error:
+            if unit is units[0] and _is_expired(error):
+                raise  # the wish itself is too old, and so it is for all of them
+            return error_to_json(error)
+        unit.group_started_at = self.plant.now()
+        said: Json = found["outcome"]
+        return said
+
+    def _check_still_owner(self, unit: DriveRuntime, actor: Actor) -> None:
+        """Whoever has gone while the others started starts nothing more. Raises ControlNotHeld."""
+        lease = self.plant.leases.get(unit.id, self.plant.now())
+        if lease is None or lease.actor.session != actor.session:
+            raise ControlNotHeld("plant.lease_gone", drive=unit.id)
+
+    async def _wait_for_slot(
+        self, group: GroupConfig, units: list[DriveRuntime], unit: DriveRuntime, wish: CommandTicket
+    ) -> float:
+        """Since when its start is wished: where it has to wait, since its turn has come. Raises Superseded."""
+        wished_at = wish.issued_at
+        while not self._slot_free(group, units, unit):
+            await asyncio.sleep(SLOT_POLL_INTERVAL_S)
+            wished_at = self.plant.now()
+            check_not_superseded(self.plant, wish)
+        return wished_at
+
+    def _slot_free(self, group: GroupConfig, units: list[DriveRuntime], unit: DriveRuntime) -> bool:
+        now = self.plant.now()
+        last = max(
+            (one.group_started_at for one in units if one.group_started_at is not None and one.started_by_service),
+            default=None,
+        )
+        busy = sum(1 for one in units if one is not unit and self._is_accelerating(one, now))
+        return (last is None or now - last >= group.stagger_s) and busy < group.at_once
+
+    def _is_accelerating(self, unit: DriveRuntime, now: float) -> bool:
+        if unit.group_started_at is None or not unit.started_by_service:
+            return False
+        status = unit.status()
+        if status.state is DriveState.UNKNOWN:
+            ramp_s = unit.drive.acceleration_s
+            return now - unit.group_started_at < (DEFAULT_RAMP_S if ramp_s is None else ramp_s)
+        fresh = status.at is not None and status.at >= unit.group_started_at
+        return not fresh or status.state in ACCELERATING_STATES
+
+    async def set_frequency(self, params: ask.GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
+        """The leader's frequency (everybody's where there is no leader), then the followers' at their ratio."""
+        group, units = self._require_control(params.group, actor)
+        for unit in units:
+            unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
+        first = units[:1] if group.leader else []
+        outcomes = {
+            unit.id: await self._set_drive_frequency(unit, follower_hz(group, unit.id, params.frequency_hz), actor)
+            for unit in first
+        }
+        rest = units[len(first) :]
+        if not all(map(_is_done, outcomes.values())):
+            return {"outcomes": outcomes | _skipped(group, rest)}
+        found = await asyncio.gather(
+            *(self._set_follower_unless_stopped(group, unit, params.frequency_hz, actor, ticket) for unit in rest)
+        )
+        return {"outcomes": outcomes | {unit.id: one for unit, one in zip(rest, found, strict=True)}}
+
+    async def _set_follower_unless_stopped(
+        self, group: GroupConfig, unit: DriveRuntime, frequency_hz: float, actor: Actor, wish: CommandTicket
+    ) -> Json:
+        """Unless one of them has been stopped while the leader got its frequency."""
+        try:
+            check_not_superseded(self.plant, wish)
+        except Superseded as error:
+            return error_to_json(error)
+        return await self._set_follower(group, unit, frequency_hz, actor)
+
+    async def _set_drive_frequency(self, unit: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        try:
+            outcome = await unit.drive.set_frequency(frequency_hz)
+        except DrivebusError as error:
+            return error_to_json(error)
+        unit.commanded_hz = frequency_hz
+        said: Json = self.commands.publish_outcome(unit, "set_frequency", outcome, actor, frequency_hz=frequency_hz)[
+            "outcome"
+        ]
+        return said
+
+    async def update_followers(self, leader: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        """The leader got another frequency: whoever follows it and runs gets its share."""
+        found: Json = {}
+        for group, unit in self.plant.followers(leader.id):
+            found[unit.id] = await self._set_follower(group, unit, frequency_hz, actor)
+        return found
+
+    async def _set_follower(self, group: GroupConfig, unit: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        """Its lease may have ended while the leader was commanded, or it may just have been started by another."""
+        try:
+            self.commands.require_control(unit.id, actor)
+        except ControlNotHeld as error:
+            self.plant.publish_event("command", unit.id, "plant.does_not_follow", actor=actor.name, why=error)
+            return error_to_json(error)
+        return await self._set_drive_frequency(unit, follower_hz(group, unit.id, frequency_hz), actor)
+
+    def group_view(self, group: GroupConfig) -> Json:
+        """Topic ``groups/<id>``."""
+        started = self.progress.get(group.id)
+        progress = None if started is None else {"started": started, "of": len(group.drives)}
+        state = "starting" if progress else self._group_state(group)
+        return {
+            "id": group.id,
+            "title": text_json(group.title),
+            "drives": list(group.drives),
+            "leader": group.leader,
+            "ratios": dict(group.ratios),
+            "state": state,
+            "progress": progress,
+        }
+
+    def _group_state(self, group: GroupConfig) -> str:
+        states = [self.plant.drives[id].status().state for id in group.drives if id in self.plant.drives]
+        if any(state is DriveState.UNKNOWN for state in states):
+            return "unknown"
+        turning = [state.turning for state in states]
+        return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def _is_expired(error: DrivebusError) -> bool:
+    """Was it not sent because it was too old, be it after its frequency had been?"""
+    return isinstance(error, Expired) or isinstance(error.params.get("why"), Expired)
+
+
+def _is_done(outcome: Json) -> bool:
+    return outcome.get("word") in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
+
+
+def _skipped(group: GroupConfig, units: list[DriveRuntime]) -> Json:
+    """What becomes of the followers of a leader that did not do it."""
+    return {
+        unit.id: error_to_json(ServiceError("plant.leader_not_done", drive=unit.id, leader=group.leader))
+        for unit in units
+    }
+
+
+def follower_hz(group: GroupConfig, drive: str, frequency_hz: float) -> float:
+    """What the drive gets when its group (or leader) gets ``frequency_hz``."""
+    return frequency_hz * group.ratios.get(drive, 1.0)

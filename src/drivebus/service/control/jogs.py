@@ -1,0 +1,113 @@
+"""Jogs held from afar: each ends when its holder lets go, or half a second after the last renewal (T13)."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus.drives.jog_session import JogSession
+from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
+from drivebus.service.api import operations as ask
+from drivebus.service.auth.actor import Actor
+from drivebus.service.control.drive_commands import DriveCommands
+from drivebus.service.control.permissives import check_start
+from drivebus.service.control.tickets import CommandTicket, MotionHandler
+from drivebus.service.parts import OperationHandler
+from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.plant import Plant
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveJog:
+    """One jog and who holds it."""
+
+    drive: DriveRuntime
+    actor: Actor
+    lease: JogSession
+
+
+class RemoteJogs:
+    """Jogs that go on now."""
+
+    def __init__(self, plant: Plant, commands: DriveCommands) -> None:
+        self.plant, self.commands = plant, commands
+        self._active: dict[str, ActiveJog] = {}
+        self._stop_tasks: set[asyncio.Task[None]] = set()
+
+    def handlers(self) -> dict[str, OperationHandler]:
+        return {"drive.jog_renew": self.renew, "drive.jog_end": self.stop}
+
+    def motions(self) -> dict[str, MotionHandler]:
+        return {"drive.jog": self.start}
+
+    async def start(self, params: ask.JogParams, actor: Actor, ticket: CommandTicket) -> Json:
+        """A jog is a start: it needs all that a start needs."""
+        unit = self.commands.require_control(params.drive, actor)
+        check_start(self.plant, unit)
+        lease = unit.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
+        self.plant.arm_tokens.consume(params.arm, unit.id, actor, self.plant.now())
+        await self.commands.run_motion(unit, _start_session(lease))
+        word = secrets.token_urlsafe(12)
+        self._active[word] = ActiveJog(unit, actor, lease)
+        assert lease.begun is not None
+        told = self.commands.publish_outcome(unit, "jog", lease.begun, actor)
+        return {"jog": word, "lease_s": lease.lease_s, **told}
+
+    async def renew(self, params: ask.ActiveJogParams, actor: Actor) -> Json:
+        """The hand is still on the key. Raises StartInhibited where it came too late: the motor was stopped."""
+        held = self._find(params)
+        if held.actor.session != actor.session:
+            raise ControlNotHeld("plant.not_owner", drive=held.drive.id, owner=held.actor.name)
+        held.lease.renew()
+        return {"lease_s": held.lease.lease_s}
+
+    async def stop(self, params: ask.ActiveJogParams, actor: Actor) -> Json:
+        """Whoever may stop may end it."""
+        held = self._find(params)
+        self._active.pop(params.jog, None)
+        self.plant.note_stop(held.drive)
+        outcome = await self.commands.finish_stop(held.drive, _stop_session(held.lease))
+        return self.commands.publish_outcome(held.drive, "stop", outcome, actor)
+
+    def _find(self, params: ask.ActiveJogParams) -> ActiveJog:
+        held = self._active.get(params.jog)
+        if held is None or held.drive.id != params.drive:
+            raise NotFound("plant.no_jog", id=params.drive)
+        return held
+
+    def expire(self) -> None:
+        """Jogs whose lease was lost: their stop is on its way already; who hears of it is told how it ended."""
+        for word, held in tuple(self._active.items()):
+            if held.lease.lost:
+                del self._active[word]
+                self.plant.note_stop(held.drive)
+                self.plant.publish_event("lease", held.drive.id, "plant.jog_lost", actor=held.actor.name)
+                task = asyncio.create_task(self._finish_expired(held), name=f"lost jog of {held.drive.id}")
+                self._stop_tasks.add(task)
+                task.add_done_callback(self._stop_tasks.discard)
+
+    async def _finish_expired(self, held: ActiveJog) -> None:
+        try:
+            outcome = await self.commands.finish_stop(held.drive, _stop_session(held.lease))
+        except DrivebusError:
+            return  # an unconfirmed stop has raised its alarm and is being repeated
+        self.commands.publish_outcome(held.drive, "stop", outcome, held.actor)
+
+    async def close(self) -> None:
+        """End them all."""
+        held, self._active = tuple(self._active.values()), {}
+        await asyncio.gather(*(_stop_session(one.lease) for one in held), *self._stop_tasks, return_exceptions=True)
+
+
+async def _start_session(lease: JogSession) -> Any:
+    await lease.__aenter__()
+    return lease.begun
+
+
+async def _stop_session(lease: JogSession) -> Any:
+    await lease.__aexit__(None, None, None)
+    return lease.ended

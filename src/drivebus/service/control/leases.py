@@ -1,0 +1,128 @@
+"""Who may command a drive, and the first step of a start from afar. Pure: ``now`` is an argument (S20)."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+from drivebus.errors import ArmRequired, ControlNotHeld
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.rights import Right
+from drivebus.service.live.views import LeaseView
+
+LEASE_TTL_S = 10.0
+"""A lease that nobody renews for so long is over."""
+ARM_TTL_S = 10.0
+"""A start follows its arming within this time (6.5)."""
+MAX_ARM_TOKENS = 100
+"""So many arms are kept at once; the oldest goes first (I12)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLease:
+    """One drive's owner until a monotonic second."""
+
+    drive: str
+    actor: Actor
+    expires_at: float
+
+    def view(self, now: float) -> LeaseView:
+        return LeaseView(self.actor.name, self.actor.session, max(0.0, self.expires_at - now))
+
+
+class ControlLeases:
+    """At most one owner a drive."""
+
+    def __init__(self) -> None:
+        self._leases: dict[str, ControlLease] = {}
+        self._replaced_expired: list[ControlLease] = []
+        """Ran out, and somebody took the drive before that was told."""
+
+    def get(self, drive: str, now: float) -> ControlLease | None:
+        """The lease in force."""
+        lease = self._leases.get(drive)
+        return lease if lease is not None and now < lease.expires_at else None
+
+    def take(self, drive: str, actor: Actor, now: float) -> ControlLease | None:
+        """Own the drive from now on; returns the lease that was taken from somebody (an engineer may).
+
+        Raises ControlNotHeld where somebody else holds it and the actor may not take it away.
+        """
+        held = self.get(drive, now)
+        taken = held if held is not None and held.actor.session != actor.session else None
+        if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
+            raise _not_owner_error(taken)
+        old = self._leases.get(drive)
+        if held is None and old is not None and old.actor.session != actor.session:
+            self._replaced_expired.append(old)
+        self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
+        return taken
+
+    def renew(self, drive: str, actor: Actor, now: float) -> ControlLease:
+        """Ten seconds more. Raises ControlNotHeld where the lease is over or somebody else's."""
+        self.require(drive, actor, now)
+        lease = self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
+        return lease
+
+    def require(self, drive: str, actor: Actor, now: float) -> None:
+        """Raises ControlNotHeld unless the actor owns the drive now. Whoever sits at the plant itself takes a free one."""
+        held = self.get(drive, now)
+        if held is None and not actor.remote:
+            self.take(drive, actor, now)
+        elif held is None:
+            raise ControlNotHeld("plant.no_lease", drive=drive)
+        elif held.actor.session != actor.session:
+            raise _not_owner_error(held)
+
+    def release(self, drive: str, actor: Actor, now: float) -> None:
+        """Give it up. Raises ControlNotHeld where it is somebody else's; nothing happens where it is nobody's."""
+        held = self.get(drive, now)
+        if held is not None and held.actor.session != actor.session:
+            raise _not_owner_error(held)
+        if held is not None:
+            del self._leases[drive]
+
+    def pop_expired(self, now: float) -> list[ControlLease]:
+        """Leases that have run out, told once."""
+        over = [lease for lease in self._leases.values() if lease.expires_at <= now]
+        for lease in over:
+            del self._leases[lease.drive]
+        before, self._replaced_expired = self._replaced_expired, []
+        return before + over
+
+    def remove_drive(self, drive: str) -> None:
+        """The drive is no longer part of the plant."""
+        self._leases.pop(drive, None)
+
+
+def _not_owner_error(lease: ControlLease) -> ControlNotHeld:
+    return ControlNotHeld("plant.not_owner", drive=lease.drive, owner=lease.actor.name)
+
+
+class ArmTokens:
+    """First steps that have not been followed yet; each serves once (S16)."""
+
+    def __init__(self) -> None:
+        self._tokens: dict[str, tuple[str, str, float]] = {}
+
+    def issue(self, what: str, actor: Actor, now: float) -> str:
+        """A word that lets this session start ``what`` once within ten seconds."""
+        while len(self._tokens) >= MAX_ARM_TOKENS:
+            self._tokens.pop(next(iter(self._tokens)))
+        word = secrets.token_urlsafe(16)
+        self._tokens[word] = what, actor.session, now + ARM_TTL_S
+        return word
+
+    def consume(self, word: str | None, what: str, actor: Actor, now: float) -> None:
+        """Raises ArmRequired for a remote actor whose word is missing, used, too old, voided or somebody else's."""
+        if not actor.remote:
+            return
+        if word is None:
+            raise ArmRequired("plant.arm_needed", what=what)
+        found = self._tokens.pop(word, None)
+        if found is None or found[:2] != (what, actor.session) or now > found[2]:
+            raise ArmRequired("plant.arm_void", what=what, limit_s=ARM_TTL_S)
+
+    def revoke(self, *whats: str) -> None:
+        """A stop: whoever armed these before has to arm them anew (6.5)."""
+        self._tokens = {word: one for word, one in self._tokens.items() if one[0] not in whats}

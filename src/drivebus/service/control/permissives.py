@@ -1,0 +1,52 @@
+"""What forbids a start now: said in every view before anyone tries, and refused when somebody does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from drivebus.drives import permissives
+from drivebus.drives.operations.runner import bus_conditions
+from drivebus.errors import AuditUnavailable, DrivebusError, Interlocked, ServiceUnavailable, WaiverRequired
+from drivebus.service.api.errors import localized, to_plain
+from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.plant import Plant
+
+Json = dict[str, Any]
+
+
+def start_blockers(plant: Plant, unit: DriveRuntime) -> Iterator[DrivebusError]:
+    """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
+    if plant.state != "running":
+        yield ServiceUnavailable("plant.stopping")
+        return
+    address = unit.config.address
+    around = bus_conditions(unit.bus, address)
+    yield from permissives.unmet_bus_permissives(address, around)
+    yield from permissives.unmet_start_permissives(around, unit.profile.family)
+    for violation in plant.parts.interlocks.violations(unit.id):
+        yield Interlocked("interlocks.violated", **violation.message_params)
+    if unit.comm_loss.kind != "trips" and unit.waiver is None:
+        yield _waiver_needed(unit)
+    if not plant.parts.trail.ok:
+        yield AuditUnavailable("plant.audit_unavailable")
+
+
+def _waiver_needed(unit: DriveRuntime) -> WaiverRequired:
+    """Somebody has recorded a waiver, for another drive: told, so that nobody looks for it."""
+    other = unit.waiver_of_another
+    if other is None:
+        return WaiverRequired("plant.waiver_needed", drive=unit.id, why=unit.comm_loss.text)
+    return WaiverRequired("plant.waiver_of_another", drive=unit.id, why=unit.comm_loss.text, **other.recorded_for)
+
+
+def start_blockers_json(plant: Plant, unit: DriveRuntime) -> Iterator[Json]:
+    """The same as JSON."""
+    for error in start_blockers(plant, unit):
+        yield {"key": error.key, "params": to_plain(error.params), "text": localized(error.key, error.params)}
+
+
+def check_start(plant: Plant, unit: DriveRuntime) -> None:
+    """Raises the first of them."""
+    for error in start_blockers(plant, unit):
+        raise error

@@ -1,0 +1,147 @@
+"""History as a file for other programs, in parts that each fit one line of the plant's socket."""
+
+from __future__ import annotations
+
+import csv
+import io
+from base64 import b64encode
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from drivebus.errors import ConfigurationError, InvalidParameters
+from drivebus.service.api.operations import ExportParams
+from drivebus.service.api.param_errors import param_fault
+from drivebus.service.historian.cursors import decode_cursor, encode_cursor
+from drivebus.service.historian.points import QUALITY_BY_CODE
+from drivebus.service.historian.reader import HistoryReader
+from drivebus.service.historian.resolution import LEVEL_BY_NAME, RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.store import Tag
+
+Json = dict[str, Any]
+ExportRow = tuple[Any, ...]
+
+CSV_ROWS_PER_PART = 20_000
+"""Of CSV in one part: some 1.5 MB."""
+MAX_PARQUET_EXPORTS = 4
+"""Parquet exports that may be under way; each holds a part in memory. A further one ends the oldest."""
+
+EXPORT_COLUMNS: dict[bool, tuple[str, ...]] = {
+    True: ("time", "tag", "value", "unit", "quality", "number"),
+    False: ("time", "tag", "minimum", "mean", "maximum", "unit", "quality", "values"),
+}
+"""Of raw samples (``number``: in the order of their coming) and of rollups (``values``: how many it stands for)."""
+
+_FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
+
+
+def escape_formula(text: str) -> str:
+    """Text that no spreadsheet takes for a formula (S17)."""
+    return f"'{text}" if text.startswith(_FORMULA_PREFIXES) else text
+
+
+def iso_time(time_ms: int) -> str:
+    return datetime.fromtimestamp(time_ms / 1000, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def export_windows(
+    reader: HistoryReader, asked: ExportParams, tags: Mapping[str, Tag], from_ms: int
+) -> Iterator[tuple[int, list[ExportRow]]]:
+    """Stretch by stretch: its beginning (ms) and its rows by time, from the one on that ``from_ms`` lies in."""
+    level = LEVEL_BY_NAME[asked.resolution]
+    ids = [tag.id for tag in tags.values()]
+    length = RESOLUTIONS[level].partition_ms
+    start = reader.next_partition(level, ids, from_ms // length * length)
+    while start is not None and start <= asked.to_ms:
+        first, last = max(start, asked.from_ms), min(start + length - 1, asked.to_ms)
+        rows = (
+            _sample_rows(reader, tags, first, last)
+            if level is ResolutionLevel.RAW
+            else _point_rows(reader, level, tags, first, last)
+        )
+        yield start, rows
+        start = reader.next_partition(level, ids, start + length)
+
+
+def _sample_rows(reader: HistoryReader, tags: Mapping[str, Tag], first: int, last: int) -> list[ExportRow]:
+    found = reader.samples([tag.id for tag in tags.values()], first, last)
+    rows = [
+        (time, name, None if value != value else value, tag.unit, str(QUALITY_BY_CODE[code]), number)
+        for name, tag in tags.items()
+        for number, time, value, code in zip(found[tag.id].number, *found[tag.id].samples, strict=True)
+    ]
+    return sorted(rows, key=lambda row: (row[0], row[1], row[5]))
+
+
+def _point_rows(
+    reader: HistoryReader, level: ResolutionLevel, tags: Mapping[str, Tag], first: int, last: int
+) -> list[ExportRow]:
+    found = dict(reader.points(level, [tag.id for tag in tags.values()], first, last))
+    rows = [
+        (time, name, *((low, mean, high) if n else (None, None, None)), tag.unit, str(QUALITY_BY_CODE[code]), n)
+        for name, tag in tags.items()
+        for time, n, low, mean, high, code in zip(*found[tag.id].columns(), strict=True)
+    ]
+    return sorted(rows, key=lambda row: row[:2])
+
+
+class HistoryExporter:
+    """All methods run on the reader's thread."""
+
+    def __init__(self, reader: HistoryReader) -> None:
+        self._reader = reader
+        self._running: dict[int, tuple[int, Iterator[bytes]]] = {}
+        self._serial = 0
+
+    def next_part(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+        """One part; ``next`` is None after the last. Raises InvalidParameters, ConfigurationError, StoreError."""
+        name = f"history-{asked.resolution}-{iso_time(asked.from_ms)[:10]}.{asked.format}"
+        made = self._csv(asked, tags) if asked.format == "csv" else self._parquet(asked, tags)
+        return {"file": name, **made}
+
+    def _csv(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+        """Without a memory between the parts: the cursor tells the stretch and the row in it."""
+        text = io.StringIO()
+        writer = csv.writer(text)
+        at, skip = (asked.from_ms, 0) if asked.cursor is None else decode_cursor(asked.cursor, 2)
+        if asked.cursor is None:
+            writer.writerow(EXPORT_COLUMNS[asked.resolution == "raw"])
+        room = CSV_ROWS_PER_PART
+        for start, rows in export_windows(self._reader, asked, tags, at):
+            part = rows[skip : skip + room]
+            writer.writerows([iso_time(row[0]), *map(_csv_cell, row[1:])] for row in part)
+            room -= len(part)
+            if skip + len(part) < len(rows):
+                return {"text": text.getvalue(), "next": encode_cursor(start, skip + len(part))}
+            skip = 0
+        return {"text": text.getvalue(), "next": None}
+
+    def _parquet(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+        """The cursor tells which export and how many parts are gone."""
+        try:
+            from drivebus.service.historian.parquet import parquet_parts
+        except ImportError as error:
+            raise ConfigurationError("history.no_pyarrow") from error
+        if asked.cursor is None:
+            self._serial, serial, gone = self._serial + 1, self._serial + 1, 0
+            rows = (rows for _, rows in export_windows(self._reader, asked, tags, asked.from_ms))
+            self._running[serial] = (0, parquet_parts(rows, EXPORT_COLUMNS[asked.resolution == "raw"]))
+            if len(self._running) > MAX_PARQUET_EXPORTS:
+                del self._running[min(self._running)]
+        else:
+            serial, gone = decode_cursor(asked.cursor, 2)
+        done, made = self._running.get(serial, (-1, iter(())))
+        if done != gone:
+            raise InvalidParameters("plant.params", faults=[param_fault("cursor", asked.cursor, "export_over")])
+        data = next(made, None)
+        if data is None:
+            del self._running[serial]
+            return {"base64": "", "next": None}
+        self._running[serial] = (gone + 1, made)
+        return {"base64": b64encode(data).decode(), "next": encode_cursor(serial, gone + 1)}
+
+
+def _csv_cell(value: Any) -> Any:
+    if value is None:
+        return ""
+    return escape_formula(value) if isinstance(value, str) else value

@@ -1,0 +1,127 @@
+"""The one door to asyncpg: a PostgreSQL server, with a loop of its own for each connection's thread.
+
+The tables lie in the schema ``drivebus``, or where the address says (``postgresql://host/name?search_path=north``).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from itertools import count
+from re import sub
+from typing import Any
+
+import asyncpg  # type: ignore[import-untyped]
+
+from drivebus.service.historian.sql import SqlRow
+
+POSTGRES_CONNECT_TIMEOUT_S = 5.0
+POSTGRES_QUERY_TIMEOUT_S = 20.0
+"""A server that takes longer counts as gone."""
+POSTGRES_SCHEMA = "drivebus"
+
+
+class DatabaseInUse(Exception):
+    """Another service writes to these tables."""
+
+
+class PostgresConnection:
+    """A connection to ``url``; a reader never writes."""
+
+    errors: tuple[type[Exception], ...] = (
+        asyncpg.PostgresError,
+        asyncpg.InterfaceError,
+        OSError,
+        TimeoutError,
+        ValueError,
+        DatabaseInUse,
+    )
+    type_names = {"id": "BIGSERIAL PRIMARY KEY", "bytes": "BYTEA"}
+
+    def __init__(self, url: str, *, reader: bool = False) -> None:
+        self._url = url
+        self._reader = reader
+        self._runner: asyncio.Runner | None = None
+        self._connection: asyncpg.Connection | None = None
+
+    def connect(self) -> None:
+        self._runner = asyncio.Runner()
+        self._connection = self._run_coroutine(
+            asyncpg.connect(self._url, timeout=POSTGRES_CONNECT_TIMEOUT_S, command_timeout=POSTGRES_QUERY_TIMEOUT_S)
+        )
+        if "$user" in self.fetch("SHOW search_path")[0][0]:
+            self.execute(f"SET search_path TO {POSTGRES_SCHEMA}")
+        if self._reader:
+            self.execute("SET default_transaction_read_only = on")
+            return
+        self.execute("SET synchronous_commit = on")
+        path = self.fetch("SHOW search_path")[0][0]
+        if not self.fetch("SELECT pg_try_advisory_lock(hashtext('drivebus ' || ?))", path)[0][0]:
+            raise DatabaseInUse("another service writes its history to this database")
+        if self.fetch("SELECT current_schema()")[0][0] is None:
+            self.execute(f"CREATE SCHEMA IF NOT EXISTS {path}")
+
+    def _run_coroutine(self, work: Coroutine[Any, Any, Any]) -> Any:
+        if self._runner is None:
+            work.close()
+            raise asyncpg.InterfaceError("not open")
+        return self._runner.run(work)
+
+    @property
+    def _connected(self) -> asyncpg.Connection:
+        if self._connection is None:
+            raise asyncpg.InterfaceError("not open")
+        return self._connection
+
+    def close(self) -> None:
+        database, self._connection = self._connection, None
+        runner, self._runner = self._runner, None
+        if runner is None:
+            return
+        try:
+            if database is not None:
+                runner.run(database.close(timeout=POSTGRES_CONNECT_TIMEOUT_S))
+        finally:
+            runner.close()
+
+    def version(self) -> int:
+        made = self.fetch("SELECT to_regclass('meta') IS NOT NULL")[0][0]
+        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
+
+    def fetch(self, statement: str, *given: Any) -> list[SqlRow]:
+        return [tuple(row) for row in self._run_coroutine(self._connected.fetch(_numbered(statement), *given))]
+
+    def execute(self, statement: str, *given: Any) -> int:
+        """The server answers ``DELETE 5``, ``INSERT 0 5``."""
+        words = str(self._run_coroutine(self._connected.execute(_numbered(statement), *given))).split()
+        return int(words[-1]) if words and words[-1].isdigit() else 0
+
+    def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None:
+        self._run_coroutine(self._connected.executemany(_numbered(statement), given))
+
+    @contextmanager
+    def transaction(self, *, writing: bool) -> Iterator[None]:
+        self.execute("BEGIN" if writing else "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
+        try:
+            yield
+            self.execute("COMMIT")
+        except BaseException:
+            if not self._connected.is_closed():
+                self.execute("ROLLBACK")
+            raise
+
+    def size_bytes(self) -> int:
+        """The packed data with some room for keys; what the server keeps beside is its own."""
+        return int(self.fetch("SELECT coalesce(sum(octet_length(data) + 100), 0) FROM block")[0][0])
+
+    def vacuum(self) -> None:
+        """The server's autovacuum does that."""
+
+
+@cache
+def _numbered(statement: str) -> str:
+    """``?`` as ``$1``, ``$2`` …"""
+    numbers = count(1)
+    return sub(r"\?", lambda _: f"${next(numbers)}", statement)

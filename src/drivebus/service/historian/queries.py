@@ -1,0 +1,123 @@
+"""What can be asked of the history: tags, trends, files, events, documents. The reader's thread answers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from drivebus.errors import InvalidParameters, NotFound, ServiceUnavailable
+from drivebus.service.api.operations import ExportParams, TimeRangeParams, TrendParams
+from drivebus.service.api.param_errors import param_fault
+from drivebus.service.historian import trend
+from drivebus.service.historian.cursors import decode_cursor, encode_cursor
+from drivebus.service.historian.export import HistoryExporter
+from drivebus.service.historian.points import Points
+from drivebus.service.historian.reader import HistoryReader
+from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.store import EventQuery, HistoryStore, StoreError, Tag
+from drivebus.service.historian.writer import HistoryWriter
+
+Json = dict[str, Any]
+T = TypeVar("T")
+
+
+class HistoryQueries:
+    """The reading half of a historian."""
+
+    def __init__(self, writer: HistoryWriter, store: HistoryStore) -> None:
+        self.writer = writer
+        self._reader = HistoryReader(store, lambda: writer.open_blocks)
+        self._exports = HistoryExporter(self._reader)
+        self._read_thread = ThreadPoolExecutor(1, "history-reader")
+
+    async def _on_reader_thread(self, work: Callable[[], T]) -> T:
+        """Raises ServiceUnavailable; the connection that failed is made anew for the next one."""
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._read_thread, work)
+        except StoreError as error:
+            with contextlib.suppress(StoreError):
+                await asyncio.get_running_loop().run_in_executor(self._read_thread, self._reader.close)
+            raise ServiceUnavailable("history.unavailable", why=str(error)) from error
+
+    def tags(self) -> Json:
+        """Every tag that has history, by name."""
+        known = sorted(self.writer.tags.values(), key=lambda tag: tag.name)
+        return {"tags": [_tag_json(tag) for tag in known]}
+
+    def tag_ids(self, names: Sequence[str]) -> dict[str, int]:
+        """Raises NotFound."""
+        for name in names:
+            if name not in self.writer.tags:
+                raise NotFound("history.no_tag", tag=name)
+        return {name: self.writer.tags[name].id for name in names}
+
+    async def trend(self, asked: TrendParams) -> Json:
+        """See ``history.trend``. Raises NotFound, InvalidParameters, ServiceUnavailable."""
+        ids = self.tag_ids(asked.tags)
+        check_time_order(asked.from_ms, asked.to_ms)
+        return await self._on_reader_thread(lambda: self._trend(asked, ids))
+
+    def _trend(self, asked: TrendParams, ids: Mapping[str, int]) -> Json:
+        span = asked.from_ms, asked.to_ms
+        names = {tag: name for name, tag in ids.items()}
+
+        def read(level: ResolutionLevel) -> dict[str, Points]:
+            found = self._reader.points(level, list(names), *span)
+            return {names[tag]: trend.downsample(points, level, *span, asked.points) for tag, points in found}
+
+        level, shown = trend.coarsest_covering(trend.coarsest_sufficient(*span, asked.points), *span, read)
+        return {
+            "resolution": RESOLUTIONS[level].name,
+            "series": {name: trend.series_json(one) for name, one in shown.items()},
+        }
+
+    async def events(self, asked: TimeRangeParams) -> Json:
+        """See ``history.markers``: newest first. Raises InvalidParameters, ServiceUnavailable."""
+        check_time_order(asked.from_ms, asked.to_ms)
+        last = None if asked.cursor is None else decode_cursor(asked.cursor, 2)
+        before = None if last is None else (last[0], last[1])
+        window = EventQuery(asked.from_ms, asked.to_ms, asked.drive, before, asked.limit + 1)
+        rows = await self._on_reader_thread(lambda: self._reader.store.events(window))
+        shown = rows[: asked.limit]
+        more = encode_cursor(shown[-1].time_ms, shown[-1].id) if len(rows) > len(shown) else None
+        return {"items": [json.loads(row.data) for row in shown], "next": more}
+
+    async def export(self, asked: ExportParams) -> Json:
+        """See ``history.export``. Raises NotFound, InvalidParameters, ConfigurationError, ServiceUnavailable."""
+        self.tag_ids(asked.tags)
+        check_time_order(asked.from_ms, asked.to_ms)
+        tags = {name: self.writer.tags[name] for name in asked.tags}
+        return await self._on_reader_thread(lambda: self._exports.next_part(asked, tags))
+
+    async def documents(self, kind: str) -> dict[str, Any]:
+        """Everything durable of a kind, by id. Raises ServiceUnavailable."""
+        rows = await self._on_reader_thread(lambda: self._reader.store.documents(kind))
+        return {row.id: json.loads(row.data) for row in rows if row.data is not None}
+
+    def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
+        """The operations ``history.*``, called with their parameters and the actor."""
+
+        async def tags(_params: Any, _actor: Any) -> Json:
+            return self.tags()
+
+        return {
+            "history.tags": tags,
+            "history.trend": lambda params, _actor: self.trend(params),
+            "history.export": lambda params, _actor: self.export(params),
+            "history.markers": lambda params, _actor: self.events(params),
+        }
+
+
+def check_time_order(from_ms: int, to_ms: int) -> None:
+    """Raises InvalidParameters."""
+    if to_ms < from_ms:
+        raise InvalidParameters("plant.params", faults=[param_fault("to_ms", to_ms, "in_order", from_ms=from_ms)])
+
+
+def _tag_json(tag: Tag) -> Json:
+    drive, _, signal = tag.name.partition(".")
+    return {"tag": tag.name, "drive": drive, "signal": signal, "unit": tag.unit, "text": {"en": tag.en, "zh": tag.zh}}

@@ -1,0 +1,124 @@
+"""Reads beside the writer, with a connection and a thread of its own: what is in blocks and what is only durable yet.
+
+The samples that are not in blocks are copied first, the database is looked at once after that. A tag's ``sealed``
+number of that look tells which of the copies became blocks in between, so that none is missing and none counts twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from drivebus.service.historian import blocks
+from drivebus.service.historian.blocks import DamagedBlock, SampleColumns
+from drivebus.service.historian.open_blocks import OpenBlocks
+from drivebus.service.historian.points import Points, concat, points_of_samples, roll_up, slice_time
+from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.store import Block, HistoryStore, StoreError
+
+
+@dataclass(frozen=True, slots=True)
+class NumberedSamples:
+    """Samples of a tag with the numbers in the order of their coming."""
+
+    number: list[int]
+    samples: SampleColumns
+
+
+class HistoryReader:
+    """All methods but the constructor run on the reader's thread and raise StoreError."""
+
+    def __init__(self, store: HistoryStore, open_blocks: Callable[[], OpenBlocks]) -> None:
+        self._store = store
+        self._open_blocks = open_blocks
+        self._is_open = False
+
+    @property
+    def store(self) -> HistoryStore:
+        """Open."""
+        if not self._is_open:
+            self._store.open()
+            self._is_open = True
+        return self._store
+
+    def close(self) -> None:
+        self._is_open = False
+        self._store.close()
+
+    def points(
+        self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
+    ) -> Iterator[tuple[int, Points]]:
+        """Tag after tag, every point that begins within, or (rollups) that ``from_ms`` lies in; in order.
+
+        Only one tag's points are in memory at a time: with ten, getting that memory took as long as the work.
+        """
+        width = RESOLUTIONS[level].width_ms
+        first = from_ms if level is ResolutionLevel.RAW else from_ms // width * width
+        fresh, rows = self._snapshot(level, tags, from_ms, to_ms)
+        stored: dict[int, list[Block]] = {tag: [] for tag in tags}
+        for row in rows:
+            stored[row.tag].append(row)
+        for tag, (_, samples) in fresh.items():
+            points = points_of_samples(*samples)
+            pieces = [
+                *map(_decode_block, stored[tag]),
+                points if level is ResolutionLevel.RAW else roll_up(points, width),
+            ]
+            yield tag, slice_time(concat(pieces), first, to_ms)
+
+    def samples(self, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, NumberedSamples]:
+        """Samples with their numbers, in the order of their coming."""
+        found = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
+        fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
+        runs = [(row.tag, row.number, blocks.decode_samples(row.start_ms, row.data)) for row in rows]
+        for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=_run_order):
+            found[tag] = _append_in_range(found[tag], first, samples, from_ms, to_ms)
+        return found
+
+    def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
+        """The first partition that begins at ``from_ms`` or later and holds any of these tags."""
+        length = RESOLUTIONS[level].partition_ms
+        times = (time for tag in tags for time in self._open_blocks().copy(tag)[1][0])
+        fresh = [start for start in {time // length * length for time in times} if start >= from_ms]
+        stored = self.store.next_partition(level, tags, from_ms)
+        return min(fresh if stored is None else [*fresh, stored], default=None)
+
+    def _snapshot(
+        self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
+    ) -> tuple[dict[int, tuple[int, SampleColumns]], list[Block]]:
+        fresh = {tag: self._open_blocks().copy(tag) for tag in tags}
+        length = RESOLUTIONS[level].partition_ms
+        sealed, rows = self.store.read_blocks(level, tags, from_ms // length * length, to_ms)
+        return {
+            tag: _skip_compacted(first, samples, sealed.get(tag, 0)) for tag, (first, samples) in fresh.items()
+        }, rows
+
+
+def _run_order(run: tuple[int, int, SampleColumns]) -> tuple[int, int]:
+    return run[0], run[1]
+
+
+def _skip_compacted(first: int, samples: SampleColumns, sealed: int) -> tuple[int, SampleColumns]:
+    """Without those before number ``sealed``."""
+    skip = max(0, sealed - first)
+    time, value, quality = samples
+    return first + skip, (time[skip:], value[skip:], quality[skip:])
+
+
+def _decode_block(row: Block) -> Points:
+    try:
+        if row.level is ResolutionLevel.RAW:
+            return points_of_samples(*blocks.decode_samples(row.start_ms, row.data))
+        return blocks.decode_points(row.start_ms, RESOLUTIONS[row.level].width_ms, row.data)
+    except DamagedBlock as error:
+        raise StoreError(f"block {row.level} {row.tag} {row.start_ms}: {error}") from error
+
+
+def _append_in_range(
+    found: NumberedSamples, first: int, samples: SampleColumns, from_ms: int, to_ms: int
+) -> NumberedSamples:
+    time, value, quality = samples
+    wanted = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
+    number = found.number + [first + n for n in wanted]
+    times, values = found.samples[0] + [time[n] for n in wanted], found.samples[1] + [value[n] for n in wanted]
+    return NumberedSamples(number, (times, values, found.samples[2] + bytes([quality[n] for n in wanted])))

@@ -1,0 +1,82 @@
+"""The one door to sqlite3: one file beside the plant's others. WAL, and every commit is synced before it counts."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from drivebus.service.historian.sql import SqlRow
+
+VACUUM_PAGES = 1000
+"""Free pages given back at a time: some milliseconds."""
+
+
+class SqliteConnection:
+    """A connection to ``path``; a reader never writes."""
+
+    errors: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
+    type_names = {"id": "INTEGER PRIMARY KEY", "bytes": "BLOB"}
+
+    def __init__(self, path: Path, *, reader: bool = False) -> None:
+        self.path = path
+        self._reader = reader
+        self._connection: sqlite3.Connection | None = None
+
+    def connect(self) -> None:
+        if not self._reader:
+            self.path.touch(mode=0o600)
+        where = f"{self.path.absolute().as_uri()}?mode={'ro' if self._reader else 'rw'}"
+        self._connection = sqlite3.connect(where, uri=True, isolation_level=None, timeout=5.0)
+        # Debian's build overwrites what is deleted; a history has no secrets and the journal is deleted all the time.
+        pragmas = ["secure_delete = OFF"]
+        if not self._reader:
+            pragmas += ["auto_vacuum = INCREMENTAL", "journal_mode = WAL", "synchronous = FULL"]
+        for pragma in pragmas:
+            self.fetch(f"PRAGMA {pragma}")
+
+    @property
+    def _connected(self) -> sqlite3.Connection:
+        if self._connection is None:
+            raise sqlite3.ProgrammingError("not open")
+        return self._connection
+
+    def close(self) -> None:
+        if self._connection is not None:
+            database, self._connection = self._connection, None
+            database.close()
+
+    def version(self) -> int:
+        made = self.fetch("SELECT count(*) FROM sqlite_master WHERE name = 'meta'")[0][0]
+        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
+
+    def fetch(self, statement: str, *given: Any) -> list[SqlRow]:
+        return self._connected.execute(statement, given).fetchall()
+
+    def execute(self, statement: str, *given: Any) -> int:
+        return self._connected.execute(statement, given).rowcount
+
+    def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None:
+        self._connected.executemany(statement, given)
+
+    @contextmanager
+    def transaction(self, *, writing: bool) -> Iterator[None]:
+        self.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
+        try:
+            yield
+            self.execute("COMMIT")
+        finally:
+            if self._connected.in_transaction:
+                self.execute("ROLLBACK")
+
+    def size_bytes(self) -> int:
+        """Pages in use; free ones are used again before the file grows."""
+        pages, free, size = (
+            self.fetch(f"PRAGMA {name}")[0][0] for name in ("page_count", "freelist_count", "page_size")
+        )
+        return int((pages - free) * size)
+
+    def vacuum(self) -> None:
+        self.fetch(f"PRAGMA incremental_vacuum({VACUUM_PAGES})")

@@ -1,0 +1,133 @@
+"""``ServiceClient`` over the plant's socket. Connects when first asked, and again when the plant was away meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from drivebus.errors import ServiceUnavailable
+from drivebus.service.api.errors import error_from_json
+from drivebus.service.auth.actor import Actor
+from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, short_socket_path
+from drivebus.service.live.topics import closed_message
+
+Json = dict[str, Any]
+CONNECTION_LOST: Json = {"gone": True}
+MAX_QUEUED_LIVE_MESSAGES = 64
+"""A reader that leaves so many live messages lying is closed."""
+
+
+class SocketClient:
+    """One connection for everything. Belongs to one event loop."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._writer: asyncio.StreamWriter | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._numbers = itertools.count(1)
+        self._pending: dict[int, asyncio.Queue[Json]] = {}
+        self._connecting = asyncio.Lock()
+
+    async def call(self, operation: str, params: Json, actor: Actor) -> Json:
+        """See ``ServiceClient.call``. Raises ServiceUnavailable where the plant does not answer."""
+        result: Json = await self._request({"op": operation, "params": params, "actor": actor.as_json()})
+        return result
+
+    async def record(self, entry: Json, actor: Actor) -> None:
+        """See ``ServiceClient.record``."""
+        await self._request({"record": entry, "actor": actor.as_json()})
+
+    async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+        """See ``ServiceClient.live``. Raises ServiceUnavailable where the plant does not answer, or goes."""
+        asked = {"live": list(patterns), "interval_s": interval_s, "actor": actor.as_json()}
+        number, answers = await self._send(asked, MAX_QUEUED_LIVE_MESSAGES)
+        try:
+            while True:
+                message = _raise_error(await answers.get())["live"]
+                yield message
+                if message["type"] == "closed":
+                    return
+        finally:
+            self._pending.pop(number, None)
+            self._write({"id": number, "end": True})
+
+    async def close(self) -> None:
+        """No more. Idempotent."""
+        reading, self._reading = self._reading, None
+        if reading is not None:
+            reading.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await reading
+
+    async def _request(self, message: Json) -> Any:
+        number, answers = await self._send(message, 1)
+        try:
+            return _raise_error(await answers.get())["result"]
+        finally:
+            self._pending.pop(number, None)
+
+    async def _send(self, message: Json, waiting: int) -> tuple[int, asyncio.Queue[Json]]:
+        async with self._connecting:
+            if self._writer is None:
+                await self._connect()
+        number = next(self._numbers)
+        answers = self._pending[number] = asyncio.Queue(waiting)
+        self._write({"id": number, **message})
+        return number, answers
+
+    def _write(self, message: Json) -> None:
+        if self._writer is not None:
+            self._writer.write(json.dumps(message, ensure_ascii=False).encode() + b"\n")
+
+    async def _connect(self) -> None:
+        try:
+            with short_socket_path(self.path) as short:
+                reader, self._writer = await asyncio.open_unix_connection(short, limit=MAX_MESSAGE_BYTES)
+        except OSError as error:
+            raise ServiceUnavailable("plant.not_there", socket=str(self.path)) from error
+        self._reading = asyncio.create_task(self._read(reader, self._writer), name="plant socket")
+
+    async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            while line := await reader.readline():
+                self._dispatch(json.loads(line))
+        except (OSError, ValueError):
+            pass
+        finally:
+            self._writer = None
+            writer.close()
+            for answers in self._pending.values():
+                _replace_queued(answers, CONNECTION_LOST)
+
+    def _dispatch(self, message: Json) -> None:
+        """A reader of live messages that hangs must not keep this connection from anybody's stop: it is closed."""
+        number = message["id"]
+        answers = self._pending.get(number)
+        if answers is None:
+            return
+        if answers.full():
+            self._pending.pop(number)
+            _replace_queued(answers, {"live": closed_message("slow")})
+            self._write({"id": number, "end": True})
+        else:
+            answers.put_nowait(message)
+
+
+def _replace_queued(answers: asyncio.Queue[Json], message: Json) -> None:
+    """The last thing its reader hears."""
+    while not answers.empty():
+        answers.get_nowait()
+    answers.put_nowait(message)
+
+
+def _raise_error(message: Json) -> Json:
+    if message is CONNECTION_LOST:
+        raise ServiceUnavailable("plant.gone")
+    if "error" in message:
+        raise error_from_json(message["error"])
+    return message

@@ -1,0 +1,34 @@
+"""Unix sockets at any path: the system takes 107 bytes, a state directory may lie deeper."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivebus.errors import ConfigurationError
+
+MAX_SOCKET_PATH_BYTES = 100
+MAX_MESSAGE_BYTES = 4 * 1024 * 1024
+"""Bytes of one message."""
+SERVICE_SOCKET, STOP_SOCKET = "plant.sock", "stop.sock"
+STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"heard\n"
+"""All that ``stop.sock`` takes, and what it says at once: whoever asked knows by it that the plant does not hang."""
+
+
+@contextlib.contextmanager
+def short_socket_path(path: Path) -> Iterator[str]:
+    """The path, or a shorter one to the same place while this block lasts. Raises ConfigurationError."""
+    text = str(path)
+    if len(os.fsencode(text)) <= MAX_SOCKET_PATH_BYTES:
+        yield text
+        return
+    if not sys.platform.startswith("linux"):
+        raise ConfigurationError("plant.socket_path", path=text, longest=MAX_SOCKET_PATH_BYTES)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)

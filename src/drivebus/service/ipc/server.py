@@ -1,0 +1,218 @@
+"""The plant's own sockets: JSON lines for its clients, and one that takes nothing but "stop all".
+
+Whoever may open them (the user that runs the plant, mode 0600) is trusted to say who acts. Every request is a task of
+its own: nothing that one client asks for stands in front of another's stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from drivebus.errors import DrivebusError, InvalidParameters, ServiceUnavailable
+from drivebus.service.api.errors import error_to_json
+from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.auth.actor import Actor, local_actor
+from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_RECEIVED, STOP_REQUEST, short_socket_path
+from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
+
+Json = dict[str, Any]
+MAX_CONCURRENT_REQUESTS = 1000
+"""So many may be under way on one connection; a stop always comes in (I12, S14)."""
+MAX_UNSENT_BYTES = 16 * 1024 * 1024
+"""A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
+LOG = logging.getLogger("drivebus.service")
+
+
+class SocketServer:
+    """``plant.sock``."""
+
+    def __init__(self, plant: ServiceClient, path: Path) -> None:
+        self._service, self.path = plant, path
+        self._server: asyncio.Server | None = None
+        self._connections: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        """Raises OSError."""
+        self._server = await listen_unix(self.path, self._connected)
+
+    async def close(self) -> None:
+        """No more clients; what they asked for and was not done is not done."""
+        await close_server(self._server, self.path)
+        for task in self._connections:
+            task.cancel()
+        await asyncio.gather(*self._connections, return_exceptions=True)
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._connections.add(task)
+        try:
+            await _ClientConnection(self._service, reader, writer).run()
+        except asyncio.CancelledError:
+            pass  # by ``close``; Python 3.11 reports a connection's task that ends as cancelled as an error
+        finally:
+            self._connections.discard(task)
+
+
+class _ClientConnection:
+    """One client."""
+
+    def __init__(self, plant: ServiceClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._service, self._reader, self._writer = plant, reader, writer
+        self._request_tasks: set[asyncio.Task[None]] = set()
+        self._live_tasks: dict[Any, asyncio.Task[None]] = {}
+
+    async def run(self) -> None:
+        """Until the client goes, or sends what is no request. What it asked for ends as it would have: a stop is not
+        taken back, a command is recorded with its outcome."""
+        try:
+            while line := await self._reader.readline():
+                self._handle(json.loads(line))
+        except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
+            LOG.warning("a client of the plant's socket was cut off: %s", type(error).__name__)
+        finally:
+            for task in self._live_tasks.values():
+                task.cancel()
+            await asyncio.gather(*self._request_tasks, *self._live_tasks.values(), return_exceptions=True)
+            self._writer.close()
+            with contextlib.suppress(OSError):
+                await self._writer.wait_closed()
+
+    def _handle(self, found: Json) -> None:
+        id = found["id"]
+        if found.get("end"):
+            if (running := self._live_tasks.get(id)) is not None:
+                running.cancel()
+            return
+        actor = Actor.from_json(found["actor"])
+        if "live" in found:
+            patterns, interval_s = [str(one) for one in found["live"]], float(found.get("interval_s", 0.25))
+            task = asyncio.create_task(self._live(id, patterns, actor, interval_s), name=f"live {id}")
+            self._live_tasks[id] = task
+            task.add_done_callback(lambda _: self._live_tasks.pop(id, None))
+        else:
+            task = asyncio.create_task(self._answer(id, self._dispatch(found, actor)), name=f"request {id}")
+            self._request_tasks.add(task)
+            task.add_done_callback(self._request_tasks.discard)
+
+    def _dispatch(self, found: Json, actor: Actor) -> Awaitable[Json]:
+        if "record" in found:
+            return self._record(found["record"], actor)
+        operation = str(found["op"])
+        if len(self._request_tasks) >= MAX_CONCURRENT_REQUESTS and not _is_stop(operation):
+            return _too_busy()
+        return self._call(operation, found.get("params") or {}, actor)
+
+    async def _call(self, operation: str, params: Json, actor: Actor) -> Json:
+        known = OPERATIONS.get(operation)
+        if known is None or known.yields:
+            await yield_to_loop()
+        return await self._service.call(operation, params, actor)
+
+    async def _record(self, entry: Json, actor: Actor) -> Json:
+        await self._service.record(entry, actor)
+        return {}
+
+    async def _answer(self, id: Any, work: Awaitable[Json]) -> None:
+        try:
+            await self._send({"id": id, "result": await work})
+        except DrivebusError as error:
+            await self._send({"id": id, "error": error_to_json(error)})
+        except Exception:
+            LOG.exception("a request failed in a way that nobody foresaw")
+            await self._send({"id": id, "error": error_to_json(ServiceUnavailable("plant.internal"))})
+
+    async def _live(self, id: Any, patterns: list[str], actor: Actor, interval_s: float) -> None:
+        try:
+            async for message in self._service.live(patterns, actor, interval_s):
+                await self._send({"id": id, "live": message})
+                await self._writer.drain()
+        except DrivebusError as error:
+            await self._send({"id": id, "error": error_to_json(error)})
+        except ConnectionError:
+            return
+
+    async def _send(self, message: Json) -> None:
+        if self._writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self._writer.transport.abort()
+            return
+        data = await encode_json_cooperatively(message, internal="live" in message)
+        if len(data) >= MAX_MESSAGE_BYTES:
+            data = json.dumps(
+                {"id": message["id"], "error": error_to_json(InvalidParameters("plant.too_long"))}
+            ).encode()
+        self._writer.write(data + b"\n")
+
+
+def _is_stop(operation: str) -> bool:
+    known = OPERATIONS.get(operation)
+    return known is not None and known.is_stop
+
+
+async def _too_busy() -> Json:
+    raise ServiceUnavailable("plant.too_busy")
+
+
+class StopServer:
+    """``stop.sock``: one line in; out come that it was heard, at once, and what became of it."""
+
+    def __init__(self, plant: ServiceClient, path: Path) -> None:
+        self._service, self.path = plant, path
+        self._server: asyncio.Server | None = None
+        self._stops = 0
+
+    async def open(self) -> None:
+        """Raises OSError."""
+        self._server = await listen_unix(self.path, self._connected)
+
+    async def close(self) -> None:
+        await close_server(self._server, self.path)
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            if await reader.readline() == STOP_REQUEST:
+                self._stops += 1
+                writer.write(STOP_RECEIVED)
+                found = await self._service.call("plant.stop", {}, local_actor("stop-all", f"stop-{self._stops}"))
+                writer.write(json.dumps(found, ensure_ascii=False).encode() + b"\n")
+                await writer.drain()
+        except (ValueError, ConnectionError):
+            return
+        finally:
+            writer.close()
+
+
+ConnectionHandler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+async def listen_unix(path: Path, connected: ConnectionHandler) -> asyncio.Server:
+    """Listen at a path that only this user may open; what a killed plant left there is taken away.
+
+    Raises OSError.
+    """
+    with short_socket_path(path) as short:
+        _unlink(short)
+        before = os.umask(0o177)
+        try:
+            return await asyncio.start_unix_server(connected, short, limit=MAX_MESSAGE_BYTES)
+        finally:
+            os.umask(before)
+
+
+def _unlink(path: str | Path) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)  # noqa: PTH108  it may be a short way to a deep place
+
+
+async def close_server(server: asyncio.Server | None, path: Path) -> None:
+    if server is not None:
+        server.close()
+        _unlink(path)

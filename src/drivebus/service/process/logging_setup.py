@@ -1,0 +1,91 @@
+"""One line a happening on standard error: text for people, JSON for machines; no text can forge a line (S13)."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import json
+import logging
+import queue
+import sys
+from logging.handlers import QueueHandler, QueueListener
+from typing import Any, TextIO
+
+from drivebus import i18n
+from drivebus.clock import wall_clock
+
+Json = dict[str, Any]
+LOG = logging.getLogger("drivebus.service")
+MAX_QUEUED_RECORDS = 10_000
+"""So many lines wait for a log that hangs; what comes then is dropped (I12)."""
+FLUSH_TIMEOUT_S = 1.0
+EVENT_LEVELS = {"fault": logging.ERROR, "alarm": logging.WARNING, "presence": logging.WARNING}
+
+
+def configure_logging(form: str, stream: TextIO | None = None) -> None:
+    """From now on the plant's log goes to ``stream`` as ``text`` or ``json``."""
+    handler = logging.StreamHandler(stream or sys.stderr)
+    handler.setFormatter(JsonFormatter() if form == "json" else PlainFormatter())
+    lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)
+    listener = QueueListener(lines, handler)
+    root = logging.getLogger("drivebus")
+    root.handlers = [NonBlockingQueueHandler(lines)]
+    root.setLevel(logging.INFO)
+    root.propagate = False
+    listener.start()
+    atexit.register(_flush, lines, listener)
+
+
+def _flush(lines: queue.Queue[Any], listener: QueueListener) -> None:
+    """Write what waits; a log that still hangs then is left, its thread ends with the process."""
+    thread = listener._thread
+    with contextlib.suppress(queue.Full):
+        lines.put(listener._sentinel, timeout=FLUSH_TIMEOUT_S)  # type: ignore[attr-defined]
+    if thread is not None:
+        thread.join(FLUSH_TIMEOUT_S)
+
+
+class NonBlockingQueueHandler(QueueHandler):
+    """Hands a line to the thread that writes: whoever reads the log and hangs holds up no bus, and loses lines."""
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(queue.Full):
+            self.queue.put_nowait(record)
+
+
+def log_event(event: Json) -> None:
+    """An event of the plant as a line of the log."""
+    LOG.log(EVENT_LEVELS.get(event["kind"], logging.INFO), event["text"][i18n.preferred()], extra={"event": event})
+
+
+class JsonFormatter(logging.Formatter):
+    """One object a line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        event = getattr(record, "event", None) or {}
+        found = {
+            "time": wall_clock().isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "text": record.getMessage(),
+            **{name: event[name] for name in EVENT_FIELDS if event.get(name) is not None},
+        }
+        if record.exc_info:
+            found["trace"] = self.formatException(record.exc_info)
+        return json.dumps(found, ensure_ascii=False)
+
+
+EVENT_FIELDS = ("kind", "drive", "actor", "outcome")
+
+
+class PlainFormatter(logging.Formatter):
+    """``2026-11-21T22:00:00+00:00 WARNING fan-1: fan-1 does not answer any more``."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        event = getattr(record, "event", None) or {}
+        drive = f"{event['drive']}: " if event.get("drive") else ""
+        line = f"{wall_clock().isoformat(timespec='seconds')} {record.levelname} {drive}{record.getMessage()}"
+        shown = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
+        return f"{shown}\n{self.formatException(record.exc_info)}" if record.exc_info else shown

@@ -1,0 +1,117 @@
+"""The plant process from its lock to its last stop: what ``drivebus serve`` runs."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import AsyncExitStack, contextmanager
+from typing import Any
+
+from drivebus.bus import timer as timers
+from drivebus.clock import wall_ms
+from drivebus.errors import DrivebusError
+from drivebus.service.app import SERVICE_ACTOR, Service
+from drivebus.service.assemble import ServiceStores
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
+from drivebus.service.ipc.server import SocketServer, StopServer
+from drivebus.service.process.child import ChildProcess
+from drivebus.service.process.lock import single_instance
+from drivebus.service.process.systemd import SystemdNotifier
+from drivebus.service.process.tuning import relax_gc
+from drivebus.service.process.web_args import AddressOutput, web_command
+
+Json = dict[str, Any]
+LOG = logging.getLogger("drivebus.service")
+TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+async def run_service(
+    config: PlantConfig,
+    *,
+    web: bool = True,
+    announce: AddressOutput = "plain",
+    on_ready: Callable[[], None] = lambda: None,
+) -> Json:
+    """Until SIGTERM or Ctrl-C; returns what became of each drive that the service had started (None: not told in time).
+
+    Raises ConfigurationError: the plant runs already, its directory or a socket can't be used.
+    """
+    loop = asyncio.get_running_loop()
+    notify, ending = SystemdNotifier(), asyncio.Event()
+    with single_instance(config.directory), handle_signals(loop, ending) as on_reload:
+        async with AsyncExitStack() as stack:
+            rooms = ServiceStores(config, lambda: timers.loop_now(loop), wall_ms)
+            stack.push_async_callback(rooms.close)
+            service = Service(config, await rooms.open())
+            service.supervision.after_cycle = lambda now: notify.feed_watchdog(service.plant.buses.values(), now)
+            await service.start()
+            on_reload.append(lambda: _reload(service))
+            servers = (
+                SocketServer(service, config.directory / SERVICE_SOCKET),
+                StopServer(service, config.directory / STOP_SOCKET),
+            )
+            for server in servers:
+                await server.open()
+                stack.push_async_callback(server.close)
+            child = ChildProcess(
+                web_command(config, config.directory / SERVICE_SOCKET, announce), service.plant.now, _on_web_exit
+            )
+            if web and config.web.enabled:
+                child.start()
+            relax_gc()
+            notify.send("READY=1")
+            on_ready()
+            await ending.wait()
+            notify.send("STOPPING=1")
+            found, _ = await asyncio.gather(service.stop(), child.close())
+    return found
+
+
+def _on_web_exit(code: int) -> None:
+    LOG.warning("the web process ended with %s; it is started again; buses, stops and history go on", code)
+
+
+async def _reload(service: Service) -> None:
+    try:
+        await service.call("configuration.reload", {}, SERVICE_ACTOR)
+    except DrivebusError as error:
+        LOG.error("nothing was reloaded: %s", error)
+
+
+ReloadCallbacks = list[Callable[[], Any]]
+
+
+@contextmanager
+def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[ReloadCallbacks]:
+    """SIGTERM, Ctrl-C and a terminal that is gone set ``ending``; any other SIGHUP calls what is put into the list."""
+    reloads: ReloadCallbacks = []
+    tasks: set[asyncio.Task[Any]] = set()
+
+    def reload() -> None:
+        for each in reloads:
+            task = loop.create_task(each())
+            tasks.add(task)
+            task.add_done_callback(tasks.discard)
+
+    for one in TERMINATION_SIGNALS:
+        loop.add_signal_handler(one, ending.set)
+    loop.add_signal_handler(signal.SIGHUP, lambda: ending.set() if terminal_is_gone() else reload())
+    try:
+        yield reloads
+    finally:
+        for one in (*TERMINATION_SIGNALS, signal.SIGHUP):
+            loop.remove_signal_handler(one)
+
+
+def terminal_is_gone() -> bool:
+    """Its window was closed, or its line broke: nobody reads here, and no Ctrl-C can come. A unit has none to lose."""
+    try:
+        os.tcgetpgrp(0)
+    except OSError as error:
+        return error.errno == errno.EIO
+    return False

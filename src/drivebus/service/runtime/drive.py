@@ -1,0 +1,163 @@
+"""One drive of the plant: the drive itself, its monitor, and what the plant knows of it besides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from drivebus.bus import Bus
+from drivebus.clock import Store
+from drivebus.drives import Drive, DriveState, DriveStatus
+from drivebus.drives.context import DriveLimits
+from drivebus.drives.monitor import Monitor
+from drivebus.drives.operations.comm_loss import CommLossReport
+from drivebus.drives.operations.status import complete_status
+from drivebus.profiles.model import Text
+from drivebus.service.api.errors import localized
+from drivebus.service.config.model import DriveConfig
+from drivebus.service.config.polling import polled_names, polls_of, profile_of
+from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.live.views import CommLossView, Sample
+from drivebus.values import Quality, Reading
+
+COMM_LOSS_NOT_READ = Text(**localized("plant.host_dies_not_read"))
+
+
+class DriveRuntime:
+    """A drive of the plant. ``samples`` is called with every new reading and once with each gap."""
+
+    def __init__(
+        self, setting: DriveConfig, bus: Bus, samples: Callable[[list[Sample]], None], store: Store | None = None
+    ) -> None:
+        self.config, self.bus = setting, bus
+        self.id = setting.id
+        self.profile = profile_of(setting)
+        self.signals = polled_names(setting, self.profile)
+        """Those that are polled: the ones that the plant's file names, else every one of the model."""
+        self.drive = Drive(
+            bus,
+            self.profile,
+            setting.address,
+            encoding=setting.encoding,
+            limits=setting.limits,
+            settings=setting.settings,
+            store=store,
+        )
+        self.polls = polls_of(setting, self.drive.dialect)
+        self.monitor: Monitor | None = None
+        self.comm_loss_read = CommLossView("unknown", None, COMM_LOSS_NOT_READ)
+        self.comm_loss_read_at: float | None = None
+        self.comm_loss_stale = False
+        self.comm_loss_writes = 0
+        """Something was written since it was read."""
+        self.group_started_at: float | None = None
+        """When a group last started it."""
+        self.waiver: str | None = None
+        self.waiver_of_another: CommLossWaiver | None = None
+        """Recorded under this name for another drive: it allows nothing."""
+        self.commanded_hz: float | None = None
+        self.started_by_service = False
+        """This service started it and has not seen it stopped since."""
+        self.last_motion_at = 0.0
+        """When its last start was done; while one goes on, never."""
+        self.state_was_known = False
+        """Its state has been known at least once since this service began."""
+        self.wall_ms: Callable[[], int] = lambda: 0
+        self._on_samples = samples
+        self._last_sampled: dict[str, float | None] = {}
+
+    @property
+    def comm_loss(self) -> CommLossView:
+        """What the drive does when this host dies, with the waiver that somebody recorded."""
+        found = CommLossView("unknown", None, COMM_LOSS_NOT_READ) if self.comm_loss_stale else self.comm_loss_read
+        return replace(found, waiver=self.waiver)
+
+    def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
+        """Other limits and policies from now on, and other ``polls``; everything else of the drive is as it was."""
+        self.config = setting
+        if polls:
+            self.profile, watched = profile_of(setting), self.monitor is not None
+            self.signals = polled_names(setting, self.profile)
+            self.drive.set_poll_periods(self.profile)
+            self.polls = polls_of(setting, self.drive.dialect)
+            self._stop_monitor()
+            if watched:
+                self.start_monitor()
+
+    def start_monitor(self) -> None:
+        """Begin to poll; the bus is open, so that what was proved on this port before is known."""
+        self.monitor = self.monitor or self.drive.monitor(self.signals, self._on_status, self.config.fastest_s)
+
+    def status(self) -> DriveStatus:
+        """The newest, with old readings marked bad and an old state unknown."""
+        if self.monitor is not None:
+            return self.monitor.status()
+        return complete_status(
+            self.drive.dialect, DriveStatus(DriveState.UNKNOWN, reason="drives.not_read"), self.signals
+        )
+
+    @property
+    def configured_range_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that the profile and the plant's file allow."""
+        model, file = self.profile.limits, self.config.limits
+        highest = model.maximum_hz if file.maximum_hz is None else min(model.maximum_hz, file.maximum_hz)
+        return max(model.minimum_hz, file.minimum_hz), highest
+
+    def set_limits(self, own: DriveLimits | None) -> None:
+        """Limits of an engineer on top of those of the plant's file, or only those (None)."""
+        self.drive.limits = own or self.config.limits
+
+    def invalidate_comm_loss(self) -> None:
+        """Something was written, or the drive was away: what it does when this host dies is not known until read."""
+        self.comm_loss_stale = True
+        self.comm_loss_writes += 1
+
+    def set_comm_loss(self, report: CommLossReport, now: float, doubts: int | None = None) -> None:
+        """What the drive was read to do when nobody speaks to it any more; ``doubts`` there were before it was read."""
+        self.comm_loss_stale = doubts is not None and doubts != self.comm_loss_writes
+        kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]
+        self.comm_loss_read = CommLossView(kind, _seconds_of(report.time), Text(report.text("en"), report.text("zh")))
+        self.comm_loss_read_at = now
+
+    def close(self) -> None:
+        """Off its bus; nothing is sent."""
+        self._stop_monitor()
+        self.drive.close()
+
+    def _stop_monitor(self) -> None:
+        if self.monitor is not None:
+            self.monitor.close()
+            self.monitor = None
+
+    # --- samples ------------------------------------------------------------------------------------------------
+
+    def _on_status(self, status: DriveStatus) -> None:
+        self.sample(status.readings)
+
+    def sample(self, readings: Mapping[str, Reading]) -> None:
+        """Every reading once, and every gap once: bad values are no values (G17)."""
+        time_ms = self.wall_ms()
+        found = [sample for name in readings if (sample := self._sample_one(name, readings[name], time_ms)) is not None]
+        if found:
+            self._on_samples(found)
+
+    def _sample_one(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
+        if name not in self.signals or isinstance(reading.value, str):
+            return None
+        bad = reading.quality is Quality.BAD
+        mark = None if bad else reading.source_time
+        if (bad and name not in self._last_sampled) or self._last_sampled.get(name, _NOT_SAMPLED) == mark:
+            return None
+        self._last_sampled[name] = mark
+        value = None if bad or reading.value is None else float(reading.value)
+        return Sample(f"{self.id}.{name}", time_ms, value, reading.quality)
+
+
+_NOT_SAMPLED: Any = object()
+
+
+def _seconds_of(reading: Reading | None) -> float | None:
+    if reading is None or reading.unit != "s" or not isinstance(reading.value, int | float):
+        return None
+    return float(reading.value)

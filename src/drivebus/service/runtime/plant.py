@@ -1,0 +1,199 @@
+"""What the rooms of the plant process share: its lines and drives, who owns them, the hub, and the parts around."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypeVar
+
+from drivebus.clock import Store
+from drivebus.drives.context import DriveLimits
+from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.errors import NotFound
+from drivebus.service.alarms import AlarmChange, SystemAlarm
+from drivebus.service.api.errors import localized
+from drivebus.service.config.model import AlarmKind, GroupConfig, PlantConfig
+from drivebus.service.control.leases import ArmTokens, ControlLeases
+from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.live.hub import Hub
+from drivebus.service.parts import ServiceParts
+from drivebus.service.process.logging_setup import log_event
+from drivebus.service.runtime.bus import BusRuntime
+from drivebus.service.runtime.drive import DriveRuntime
+
+Json = dict[str, Any]
+SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
+"""Alarms of what has a line of its own in the log when it begins and ends."""
+
+
+@dataclass(slots=True)
+class StopCounters:
+    """Stops of single drives since the service began; a stop of everything is one of each drive."""
+
+    asked: int = 0
+    confirmed: int = 0
+    """The drive was read to stand."""
+    acknowledged: int = 0
+    """The drive said yes, and can't be read."""
+
+    def count_outcome(self, outcome: Outcome) -> None:
+        self.confirmed += outcome.word is OutcomeStatus.CONFIRMED
+        self.acknowledged += outcome.word is OutcomeStatus.ACKNOWLEDGED
+
+    def as_json(self) -> Json:
+        return asdict(self)
+
+
+@dataclass
+class Plant:
+    """The plant as it is now. ``now`` is monotonic (S20); ``wall_ms`` is for labels only."""
+
+    config: PlantConfig
+    now: Callable[[], float]
+    wall_ms: Callable[[], int]
+    hub: Hub
+    parts: ServiceParts
+    store: Store
+    """Waivers and limits, which outlive the process."""
+    buses: dict[str, BusRuntime] = field(default_factory=dict)
+    drives: dict[str, DriveRuntime] = field(default_factory=dict)
+    leases: ControlLeases = field(default_factory=ControlLeases)
+    arm_tokens: ArmTokens = field(default_factory=ArmTokens)
+    stop_counts: Counter[str] = field(default_factory=Counter)
+    """How often somebody wished each drive to stop, by name: a start that was wished before is void. No reload takes
+    anything from it."""
+    state: str = "running"
+    started_ms: int = 0
+    last_stop_all: Json | None = None
+    disk_space: Json = field(default_factory=dict)
+    """Free space of the state directory."""
+    command_count: int = 0
+    """Commands so far: what their ids are made of."""
+    event_count: int = 0
+    stop_counters: StopCounters = field(default_factory=StopCounters)
+
+    def drive(self, id: str) -> DriveRuntime:
+        """Raises NotFound."""
+        return _lookup(self.drives, "drive", id)
+
+    def bus(self, id: str) -> BusRuntime:
+        """Raises NotFound."""
+        return _lookup(self.buses, "bus", id)
+
+    def group(self, id: str) -> GroupConfig:
+        """Raises NotFound."""
+        return _lookup({group.id: group for group in self.config.groups}, "group", id)
+
+    def bus_of(self, unit: DriveRuntime) -> BusRuntime:
+        return self.buses[unit.config.bus]
+
+    def groups_of(self, id: str) -> list[GroupConfig]:
+        return [group for group in self.config.groups if id in group.drives]
+
+    def followers(self, leader: str) -> list[tuple[GroupConfig, DriveRuntime]]:
+        """Who gets its share when this drive gets another frequency: drives of its group that this service started."""
+        found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.drives]
+        return [(group, self.drive(id)) for group, id in found if id != leader and self.drive(id).started_by_service]
+
+    def command_id(self, word: str) -> str:
+        """A name for a command that nobody else has in this life of the service."""
+        self.command_count += 1
+        return f"{word}-{self.command_count}"
+
+    def publish_event(
+        self,
+        kind: str,
+        drive: str | None,
+        key: str,
+        /,
+        *,
+        actor: str | None = None,
+        outcome: str | None = None,
+        **params: Any,
+    ) -> None:
+        """Something happened: everybody who listens is told, and the history keeps a marker."""
+        self.publish_event_text(kind, drive, localized(key, params), actor, outcome)
+
+    def publish_event_text(
+        self, kind: str, drive: str | None, text: Json, actor: str | None, outcome: str | None, *, log: bool = True
+    ) -> None:
+        """The same with its text ready."""
+        self.event_count += 1
+        event = {
+            "id": f"{self.started_ms}-{self.event_count}",
+            "time_ms": self.wall_ms(),
+            "kind": kind,
+            "drive": drive,
+            "text": text,
+            "actor": actor,
+            "outcome": outcome,
+        }
+        self.hub.append("events", event)
+        self.parts.on_event(event)
+        if log:
+            log_event(event)
+
+    def raise_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "", **params: Any) -> None:
+        """Raise an alarm of the plant's own."""
+        self.publish_alarms(self.parts.alarms.raise_alarm(kind, drive, self.wall_ms(), about=subject, **params))
+
+    def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
+        """What raised it is over."""
+        self.publish_alarms(self.parts.alarms.clear_alarm(kind, drive, self.wall_ms(), about=subject))
+
+    def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
+        """Tell everybody what happened to some alarms; that one has its case now is seen in the alarm itself."""
+        for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "case"):
+            text = localized(f"plant.alarm_{word}", {"text": alarm.text})
+            actor = alarm.by if word == "acknowledged" else None
+            self.publish_event_text(
+                "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
+            )
+
+    def note_stop(self, *units: DriveRuntime) -> None:
+        """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""
+        for unit in units:
+            self.arm_tokens.revoke(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
+            self.stop_counts[unit.id] += 1
+            self.stop_counters.asked += 1
+
+    # --- what outlives the process ------------------------------------------------------------------------------
+
+    def restore(self, unit: DriveRuntime) -> None:
+        """Its waiver, and limits that are narrower than the file's, as recorded before."""
+        self._restore_waiver(unit)
+        limits = self.store.get(f"limits/{unit.id}")
+        found = json.loads(limits) if limits else None
+        unit.set_limits(None if found is None else narrow_limits(DriveLimits(**found), unit.config.limits))
+
+    def _restore_waiver(self, unit: DriveRuntime) -> None:
+        """One that was recorded for another drive of this name is left where it is, and said."""
+        waiver = CommLossWaiver.from_json(self.store.get(f"waiver/{unit.id}"))
+        fits = waiver is not None and waiver.applies_to(unit.config, self.bus_of(unit).config)
+        unit.waiver = waiver.text if waiver is not None and fits else None
+        unit.waiver_of_another = None if fits else waiver
+        if unit.waiver_of_another is not None:
+            self.publish_event("waiver", unit.id, "plant.waiver_ignored", **unit.waiver_of_another.recorded_for)
+
+
+def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:
+    """Both together: limits recorded by an engineer never reach beyond those of the plant's file."""
+    highest = [value for value in (own.maximum_hz, file.maximum_hz) if value is not None]
+    return DriveLimits(
+        max(own.minimum_hz, file.minimum_hz),
+        min(highest, default=None),
+        own.forward and file.forward,
+        own.reverse and file.reverse,
+        file.saves_per_day,
+    )
+
+
+T = TypeVar("T")
+
+
+def _lookup(known: dict[str, T], what: str, id: str) -> T:
+    if id not in known:
+        raise NotFound(f"plant.no_{what}", id=id)
+    return known[id]

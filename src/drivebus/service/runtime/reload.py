@@ -1,0 +1,196 @@
+"""A changed ``plant.toml``: looked at, checked, and taken over while the plant runs, by its difference only.
+
+What did not change goes on as it is and misses no poll. A drive that may turn is not taken from under its stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivebus.errors import ConfigurationError, ServiceError
+from drivebus.profiles.diagnostics import Diagnostic
+from drivebus.service.alarms import Alarm, SystemAlarm
+from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
+from drivebus.service.api import operations as ask
+from drivebus.service.api.errors import localized
+from drivebus.service.auth.actor import Actor
+from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
+from drivebus.service.config.load import load, loads
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.control.policies import may_be_running
+from drivebus.service.parts import OperationHandler
+from drivebus.service.runtime.bus import BusRuntime
+
+if TYPE_CHECKING:
+    from drivebus.service.app import Service
+
+Json = dict[str, Any]
+RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms")
+RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users", "web"})
+"""Settings of the whole plant that a running one does not change: told, and taken over at the next start."""
+
+
+class ConfigReload:
+    """``configuration.*``."""
+
+    def __init__(self, service: Service) -> None:
+        self.service, self.plant = service, service.plant
+        self._lock = asyncio.Lock()
+
+    def handlers(self) -> dict[str, OperationHandler]:
+        return {
+            "configuration.get": self.get,
+            "configuration.check": self.check,
+            "configuration.reload": self.reload,
+        }
+
+    async def get(self, params: ask.NoParams, actor: Actor) -> Json:
+        """The file as it is now, which may be newer than what runs. Raises ConfigurationError."""
+        source = self.plant.config.source
+        try:
+            text = await self._in_thread(lambda: Path(source).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigurationError("plant.no_source", source=source, reason=str(error)) from error
+        return {"text": text, "source": source}
+
+    async def check(self, params: ask.ConfigurationParams, actor: Actor) -> Json:
+        """Every mistake of a text, and what it would change; nothing is done."""
+        source = self.plant.config.source
+        try:
+            new = await self._in_thread(lambda: loads(params.text, source, Path(source).parent))
+        except ConfigurationError as error:
+            return {"complaints": _complaints_json(error), "difference": {}}
+        return {"complaints": [], "difference": difference_json(config_diff(self.plant.config, new))}
+
+    async def reload(self, params: ask.NoParams, actor: Actor) -> Json:
+        """Read the file again and do what differs. Raises ConfigurationError with every mistake; ServiceError where a
+        drive that may turn would be taken off its bus. Then nothing has changed."""
+        async with self._lock:
+            new = await self._in_thread(lambda: load(self.plant.config.source))
+            change = config_diff(self.plant.config, new)
+            self._refuse_if_running(change)
+            await self._apply(change, new)
+        names = difference_json(change)
+        later = sorted(RESTART_ONLY & change.others.keys())
+        key = "plant.reloaded_but" if later else "plant.reloaded"
+        self.plant.publish_event("configuration", None, key, actor=actor.name, restart=", ".join(later))
+        return {"difference": names, "restart": later}
+
+    async def _in_thread(self, work: Callable[[], Any]) -> Any:
+        """In a thread: no stop waits for the reading of a file."""
+        return await asyncio.get_running_loop().run_in_executor(None, work)
+
+    def _refuse_if_running(self, change: ConfigDiff) -> None:
+        """Raises ServiceError."""
+        lost = [id for id in _leaving_drives(change) if id in self.plant.drives]
+        turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
+        if turning:
+            raise ServiceError("plant.reload_turning", drives=", ".join(turning))
+
+    # --- doing it -----------------------------------------------------------------------------------------------
+
+    async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
+        plant = self.plant
+        latched = {id for id, unit in plant.drives.items() if unit.bus.start_inhibited(unit.config.address)}
+        closing = self._remove_drives(change)
+        plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
+        self._add_new(new)
+        for id in latched & set(_leaving_drives(change)) & plant.drives.keys():
+            unit = plant.drives[id]
+            unit.bus.inhibit_start([unit.config.address])
+        self._update_kept(change)
+        plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
+        plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
+        plant.parts.interlocks.replace(new.interlocks)
+        plant.publish_alarms(plant.parts.alarms.configure(new.alarms, new.drives, plant.wall_ms()))
+        self._clear_alarms(change)
+        plant.parts.on_config(plant.config)
+        self._discard_removed(change)
+        await asyncio.gather(*(line.close() for line in closing))
+        for id in (*change.buses.added, *change.reopened):
+            plant.buses[id].start()
+
+    def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
+        for id in _leaving_drives(change):
+            plant_line = self.plant.bus_of(self.plant.drives[id])
+            self.plant.drives.pop(id)
+            plant_line.remove_drive(id)
+        return [self.plant.buses.pop(id) for id in (*change.buses.removed, *change.reopened)]
+
+    def _add_new(self, new: PlantConfig) -> None:
+        for bus in new.buses:
+            if bus.id not in self.plant.buses:
+                self.service.add_bus(bus, new.drives)
+            self.plant.buses[bus.id].config = bus
+        for drive in new.drives:
+            if drive.id not in self.plant.drives:
+                self.service.add_drive(drive)
+
+    def _update_kept(self, change: ConfigDiff) -> None:
+        """Drives that stay: their new limits and policies, their new periods."""
+        for id, drive in change.drives.changed.items():
+            unit = self.plant.drives[id]
+            if change.actions[id] in (ReloadAction.UPDATE, ReloadAction.REPOLL):
+                unit.reconfigure(drive, polls=change.actions[id] is ReloadAction.REPOLL)
+                self.plant.restore(unit)
+
+    def _clear_alarms(self, change: ConfigDiff) -> None:
+        """What the service had found about something that is gone is over, and about an interlock that is another."""
+        for alarm in self.plant.parts.alarms.active():
+            if alarm.kind in SYSTEM_ALARM_KINDS and alarm.cleared_ms is None and _subject_is_gone(alarm, change):
+                self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.about)
+
+    def _discard_removed(self, change: ConfigDiff) -> None:
+        for id in _leaving_drives(change):
+            self.service.supervision.reset_drive(id)
+        for id in change.drives.removed:
+            self.plant.leases.remove_drive(id)
+            self.service.supervision.remove_drive(id)
+        for id in change.groups.removed:
+            self.plant.hub.remove(f"groups/{id}")
+        for id in change.buses.removed:
+            self.plant.hub.remove(f"buses/{id}")
+            self.plant.hub.remove(f"frames/{id}")
+
+
+def _leaving_drives(change: ConfigDiff) -> list[str]:
+    """Drives that are taken off their bus, for good or to be added anew."""
+    anew = [id for id, fate in change.actions.items() if fate is ReloadAction.RECREATE]
+    return [*change.drives.removed, *anew]
+
+
+def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
+    if alarm.kind == SystemAlarm.INTERLOCK_TRIP and alarm.about in (
+        *change.interlocks.removed,
+        *change.interlocks.changed,
+    ):
+        return True
+    of_bus = alarm.kind in (SystemAlarm.PORT_LOST, SystemAlarm.FOREIGN_MASTER)
+    return alarm.about in change.buses.removed if of_bus else alarm.drive in change.drives.removed
+
+
+def difference_json(change: ConfigDiff) -> Json:
+    """What came, what went, what is different, by name."""
+    parts = [getattr(change, name) for name in RELOADABLE_TABLES]
+    changed = [id for part in parts for id in part.changed]
+    return {
+        "added": _unique(id for part in parts for id in part.added),
+        "changed": _unique((*changed, *change.others)),
+        "removed": _unique(id for part in parts for id in part.removed),
+    }
+
+
+def _unique(found: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(found))
+
+
+def _complaints_json(error: ConfigurationError) -> list[Json]:
+    found: Iterable[Diagnostic] = error.params.get("complaints", ())
+    return [
+        {"line": one.line, "key": one.key, "found": one.found, "text": {"en": one.text("en"), "zh": one.text("zh")}}
+        for one in found
+    ] or [{"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}]

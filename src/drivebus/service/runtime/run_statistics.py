@@ -1,0 +1,116 @@
+"""What a drive has done so far: hours, starts, energy, peaks, faults. Pure: time is an argument.
+
+Only what was seen counts. A drive that does not report its state has no hours (None, not 0), one without a power in kW
+has no energy, and what happened while nobody looked is not guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from drivebus.drives.state import DriveState
+from drivebus.service.live.views import DriveView, SignalView
+from drivebus.values import Quality
+
+Json = dict[str, Any]
+
+MAX_OBSERVATION_GAP_S = 5.0
+"""Between two looks; after a longer pause nobody knows what was between."""
+
+_TURNING_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
+
+
+@dataclass(slots=True)
+class RunStatistics:
+    """One drive's numbers since ``since_ms``."""
+
+    since_ms: int | None = None
+    running_s: float | None = None
+    starts: int | None = None
+    energy_kwh: float | None = None
+    """Of the drive's output; what a braking motor gives back is taken off."""
+    maximum_current_a: float | None = None
+    maximum_temperature_c: float | None = None
+    faults: dict[str, int] = field(default_factory=dict)
+    """Code → how often it came."""
+    turned: bool | None = None
+    """At the last look that knew."""
+    fault: str | None = None
+    """At the last look that knew."""
+    _seen: float | None = None
+    _power_kw: float | None = None
+
+    @classmethod
+    def from_document(cls, kept: Mapping[str, Any]) -> RunStatistics:
+        """As kept by ``document``; what is no field of today is left out."""
+        names = {one.name for one in fields(cls)} - {"_seen", "_power_kw"}
+        return cls(**{name: value for name, value in kept.items() if name in names})
+
+    def to_document(self) -> Json:
+        return {name: value for name, value in asdict(self).items() if not name.startswith("_")}
+
+    def observe(self, view: DriveView, now: float, now_ms: int) -> None:
+        """Look at the drive at ``now`` (monotonic seconds); ``now_ms`` is only the label of the beginning."""
+        if self.since_ms is None:
+            self.since_ms = now_ms
+        passed_s = None if self._seen is None or now - self._seen > MAX_OBSERVATION_GAP_S else now - self._seen
+        self._seen = now
+        self._count_energy(_power_kw(view), passed_s)
+        self.maximum_current_a = _maximum(self.maximum_current_a, _good_value(view.signals.get("output_current"), "A"))
+        for name, signal in view.signals.items():
+            if name.endswith("temperature"):
+                self.maximum_temperature_c = _maximum(self.maximum_temperature_c, _good_value(signal, "°C"))
+        if view.presence == "online" and view.state != DriveState.UNKNOWN:
+            self._count_state(view, passed_s)
+
+    def _count_state(self, view: DriveView, passed_s: float | None) -> None:
+        """The drive says its state."""
+        turns = view.state in _TURNING_STATES
+        self.running_s, self.starts = self.running_s or 0.0, self.starts or 0
+        if turns and self.turned and passed_s is not None:
+            self.running_s += passed_s
+        if turns and self.turned is False:
+            self.starts += 1
+        self.turned = turns
+        code = None if view.fault is None else str(view.fault.get("code"))
+        if code is not None and code != self.fault:
+            self.faults[code] = self.faults.get(code, 0) + 1
+        self.fault = code
+
+    def _count_energy(self, power_kw: float | None, passed_s: float | None) -> None:
+        """The power of the last look, for the time since."""
+        if self._power_kw is not None and passed_s is not None:
+            self.energy_kwh = (self.energy_kwh or 0.0) + self._power_kw * passed_s / 3600.0
+        elif power_kw is not None and self.energy_kwh is None:
+            self.energy_kwh = 0.0
+        self._power_kw = power_kw
+
+    def as_json(self) -> Json:
+        """As ``drives.statistics`` answers."""
+        return {
+            "running_h": None if self.running_s is None else round(self.running_s / 3600.0, 4),
+            "starts": self.starts,
+            "energy_kwh": None if self.energy_kwh is None else round(self.energy_kwh, 3),
+            "maximum_current_a": self.maximum_current_a,
+            "maximum_temperature_c": self.maximum_temperature_c,
+            "faults": dict(self.faults),
+            "since_ms": self.since_ms,
+        }
+
+
+def _good_value(signal: SignalView | None, unit: str) -> float | None:
+    """Only a good value in that unit: a raw word of unknown scale is no current."""
+    if signal is None or signal.quality is not Quality.GOOD or signal.unit != unit:
+        return None
+    return float(signal.value) if isinstance(signal.value, int | float) else None
+
+
+def _power_kw(view: DriveView) -> float | None:
+    return _good_value(view.signals.get("output_power"), "kW")
+
+
+def _maximum(one: float | None, other: float | None) -> float | None:
+    known = [value for value in (one, other) if value is not None]
+    return max(known, default=None)

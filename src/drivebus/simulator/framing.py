@@ -1,0 +1,140 @@
+"""How stations of one family hear: from characters and silence to one frame. Pure; shared by the stations of a bench.
+
+Two habits: a frame ends with its length (C320, DZB100, Modbus ASCII) or with silence (RTU). Bytes with a parity or
+framing error spoil the frame that they are in. A frame that begins too soon after other traffic is counted, and where
+the manual says so, not recognised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.protocols.codec import Codec, Complete
+from drivebus.serial_settings import SerialSettings
+
+
+@dataclass(frozen=True, slots=True)
+class FramingRule:
+    """A family's framing."""
+
+    gap_characters: float
+    """Silence that begins a frame afresh."""
+    gap_floor_s: float = 0.0
+    requires_gap: bool = False
+    """Without the silence before it a frame is not recognised (C320 2.2.4)."""
+    ends_by_silence: bool = False
+    start_bytes: bytes = b""
+    """First bytes that can begin a frame; empty = any."""
+    restarts_on_start_byte: bool = False
+    """A start byte always begins a new frame (Modbus ASCII ':')."""
+
+    def gap_s(self, line: SerialSettings) -> float:
+        return max(line.seconds(self.gap_characters), self.gap_floor_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedFrame:
+    """A whole frame: its request, or the error that it was refused with."""
+
+    codec: Codec
+    message: Any
+    error: ProtocolError | None
+    frame: bytes
+    address: int | None
+    """Whom it speaks to, None where nobody can tell."""
+    short_gap: bool
+    """It began after less silence than the rule asks for."""
+    silence_s: float
+    """Silence before its first byte."""
+
+
+class FrameReceiver:
+    """The receiver of one family (or one encoding of it) on one wire."""
+
+    def __init__(
+        self, codecs: tuple[Codec, ...], rule: FramingRule, line: SerialSettings, tolerance_s: float = 1e-6
+    ) -> None:
+        self.codecs = codecs
+        self.rule = rule
+        self.gap_s = rule.gap_s(line)
+        self.tolerance_s = tolerance_s
+        """By how much a measured silence may be short (the operating system's jitter on real ports)."""
+        self.decision_delay_s = self.gap_s if rule.ends_by_silence else 0.0
+        """How long after the last byte a frame is decided on."""
+        self._buffer = bytearray()
+        self._corrupted = self._ignoring = self._short_gap = False
+        self._silence_s = 0.0
+
+    def feed(self, data: bytes, line_errors: int, silence_s: float) -> list[ReceivedFrame]:
+        """Characters without a pause, after ``quiet_s`` of silence; the frames that they complete by their length."""
+        if silence_s >= self.gap_s - self.tolerance_s:
+            self._begin_frame(silence_s, short=False)
+        elif not self._buffer:
+            self._begin_frame(silence_s, short=True)
+        if self.rule.restarts_on_start_byte and (at := data.rfind(self.rule.start_bytes)) >= 0:
+            self._begin_frame(silence_s, short=False)
+            data = data[at:]
+        self._corrupted = self._corrupted or line_errors > 0
+        if self._ignoring or (not self._buffer and self.rule.start_bytes and data[:1] not in self._start_characters()):
+            self._ignoring = True
+            return []
+        self._buffer += data
+        return [] if self.rule.ends_by_silence else self._take_complete_frame()
+
+    def on_silence(self) -> list[ReceivedFrame]:
+        """The silence that ends a frame has passed: the frame, if it is one from its first byte to its last."""
+        frame, self._buffer = bytes(self._buffer), bytearray()
+        if not frame or self._corrupted:
+            return []
+        heard = self._decode(frame)
+        return [heard] if heard is not None and len(heard.frame) == len(frame) else []
+
+    def _start_characters(self) -> tuple[bytes, ...]:
+        return tuple(bytes((byte,)) for byte in self.rule.start_bytes)
+
+    def _begin_frame(self, quiet_s: float, short: bool) -> None:
+        self._buffer.clear()
+        self._corrupted = False
+        self._short_gap = short
+        self._ignoring = short and self.rule.requires_gap
+        self._silence_s = quiet_s
+
+    def _take_complete_frame(self) -> list[ReceivedFrame]:
+        """At most one frame: what follows it without silence belongs to nothing."""
+        frame = bytes(self._buffer)
+        heard = self._decode(frame)
+        if heard is None:
+            return []
+        self._buffer.clear()
+        self._ignoring = len(frame) > len(heard.frame)
+        return [] if self._corrupted else [heard]
+
+    def _decode(self, frame: bytes) -> ReceivedFrame | None:
+        """The frame at offset 0; None while it is incomplete. A frame that nobody may answer is dropped."""
+        codec = self._codec_for(frame)
+        try:
+            verdict = codec.decode_request(frame)
+        except ProtocolError as error:
+            size = error.size or len(frame)
+            return ReceivedFrame(
+                codec, None, error, frame[:size], _error_address(error), self._short_gap, self._silence_s
+            )
+        if not isinstance(verdict, Complete):
+            return None
+        message = verdict.message
+        request = getattr(message, "request", message)
+        address = codec.broadcast_address if getattr(request, "broadcast", False) else codec.address_of(request)
+        return ReceivedFrame(codec, message, None, frame[: verdict.size], address, self._short_gap, self._silence_s)
+
+    def _codec_for(self, frame: bytes) -> Codec:
+        """C320 tells its encodings by the first byte; the others have one codec."""
+        if len(self.codecs) == 1:
+            return self.codecs[0]
+        return self.codecs[self.rule.start_bytes.index(frame[:1])]
+
+
+def _error_address(error: ProtocolError) -> int | None:
+    address = error.params.get("address")
+    return address if isinstance(address, int) else None

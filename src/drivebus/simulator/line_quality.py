@@ -1,0 +1,100 @@
+"""What goes wrong on a wire, and how often: the ``weather`` of a bench, read from a short text. Values only.
+
+``clean`` · ``bytes`` · ``lossy`` · ``late`` · ``echo`` · ``batches`` · ``noisy``, or
+``loss=0.05,flip=0.001,late=0.1:0.4,batch=16``; names and keys may be mixed, the last one wins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drivebus.errors import ConfigurationError
+
+NAMED_QUALITIES = {
+    "clean": "",
+    "bytes": "",
+    "echo": "",
+    "lossy": "loss=0.05,flip=0.001",
+    "late": "late=0.1:0.4",
+    "batches": "batch=16",
+    "noisy": "loss=0.02,flip=0.002,junk=0.05,cut_first=0.01,cut_last=0.01",
+}
+"""Names and what they stand for; ``bytes`` and ``echo`` are switches of their own."""
+
+_PROBABILITY_KEYS = ("loss", "flip", "duplicate", "cut_first", "cut_last", "junk")
+
+
+@dataclass(frozen=True, slots=True)
+class LineQuality:
+    """Shares are probabilities 0…1."""
+
+    per_byte: bool = False
+    """A host hears each byte when its last bit ends; else each frame as one piece when it has ended."""
+    echo: bool = False
+    """The adapter gives the host its own bytes back."""
+    loss: float = 0.0
+    """Of a frame, in either direction, to reach nobody."""
+    flip: float = 0.0
+    """Of a character to have one wrong bit."""
+    duplicate: float = 0.0
+    """Of a reply to be sent twice."""
+    cut_first: float = 0.0
+    """Of a frame to lose its first byte (the driver came on late)."""
+    cut_last: float = 0.0
+    """Of a frame to lose its last byte (the driver went off early)."""
+    junk: float = 0.0
+    """Of a reply to be preceded by a stray byte (driver-enable glitch)."""
+    late: float = 0.0
+    """Of a reply to come late, by up to ``late_s``."""
+    late_s: float = 0.0
+    batch_s: float = 0.0
+    """The adapter hands bytes over on this grid (FTDI's 16 ms), 0 = at once."""
+
+
+def parse_line_quality(text: str) -> LineQuality:
+    """Read a weather. Raises ConfigurationError with what was found and expected."""
+    weather = LineQuality()
+    for item in text.split(","):
+        word = item.strip().lower()
+        if word:
+            weather = _apply_word(weather, word)
+    return weather
+
+
+def _apply_word(weather: LineQuality, word: str) -> LineQuality:
+    name, separator, _ = word.partition("=")
+    if not separator and name in NAMED_QUALITIES:
+        if name == "clean":
+            return LineQuality()
+        if name in ("bytes", "echo"):
+            return replace(weather, **{"per_byte" if name == "bytes" else "echo": True})
+        return replace(weather, **_parse_pairs(NAMED_QUALITIES[name]))
+    if not separator or name not in (*_PROBABILITY_KEYS, "late", "batch"):
+        expected = ", ".join((*NAMED_QUALITIES, *(f"{key}=" for key in (*_PROBABILITY_KEYS, "late", "batch"))))
+        raise ConfigurationError("sim.weather-word", found=word, expected=expected)
+    return replace(weather, **_parse_pairs(word))
+
+
+def _parse_pairs(text: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for item in text.split(","):
+        name, _, value = item.partition("=")
+        if name == "late":
+            share, _, seconds = value.partition(":")
+            found |= {"late": _parse_number(item, share, 1.0), "late_s": _parse_number(item, seconds or "0.4", 60.0)}
+        elif name == "batch":
+            found["batch_s"] = _parse_number(item, value, 1000.0) / 1000.0
+        else:
+            found[name] = _parse_number(item, value, 1.0)
+    return found
+
+
+def _parse_number(item: str, text: str, highest: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= highest:
+        raise ConfigurationError("sim.weather-number", found=item, expected=f"0 … {highest:g}")
+    return value

@@ -1,0 +1,198 @@
+"""A pretend DF800: Modbus ASCII or RTU with its own error form, from the RS485 supplement of its manual. Pure.
+
+No status register exists. Monitors beyond F0.03 and F0.05, the jog frequency and scales that the supplement does not
+print are the sim's own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from drivebus.errors import ProtocolError
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import Codec
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.motor import Motor, Trip
+from drivebus.simulator.parameter_memory import Access, ParameterSpec
+from drivebus.simulator.station import Station
+
+COMMAND, FREQUENCY = 0x2000, 0x2001
+MAX_READ = 4
+KEYPAD_HZ, FREQUENCY_SOURCE, COMMAND_SOURCE, ACCEL_TIME, DECEL_TIME = 100, 101, 102, 107, 108
+JOG_HZ = 120
+"""The sim's own place, 0.01 Hz."""
+BAUD, FORMAT, ADDRESS = 700, 701, 702
+STOP, START, JOG = 1, 2, 3
+BACKWARD, FORWARD, TOGGLE = 1, 2, 3
+"""The direction field read with b3 on the left."""
+
+
+def parameter_specs(address: int, encoding: str) -> dict[int, ParameterSpec]:
+    """Parameters Fg.nn = 100 g + nn of a commissioned drive."""
+    table = {number: ParameterSpec(access=Access.READ_ONLY) for number in range(16)}
+    table |= {
+        KEYPAD_HZ: ParameterSpec(5000, 0, 40000),
+        FREQUENCY_SOURCE: ParameterSpec(5, 0, 5, Access.LOCKED_WHILE_RUNNING),
+        COMMAND_SOURCE: ParameterSpec(2, 0, 2, Access.LOCKED_WHILE_RUNNING),
+        ACCEL_TIME: ParameterSpec(100, 1, 36000),
+        DECEL_TIME: ParameterSpec(100, 1, 36000),
+        JOG_HZ: ParameterSpec(500, 0, 40000),
+        BAUD: ParameterSpec(1, 0, 3, Access.LOCKED_WHILE_RUNNING),
+        FORMAT: ParameterSpec(0 if encoding == "ascii" else 3, 0, 5, Access.LOCKED_WHILE_RUNNING),
+        ADDRESS: ParameterSpec(address, 0, 247, Access.LOCKED_WHILE_RUNNING),
+    }
+    return table
+
+
+class DF800Station(Station):
+    """Settings for what the supplement leaves open: ``direction_field`` "b3b2" or "b2b3" (which bit is the left digit),
+    ``hears_broadcast`` (not mentioned), ``reads_command`` (one table reads 2000H, another marks it write-only)."""
+
+    family: ClassVar[str] = "df800"
+    broadcast: ClassVar[int] = 0
+    ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
+    line: ClassVar[SerialSettings] = SerialSettings(9600)
+
+    def __init__(
+        self,
+        address: int,
+        *,
+        encoding: Literal["ascii", "rtu"] = "rtu",
+        direction_field: Literal["b3b2", "b2b3"] = "b3b2",
+        accepts_broadcast: bool = False,
+        reads_command: bool = False,
+        delay_s: float = 0.005,
+        motor: Motor | None = None,
+    ) -> None:
+        super().__init__(address, parameter_specs(address, encoding), motor)
+        ascii_rule = FramingRule(0.0, start_bytes=b":", restarts_on_start_byte=True)
+        self.rule = ascii_rule if encoding == "ascii" else FramingRule(3.5, ends_by_silence=True)
+        codec: Codec = modbus.ModbusAsciiCodec("short") if encoding == "ascii" else modbus.ModbusRtuCodec("short")
+        self.codecs: tuple[Codec, ...] = (codec,)
+        self.direction_field = direction_field
+        self.accepts_broadcast = accepts_broadcast
+        self.reads_command = reads_command
+        self.delay_s = delay_s
+        self.bus_hz = 0.0
+        """2001H as last written, effective only while F1.01 = 5."""
+        self.command = 0
+
+    def power_up(self) -> None:
+        self.bus_hz, self.command = 0.0, 0
+
+    def reply_delay_s(self, line: SerialSettings) -> float:
+        return max(self.delay_s, line.seconds(3.5))
+
+    def elapse(self, dt: float) -> None:
+        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
+        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        super().elapse(dt)
+
+    @property
+    def reference_hz(self) -> float:
+        """2001H with F1.01 = 5, else F1.00."""
+        return self.bus_hz if self.memory[FREQUENCY_SOURCE] == 5 else self.memory[KEYPAD_HZ] / 100.0
+
+    def answer(self, message: Any, codec: Codec) -> Any:
+        if message.address == self.broadcast and not self.accepts_broadcast:
+            return None
+        match message:
+            case modbus.ReadRegisters(function=3):
+                return self._read(message)
+            case modbus.WriteRegister():
+                if self._store(message.register, message.value):
+                    return modbus.WriteAck(message.address, 6, message.register, message.value)
+        return modbus.ExceptionReply(message.address, message.function, None)
+
+    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+        """Its error is the function unchanged and one byte 00 (T15), whatever was wrong."""
+        if not isinstance(error, modbus.IllegalRequest):
+            return None
+        return modbus.ExceptionReply(error.address, error.function, None)
+
+    def _read(self, request: modbus.ReadRegisters) -> Any:
+        values: list[int] = []
+        for register in range(request.register, request.register + request.count):
+            value = self._register(register) if request.count <= MAX_READ else None
+            if value is None:
+                return modbus.ExceptionReply(request.address, 3, None)
+            values.append(value)
+        return modbus.RegisterValues(request.address, 3, tuple(values))
+
+    def _register(self, register: int) -> int | None:
+        if register in (COMMAND, FREQUENCY):
+            shown = self.command if register == COMMAND else round(self.bus_hz * 100)
+            return shown if self.reads_command else None
+        if register < 16:
+            return self._monitor(register) & 0xFFFF
+        return None if self.memory.refuses_read(register) else self.memory[register]
+
+    def _monitor(self, number: int) -> int:
+        """F0.03 is the current and F0.05 the speed; the other places are the sim's own."""
+        motor = self.seen
+        match number:
+            case 0:
+                return round(abs(motor.output_hz) * 100)
+            case 1:
+                return round(self.reference_hz * 100)
+            case 2:
+                return round(motor.voltage_v)
+            case 3:
+                return round(motor.current_a * 10)
+            case 4:
+                return round(motor.bus_v)
+            case 5:
+                return round(abs(motor.speed_rpm))
+            case 6:
+                return round(motor.temperature_c)
+        return 0
+
+    def _store(self, register: int, value: int) -> bool:
+        if register == COMMAND:
+            self._command(value)
+            return True
+        if register == FREQUENCY:
+            return self._set_frequency(value)
+        if self.memory.refuses_write(register, value, self.running) is not None:
+            return False
+        self.memory.write(register, value, save=True)
+        return True
+
+    def _set_frequency(self, value: int) -> bool:
+        if value > 40000:
+            return False
+        self.bus_hz = value / 100.0
+        if self.running and not self.jogging and not self.motor.stopping:
+            self.direct(self.reference_hz)
+        return True
+
+    def _command(self, word: int) -> None:
+        """2000H. Ignored, though answered, unless F1.02 = 2. A toggle is executed if somebody sends it (T16)."""
+        self.command = word
+        if self.memory[COMMAND_SOURCE] != 2:
+            return
+        if word & 0x10:
+            self.motor.reset()
+        self._apply_direction(word >> 2 & 3)
+        run = word & 3
+        if run == STOP:
+            self.motor.stop()
+        elif run == START:
+            self.jogging = False
+            self.direct(self.reference_hz)
+        elif run == JOG and not self.running:
+            self.jogging = True
+            self.direct(self.memory[JOG_HZ] / 100.0)
+
+    def _apply_direction(self, field: int) -> None:
+        if self.direction_field == "b2b3":
+            field = field >> 1 | (field & 1) << 1
+        if field == 0:
+            return
+        self.reverse = not self.reverse if field == TOGGLE else field == BACKWARD
+        if self.running and not self.motor.stopping:
+            self.direct(abs(self.motor.target_hz))
+
+    def trip_code(self, trip: Trip) -> int:
+        return list(Trip).index(trip) + 1

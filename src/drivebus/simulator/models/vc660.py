@@ -1,0 +1,284 @@
+"""A pretend VC660 spindle drive: Modbus RTU, from its debugging guide (§ one, four, five, six). Pure."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from drivebus.errors import ProtocolError
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import Codec
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.models.vc660_tables import (
+    ACCEL_TIME,
+    ANALOG_LIMIT,
+    COAST,
+    COMMAND_SOURCE,
+    DECEL_TIME,
+    EMERGENCY,
+    FAILED,
+    FAULT_BITS,
+    FIRST_OUTPUT,
+    FREQUENCY_SOURCE,
+    HOLD,
+    HOST_OUTPUT,
+    ILLEGAL_ADDRESS,
+    ILLEGAL_FUNCTION,
+    ILLEGAL_VALUE,
+    JOG_FORWARD,
+    JOG_HZ,
+    JOG_REVERSE,
+    KEYPAD_HZ,
+    MAX_READ,
+    PARAMETERS,
+    PAUSE,
+    PULSE_BITS,
+    REPLY_DELAY,
+    RESET,
+    REVERSE,
+    SAVE_BIT,
+    START,
+    STOP,
+    VIRTUAL_INPUTS,
+    parameter_specs,
+)
+from drivebus.simulator.motor import Motor, OutputPhase, Trip
+from drivebus.simulator.parameter_memory import RejectReason
+from drivebus.simulator.station import Station
+
+
+class VC660Station(Station):
+    """``pulses``: "edge" acts on 0→1 only (default, the stricter reading), "write" on every write of a 1 [OPEN].
+
+    Address 0 is the factory setting: obeys broadcasts, answers nothing.
+    """
+
+    family: ClassVar[str] = "vc660"
+    rule: FramingRule = FramingRule(3.5, ends_by_silence=True)
+    broadcast: ClassVar[int] = 0
+    ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
+    line: ClassVar[SerialSettings] = SerialSettings(9600)
+
+    def __init__(
+        self,
+        address: int,
+        *,
+        pulses: Literal["edge", "write"] = "edge",
+        maximum_hz: float = 400.0,
+        motor: Motor | None = None,
+    ) -> None:
+        super().__init__(address, parameter_specs(), motor)
+        self.codecs: tuple[Codec, ...] = (modbus.ModbusRtuCodec(),)
+        self.pulses = pulses
+        self.maximum_hz = maximum_hz
+        self.power_up()
+
+    def power_up(self) -> None:
+        self.control = 0
+        """The control word as last written."""
+        self.paused = self.emergency = False
+        self.inputs = [0, 0]
+        self.outputs = 0
+        self.analog = [0, 0]
+
+    def reply_delay_s(self, line: SerialSettings) -> float:
+        """F06.06, and never before the silence that ends the request."""
+        return max(self.memory[REPLY_DELAY] / 1000.0, line.seconds(3.5))
+
+    def elapse(self, dt: float) -> None:
+        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
+        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        super().elapse(dt)
+        if self.emergency and not self.motor.energised:
+            self.emergency = False
+
+    def answer(self, message: Any, codec: Codec) -> Any:
+        match message:
+            case modbus.Diagnostics():
+                return modbus.DiagnosticsReply(message.address, message.data)
+            case modbus.ReadRegisters(function=3):
+                return self._read(message)
+            case modbus.WriteRegister():
+                return self._write(message)
+        return modbus.ExceptionReply(message.address, message.function, ILLEGAL_FUNCTION)
+
+    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+        """A whole frame with a good CRC that asks for what does not exist gets an exception, anything else silence."""
+        if not isinstance(error, modbus.IllegalRequest):
+            return None
+        code = error.code if error.function in (3, 6, 8) else ILLEGAL_FUNCTION
+        return modbus.ExceptionReply(error.address, error.function, code)
+
+    @property
+    def reference_hz(self) -> float:
+        """What the drive runs at: 2001H with F00.01 = 4, else the keypad's F00.02."""
+        return self.setpoint_hz if self.memory[FREQUENCY_SOURCE] == 4 else self.memory[KEYPAD_HZ] / 100.0
+
+    # Reading.
+
+    def _read(self, request: modbus.ReadRegisters) -> Any:
+        if request.count > MAX_READ:
+            return modbus.ExceptionReply(request.address, 3, ILLEGAL_VALUE)
+        values: list[int] = []
+        for register in range(request.register, request.register + request.count):
+            value = self._register(register)
+            if value is None:
+                return modbus.ExceptionReply(request.address, 3, ILLEGAL_ADDRESS)
+            values.append(value)
+        return modbus.RegisterValues(request.address, 3, tuple(values))
+
+    def _register(self, register: int) -> int | None:
+        """A parameter or a status register; None for what is write-only or in no table (200BH, T12)."""
+        if register < PARAMETERS:
+            return self.memory[register]
+        if not 0x3000 <= register <= 0x3018:
+            return None
+        return self._monitor(register - 0x3000) & 0xFFFF
+
+    def _monitor(self, number: int) -> int:
+        motor = self.seen
+        match number:
+            case 0x00:
+                return self._status(motor)
+            case 0x01:
+                return round(self.reference_hz * 100)
+            case 0x02:
+                return round(abs(motor.output_hz) * 100)
+            case 0x03:
+                return round(motor.current_a * 10)
+            case 0x04:
+                return round(motor.voltage_v * 10)
+            case 0x05:
+                return max(0, round(motor.power_kw * 100))
+            case 0x06:
+                return round(motor.bus_v)
+            case 0x07:
+                return self.inputs[0] if self.memory[VIRTUAL_INPUTS] else 0
+            case 0x0B:
+                return round(motor.temperature_c)
+            case 0x0C:
+                return round(self.reference_hz * 60 / motor.rating.pole_pairs)
+            case 0x08 | 0x14:
+                return self.outputs & self._driven_by_host()
+            case 0x16:
+                return 1 << FAULT_BITS[motor.trip] if motor.trip else 0
+            case 0x18:
+                return 1 if motor.temperature_c > 80.0 else 0
+        return 0
+
+    def _driven_by_host(self) -> int:
+        """Outputs Y0-Y2 whose F04.00-02 hand them to the host (28, 29, 30)."""
+        return sum(1 << n for n in range(3) if self.memory[FIRST_OUTPUT + n] == HOST_OUTPUT + n)
+
+    def _status(self, motor: Motor) -> int:
+        running = motor.energised
+        bits = {
+            0: motor.ready and motor.trip is None,
+            1: motor.trip is not None,
+            2: not motor.ready,
+            3: running,
+            4: self.emergency,
+            5: self.paused,
+            7: motor.phase is OutputPhase.DC_BRAKING,
+            8: self.jogging and running,
+            14: self.reverse,
+            15: motor.output_hz < 0.0,
+        }
+        return sum(1 << bit for bit, on in bits.items() if on)
+
+    # Writing.
+
+    def _write(self, request: modbus.WriteRegister) -> Any:
+        code = self._store(request.register, request.value)
+        if code:
+            return modbus.ExceptionReply(request.address, 6, code)
+        return modbus.WriteAck(request.address, 6, request.register, request.value)
+
+    def _store(self, register: int, value: int) -> int:
+        """Do it; 0, or the exception's code."""
+        if 0x2000 <= register <= 0x2009:
+            return self._control_register(register - 0x2000, value)
+        key = register & ~SAVE_BIT
+        refusal = self.memory.refuses_write(key, value, self.running)
+        if refusal is None:
+            self.memory.write(key, value, save=bool(register & SAVE_BIT))
+            return 0
+        if refusal in (RejectReason.UNKNOWN, RejectReason.HIDDEN):
+            return ILLEGAL_ADDRESS
+        return ILLEGAL_VALUE if refusal is RejectReason.RANGE else FAILED
+
+    def _control_register(self, number: int, value: int) -> int:
+        match number:
+            case 0:
+                self._command(value)
+            case 1:
+                return self._set_frequency(value)
+            case 2 | 4:
+                self.inputs[number // 2 - 1] |= value
+            case 3 | 5:
+                self.inputs[number // 2 - 1] &= ~value
+            case 6:
+                self.outputs |= value & 0b111
+            case 7:
+                self.outputs &= ~value
+            case 8 | 9:
+                if value > ANALOG_LIMIT:
+                    return ILLEGAL_VALUE
+                self.analog[number - 8] = value
+        return 0
+
+    def _set_frequency(self, value: int) -> int:
+        if value > round(self.maximum_hz * 100):
+            return ILLEGAL_VALUE
+        if self.memory[FREQUENCY_SOURCE] == 4:
+            self.setpoint_hz = value / 100.0
+            if self.running and not self.jogging and not self.paused and not self.motor.stopping:
+                self.direct(self.setpoint_hz)
+        return 0
+
+    def _command(self, word: int) -> None:
+        """One write to 2000H: the levels as they are, each pulse bit on its edge (or whenever it is 1). Stops win."""
+        pulses = word & PULSE_BITS & (~self.control if self.pulses == "edge" else 0xFFFF)
+        fresh = word & ~self.control
+        gone = self.control & ~word
+        self.control = word
+        if self.memory[COMMAND_SOURCE] != 2:
+            return
+        self._apply_levels(word)
+        if pulses & RESET:
+            self.motor.reset()
+        if pulses & EMERGENCY:
+            self.emergency = self.running
+            self.motor.stop(min(1.0, self.motor.decel_s))
+        elif pulses & COAST:
+            self.motor.coast()
+        elif pulses & STOP:
+            self.motor.stop()
+        elif pulses & START:
+            self.jogging = False
+            self.direct(0.0 if self.paused else self.reference_hz)
+        else:
+            self._jog(word, fresh, gone)
+
+    def _apply_levels(self, word: int) -> None:
+        turned = self.reverse != bool(word & REVERSE)
+        self.reverse = bool(word & REVERSE)
+        paused, self.paused = self.paused, bool(word & PAUSE)
+        self.motor.hold = bool(word & HOLD)
+        if self.running and not self.jogging and not self.motor.stopping:
+            if self.paused:
+                self.direct(0.0)
+            elif turned or paused:
+                self.direct(self.reference_hz)
+
+    def _jog(self, word: int, fresh: int, gone: int) -> None:
+        jogs = JOG_FORWARD | JOG_REVERSE
+        if fresh & jogs and not self.running:
+            self.jogging = True
+            hz = self.memory[JOG_HZ] / 100.0
+            self.motor.run(-hz if fresh & JOG_REVERSE else hz)
+        elif gone & jogs and not word & jogs and self.jogging:
+            self.motor.stop()
+
+    def trip_code(self, trip: Trip) -> int:
+        return FAULT_BITS[trip]

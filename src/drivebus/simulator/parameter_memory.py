@@ -1,0 +1,87 @@
+"""The parameters of a pretend drive: RAM and EEPROM, what guards them, and how often each was written. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Access(Enum):
+    """What stands between the bus and a parameter."""
+
+    OPEN = "open"
+    LOCKED_WHILE_RUNNING = "not while running"
+    READ_ONLY = "read only"
+    HIDDEN = "hidden"
+
+
+class RejectReason(Enum):
+    """Why a parameter could not be read or written."""
+
+    UNKNOWN = "no such parameter"
+    HIDDEN = "hidden or reserved"
+    READ_ONLY = "read only"
+    PASSWORD = "locked by password"
+    RUNNING = "not while running"
+    RANGE = "out of range"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSpec:
+    """One parameter, in raw words."""
+
+    factory: int = 0
+    minimum: int = 0
+    maximum: int = 0xFFFF
+    access: Access = Access.OPEN
+
+
+class ParameterMemory:
+    """RAM and EEPROM words by key. ``eeprom_writes`` counts what wears the chip (G16)."""
+
+    def __init__(self, cells: Mapping[int, ParameterSpec]) -> None:
+        self.cells = cells
+        self.eeprom = {key: cell.factory for key, cell in cells.items()}
+        self.ram = dict(self.eeprom)
+        self.eeprom_writes: Counter[int] = Counter()
+        self.ram_writes: Counter[int] = Counter()
+        self.locked = False
+        """A password forbids every write from the bus."""
+
+    def refuses_read(self, key: int) -> RejectReason | None:
+        cell = self.cells.get(key)
+        if cell is None:
+            return RejectReason.UNKNOWN
+        return RejectReason.HIDDEN if cell.access is Access.HIDDEN else None
+
+    def refuses_write(self, key: int, value: int, running: bool) -> RejectReason | None:
+        """The first reason against a write, None where there is none."""
+        unreadable = self.refuses_read(key)
+        if unreadable is not None:
+            return unreadable
+        cell = self.cells[key]
+        if cell.access is Access.READ_ONLY:
+            return RejectReason.READ_ONLY
+        if self.locked:
+            return RejectReason.PASSWORD
+        if running and cell.access is Access.LOCKED_WHILE_RUNNING:
+            return RejectReason.RUNNING
+        return None if cell.minimum <= value <= cell.maximum else RejectReason.RANGE
+
+    def write(self, key: int, value: int, save: bool) -> None:
+        """Write without asking anybody: RAM, and EEPROM where ``save``."""
+        self.ram[key] = value
+        self.ram_writes[key] += 1
+        if save:
+            self.eeprom[key] = value
+            self.eeprom_writes[key] += 1
+
+    def __getitem__(self, key: int) -> int:
+        """What the drive works with now."""
+        return self.ram[key]
+
+    def power_cycle(self) -> None:
+        """RAM is what EEPROM holds."""
+        self.ram = dict(self.eeprom)

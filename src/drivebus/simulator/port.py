@@ -1,0 +1,142 @@
+"""``sim://``: a port whose far end is a bench in the same process. Satisfies the port protocol structurally.
+
+Benches with a ``name=`` are shared: opening the same name again joins the same wire (a second master, a restarted
+host).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
+
+from drivebus.errors import PortLost, PortUnavailable, PortUrlError
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.bus import SimulatedBus
+from drivebus.simulator.models.catalog import STATION_OPTION_NAMES, make_stations
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What is real about this port: its timing, and the parity marks of bytes that the wire spoiled."""
+
+    has_line_timing: bool = True
+    parity: bool = True
+    direction_control: bool = False
+
+
+class Receiver(Protocol):
+    """Who is told what comes in."""
+
+    def data_received(self, data: bytes, marks: int = 0) -> None: ...
+    def port_lost(self, error: PortLost) -> None: ...
+
+
+class SimPort:
+    """One host's plug on a bench; ``bench`` is there for tests and demos."""
+
+    capabilities = Capabilities()
+
+    def __init__(
+        self, bench: SimulatedBus, settings: SerialSettings, url: str, echo: Literal["detect", "on", "off"]
+    ) -> None:
+        self.bench = bench
+        self.settings: SerialSettings | None = settings
+        self.url = url
+        self.echo = echo
+        self._receiver: Receiver | None = None
+
+    @property
+    def identity(self) -> str:
+        return f"sim:{self.bench.name or self.url}"
+
+    async def open(self, receiver: Receiver) -> None:
+        """Raises PortUnavailable while the bench is unplugged or this port is open."""
+        if not self.bench.wire.plugged:
+            raise PortUnavailable("sim.unplugged", port=self.url)
+        if self._receiver is not None and self in self.bench.masters:
+            raise PortUnavailable("sim.already-open", port=self.url)
+        self.bench.attach(self)
+        self._receiver = receiver
+
+    def write(self, data: bytes, /) -> None:
+        """Raises PortLost where the port is not open."""
+        if self._receiver is None:
+            raise PortLost("sim.not-open", port=self.url)
+        self.bench.transmit(self, data)
+
+    async def close(self) -> None:
+        """The drives go on."""
+        self._receiver = None
+        self.bench.detach(self)
+
+    def receive(self, data: bytes, marks: int) -> None:
+        if self._receiver is not None:
+            self._receiver.data_received(data, marks)
+
+    def on_unplugged(self) -> None:
+        receiver, self._receiver = self._receiver, None
+        if receiver is not None:
+            receiver.port_lost(PortLost("sim.lost", port=self.url))
+
+
+_named_buses: dict[str, SimulatedBus] = {}
+
+
+def find_simulated_bus(name: str) -> SimulatedBus:
+    """The bench of ``sim://…?name=``. Raises KeyError."""
+    return _named_buses[name]
+
+
+def clear_simulated_buses() -> None:
+    """Forget every named bench: the next ``name=`` makes a new one."""
+    _named_buses.clear()
+
+
+def open_port(link: Any) -> SimPort:
+    """The port of a ``sim://MODEL@ADDRESSES`` link, not yet opened. Raises PortUrlError or ConfigurationError.
+
+    Options: seed, weather, name, echo, load, ramp (seconds), drives (the stations' own line, ``19200-8E1``, where the
+    host's is wrong on purpose), and the open settings of the families (``direction_field``, ``setpoint_coding``, …).
+    """
+    link.reject_unknown_options("seed", "weather", "name", "echo", "load", "ramp", "drives", *STATION_OPTION_NAMES)
+    name = link.options.get("name", "")
+    bench = _named_buses.get(name)
+    if bench is None:
+        bench = _create_bus(link, name)
+        if name:
+            _named_buses[name] = bench
+    settings = _master_settings(link, bench.stations[0].line)
+    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bench.weather.echo else "off")
+    return SimPort(bench, settings, link.text, echo)
+
+
+def _create_bus(link: Any, name: str) -> SimulatedBus:
+    settings = {key: value for key, value in link.options.items() if key in STATION_OPTION_NAMES}
+    stations = make_stations(link.path, settings, link.options.get("load", "constant"))
+    ramp_s = link.number("ramp", 10.0, 0.1, 3600.0)
+    for station in stations if "ramp" in link.options else ():
+        station.set_ramps(ramp_s, ramp_s)
+    line = _station_settings(link, _master_settings(link, stations[0].line))
+    seed = int(link.number("seed", 1, 0, 2**31))
+    return SimulatedBus(stations, line, weather=link.options.get("weather", "clean"), seed=seed, name=name)
+
+
+def _master_settings(link: Any, factory: SerialSettings) -> SerialSettings:
+    """The host's line: what the link does not say is as the drives leave the factory."""
+    chosen: SerialSettings = link.settings
+    if "baud" not in link.explicit:
+        chosen = replace(chosen, baud=factory.baud)
+    if "format" not in link.explicit:
+        chosen = SerialSettings(chosen.baud, factory.data_bits, factory.parity, factory.stop_bits)
+    return chosen
+
+
+def _station_settings(link: Any, default: SerialSettings) -> SerialSettings:
+    text = link.options.get("drives")
+    if text is None:
+        return default
+    baud, _, format = text.partition("-")
+    try:
+        return SerialSettings.parse(int(baud), format or default.format)
+    except ValueError:
+        raise PortUrlError("sim.drives", link=link.text, found=text, expected="19200-8E1") from None

@@ -1,0 +1,175 @@
+"""Conversations as scripts: events in, effects out, in virtual time. ``Playbook`` drives the pure core without any
+loop; ``ScriptedPort`` plays the same wire to a whole ``Bus`` under ``virtual.run``.
+
+A *wire* is a function: (frame, second of its last bit) → what comes back, as (second, bytes) pairs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from heapq import heappop, heappush
+from typing import Any
+
+from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
+from drivebus.bus.core import BusCore
+from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.trace import TraceEvent
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.ports.base import Capabilities, EchoSetting, Receiver
+from drivebus.protocols.codec import BusRequest, BusResult
+from drivebus.serial_settings import SerialSettings
+
+Wire = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
+
+
+def silent_wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+    """A wire with nobody on it."""
+    return ()
+
+
+class BusScript:
+    """Plays one bus core and writes down all that it does: ``sent`` (time, bytes), ``answers`` by token, ``traced``."""
+
+    def __init__(self, core: BusCore, wire: Wire = silent_wire, *, start: float = 0.0) -> None:
+        self.core = core
+        self.wire = wire
+        self.now = start
+        self.sent: list[tuple[float, bytes]] = []
+        self.results: dict[Any, list[BusResult]] = {}
+        self.traced: list[TraceEvent] = []
+        self.recording = True
+        """Write down; off for long runs."""
+        self._timer_at: float | None = None
+        self._incoming: list[tuple[float, int, bytes, int]] = []
+        self._count = 0
+        self._perform(core.on_port_open(start))
+
+    def submit(self, bus_request: BusRequest, token: Any = "ask") -> None:
+        self._perform(self.core.submit(bus_request, token, self.now))
+
+    def start_polling(self, address: int, polls: Sequence[Poll], token: Any = "watch") -> None:
+        self._perform(self.core.start_polling(address, polls, token, self.now))
+
+    def receive(self, data: bytes, *, at: float | None = None, line_errors: int = 0) -> None:
+        """These bytes come at that second (now, if none is given)."""
+        self._count += 1
+        heappush(self._incoming, (self.now if at is None else at, self._count, data, line_errors))
+
+    def lose_port(self, error: PortLost) -> None:
+        self._incoming.clear()
+        self._perform(self.core.on_port_lost(error, self.now))
+
+    def reopen(self) -> None:
+        self._perform(self.core.on_port_open(self.now))
+
+    def run_until(self, when: float) -> None:
+        """Play everything that happens up to and at that second."""
+        while (at := self._next_at()) is not None and at <= when:
+            self._step(at)
+        self.now = max(self.now, when)
+
+    def run(self) -> None:
+        """Play until nothing more can happen (never, with polls)."""
+        while (at := self._next_at()) is not None:
+            self._step(at)
+
+    def result(self, token: Any = "ask") -> BusResult:
+        """Play until this ask has its answer."""
+        while token not in self.results:
+            at = self._next_at()
+            assert at is not None, f"nothing more can happen and {token!r} has no answer"
+            self._step(at)
+        return self.results[token][-1]
+
+    @property
+    def frames(self) -> list[bytes]:
+        return [frame for _, frame in self.sent]
+
+    def _next_at(self) -> float | None:
+        coming = self._incoming[0][0] if self._incoming else None
+        if coming is None or (self._timer_at is not None and self._timer_at < coming):
+            return self._timer_at
+        return coming
+
+    def _step(self, at: float) -> None:
+        """Bytes that come at the very second of a wake are heard first, as a real master's reader would."""
+        self.now = max(self.now, at)
+        if self._incoming and self._incoming[0][0] <= at:
+            _, _, data, marks = heappop(self._incoming)
+            self._perform(self.core.on_data(data, self.now, marks))
+        else:
+            self._timer_at = None
+            self._perform(self.core.on_timer(self.now))
+
+    def _perform(self, commands: list[CoreCommand]) -> None:
+        for act in commands:
+            if isinstance(act, Send):
+                self._send(act.data)
+            elif isinstance(act, DeliverResult):
+                if self.recording:
+                    self.results.setdefault(act.token, []).append(act.result)
+            elif isinstance(act, EmitTrace):
+                self.traced.append(act.event)
+            else:
+                self._timer_at = act.when
+
+    def _send(self, frame: bytes) -> None:
+        if self.recording:
+            self.sent.append((self.now, frame))
+        for at, data in self.wire(frame, self.now + self.core.settings.seconds(len(frame))):
+            self.receive(data, at=at)
+
+
+class ScriptedPort:
+    """A Port whose far side is a wire. Paced by default, so that durations are exact."""
+
+    def __init__(
+        self,
+        wire: Wire,
+        settings: SerialSettings | None = None,
+        *,
+        has_line_timing: bool = True,
+        echo: EchoSetting = "off",
+    ) -> None:
+        self.wire = wire
+        self.settings = settings or SerialSettings()
+        self.capabilities = Capabilities(has_line_timing=has_line_timing)
+        self.echo: EchoSetting = echo
+        self.identity = "scripted"
+        self.url = "scripted://"
+        self.sent: list[tuple[float, bytes]] = []
+        self.plugged = True
+        self.openings = 0
+        self._receiver: Receiver | None = None
+
+    async def open(self, receiver: Receiver) -> None:
+        """Raises PortUnavailable while unplugged."""
+        if not self.plugged:
+            raise PortUnavailable("ports.memory-unplugged", port=self.url)
+        self.openings += 1
+        self._receiver = receiver
+
+    def write(self, data: bytes, /) -> None:
+        """Raises PortLost where the port is not open."""
+        if self._receiver is None:
+            raise PortLost("ports.not-open", port=self.url)
+        loop = asyncio.get_running_loop()
+        self.sent.append((loop.time(), data))
+        opening = self.openings
+        for at, reply in self.wire(data, loop.time() + self.settings.seconds(len(data))):
+            loop.call_at(at, self._deliver, reply, opening)
+
+    async def close(self) -> None:
+        self._receiver = None
+
+    def unplug(self) -> None:
+        """The device is gone: the receiver is told, opening fails until ``plugged`` is set again."""
+        self.plugged = False
+        receiver, self._receiver = self._receiver, None
+        if receiver is not None:
+            receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
+
+    def _deliver(self, data: bytes, opening: int) -> None:
+        if self._receiver is not None and opening == self.openings:
+            self._receiver.data_received(data)

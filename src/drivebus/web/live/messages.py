@@ -1,0 +1,88 @@
+"""What a client of the WebSocket may say, and how often: strict, small, seldom (S14)."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+MAX_MESSAGE_CHARS = 16_384
+"""Characters of a message."""
+MAX_PATTERNS = 100
+"""More topics than that are asked for with a star."""
+DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", "events")
+DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
+
+_PATTERN = re.compile(r"\*|(drives|buses|groups|frames)/[a-z0-9_*-]{1,64}|alarms|plant|events")
+_ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_NUMBER = re.compile(r"[0-9]{1,3}(\.[0-9]{1,6})?")
+
+
+@dataclass(frozen=True, slots=True)
+class ClientMessage:
+    """One message of a client."""
+
+    subscribe: tuple[str, ...] | None = None
+    renew: tuple[str, ...] = ()
+
+
+def parse_message(text: str) -> ClientMessage:
+    """``{"subscribe": [patterns]}``, ``{"renew": [drives]}`` or both. Raises ValueError."""
+    if len(text) > MAX_MESSAGE_CHARS:
+        raise ValueError("too long")
+    try:
+        found = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("too deep") from error
+    if not isinstance(found, dict) or not found or found.keys() - {"subscribe", "renew"}:
+        raise ValueError(text[:100])
+    topics = parse_patterns(_string_list(found["subscribe"])) if "subscribe" in found else None
+    return ClientMessage(topics, _all_matching(_ID, _string_list(found.get("renew", []))))
+
+
+def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:
+    """Topics, sorted and each once, so that the same wishes share one channel. Raises ValueError."""
+    return tuple(sorted(set(_all_matching(_PATTERN, words))))
+
+
+def parse_interval(text: str | None) -> float:
+    """Seconds between two deltas, to a twentieth of a second. Raises ValueError."""
+    if text is None:
+        return DEFAULT_INTERVAL_S
+    if not (_NUMBER.fullmatch(text) and MIN_INTERVAL_S <= float(text) <= MAX_INTERVAL_S):
+        raise ValueError(text)
+    return max(MIN_INTERVAL_S, round(float(text) * 20) / 20)
+
+
+def _string_list(found: object) -> list[str]:
+    if not isinstance(found, list) or len(found) > MAX_PATTERNS:
+        raise ValueError("a list")
+    return found
+
+
+def _all_matching(wanted: re.Pattern[str], words: Iterable[object]) -> tuple[str, ...]:
+    chosen = tuple(words)
+    if not all(isinstance(word, str) and wanted.fullmatch(word) for word in chosen):
+        raise ValueError(str(chosen)[:100])
+    return chosen  # type: ignore[return-value]
+
+
+@dataclass(slots=True)
+class MessageRateLimit:
+    """How many messages a client may send: ``burst`` at once, then ``per_s``."""
+
+    per_s: float = 10.0
+    burst: float = 30.0
+    _left: float = field(default=-1.0)
+    _at: float = 0.0
+
+    def spend(self, now: float) -> bool:
+        """False where there is none left."""
+        full = self._left < 0.0
+        self._left = self.burst if full else min(self.burst, self._left + (now - self._at) * self.per_s)
+        self._at = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True

@@ -1,0 +1,122 @@
+"""HTTP connections and WebSockets with limits that the library does not have: no slow head, no endless head, no slow
+reader, no address that takes all connections (S14).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from typing import Any
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+HEADER_TIMEOUT_S = 10.0
+"""From the connection, or the first octet of a later request, to the empty line."""
+MAX_HEADER_BYTES = 32 * 1024
+WRITE_STALL_TIMEOUT_S = 30.0
+"""So long the other side may leave its answer unread."""
+WEBSOCKET_CLOSE_TIMEOUT_S = 2.0
+"""So long a WebSocket may take to answer that it is closed; until then it has one of the connections."""
+MAX_CONNECTIONS_PER_ADDRESS = 128
+"""Connections of one address; this machine's own (a reverse proxy) may have all."""
+
+
+class _WriteStallTimeout(asyncio.Protocol):
+    """Closes the connection of whoever leaves an answer unread."""
+
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
+    _stall_timer: asyncio.TimerHandle | None = None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._cancel_stall_timer()
+        super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._stall_timer = self.loop.call_later(WRITE_STALL_TIMEOUT_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._cancel_stall_timer()
+
+    def _cancel_stall_timer(self) -> None:
+        if self._stall_timer is not None:
+            self._stall_timer.cancel()
+        self._stall_timer = None
+
+
+class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
+    """Closes whoever takes too long or too much."""
+
+    _header_timer: asyncio.TimerHandle | None = None
+    _header_bytes = 0
+    """Octets of a head that is not complete."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if self._exceeds_address_limit():
+            transport.abort()
+            return
+        self._start_header_timer()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._cancel_header_timer()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        awaited = self._header_timer
+        super().data_received(data)
+        if awaited is not None and self._header_timer is awaited:  # all of it is head: a body may come with its end
+            self._header_bytes += len(data)
+            if self._header_bytes > MAX_HEADER_BYTES:
+                self.transport.abort()
+
+    def on_message_begin(self) -> None:
+        super().on_message_begin()
+        self._start_header_timer()
+
+    def on_headers_complete(self) -> None:
+        self._cancel_header_timer()
+        super().on_headers_complete()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        if self.cycle is not None and self.cycle.more_body:
+            self.transport.close()
+
+    def _start_header_timer(self) -> None:
+        if self._header_timer is None:
+            self._header_timer = self.loop.call_later(HEADER_TIMEOUT_S, self.transport.abort)
+
+    def _cancel_header_timer(self) -> None:
+        if self._header_timer is not None:
+            self._header_timer.cancel()
+        self._header_timer, self._header_bytes = None, 0
+
+    def _exceeds_address_limit(self) -> bool:
+        if self.client is None or _is_local_address(self.client[0]):
+            return False
+        others = (getattr(one, "client", None) for one in self.connections)
+        return (
+            len([other for other in others if other is not None and other[0] == self.client[0]])
+            > MAX_CONNECTIONS_PER_ADDRESS
+        )
+
+
+def _is_local_address(address: str) -> bool:
+    """127.0.0.1 comes as ``::ffff:127.0.0.1`` where IPv6 is listened for too."""
+    found = ipaddress.ip_address(address)
+    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
+
+
+class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):
+    """A WebSocket that nobody reads, or that does not end when it is told to, keeps its connection from nobody else.
+
+    What waits to be sent holds a mere ``close`` back for ever.
+    """
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.close_timeout = WEBSOCKET_CLOSE_TIMEOUT_S

@@ -1,0 +1,72 @@
+"""A long connection ends with the credential that opened it, within a second, whatever its route does (S04)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from drivebus.service.api.errors import localized
+from drivebus.service.auth.credentials import Credential
+
+SESSION_ENDED_CODE = 4401
+
+
+async def run_until_credential_ends(
+    app: ASGIApp, visitor: Credential, scope: Scope, receive: Receive, send: Send
+) -> None:
+    """Run ``app``; when the visitor's session or token ends, tell why, close, and give the route a disconnect."""
+    line = _GuardedConnection(receive, send)
+    route = asyncio.ensure_future(app(scope, line.receive, line.send))
+    ending = asyncio.create_task(visitor.wait_ended())
+    try:
+        await asyncio.wait({route, ending}, return_when=asyncio.FIRST_COMPLETED)
+        if not route.done():
+            await line.close(ending.result())
+        await route
+    finally:
+        for task in (route, ending):
+            task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await ending
+
+
+class _GuardedConnection:
+    """The connection as the route sees it."""
+
+    def __init__(self, receive: Receive, send: Send) -> None:
+        self._receive = receive
+        self._send = send
+        self._accepted = False
+        self._ended = asyncio.Event()
+
+    async def receive(self) -> Message:
+        if self._ended.is_set():
+            return _disconnect_message()
+        coming, over = asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._ended.wait())
+        try:
+            await asyncio.wait({coming, over}, return_when=asyncio.FIRST_COMPLETED)
+            return coming.result() if coming.done() else _disconnect_message()
+        finally:
+            for task in (coming, over):
+                task.cancel()
+
+    async def send(self, message: Message) -> None:
+        if self._ended.is_set():
+            return
+        self._accepted = self._accepted or message["type"] == "websocket.accept"
+        await self._send(message)
+
+    async def close(self, why: str) -> None:
+        self._ended.set()
+        if self._accepted:
+            told = {"type": "closed", "reason": why, "text": localized(f"access.closed.{why}")}
+            said = json.dumps(told, ensure_ascii=False)
+            await self._send({"type": "websocket.send", "text": said})
+        await self._send({"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": why})
+
+
+def _disconnect_message() -> Message:
+    return {"type": "websocket.disconnect", "code": SESSION_ENDED_CODE}

@@ -1,0 +1,505 @@
+"""What somebody tried who wanted a motor to move, or a stop to be lost, when it must not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.bus import Bus, Poll
+from drivebus.bus.core import BusCore
+from drivebus.bus.station import DUPLICATE_WINDOW_S
+from drivebus.errors import NotPermitted, PortLost
+from drivebus.ports.base import Receiver
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import RetryPolicy
+from drivebus.testing.bus_script import BusScript, ScriptedPort
+from drivebus.testing.virtual_time import run
+from fixtures.bus import (
+    CHARACTER_S,
+    COMMAND,
+    SETTINGS,
+    START,
+    STOP,
+    FakeStation,
+    read,
+    read_request,
+    start_request,
+    station_config,
+    stop_request,
+    write_request,
+)
+
+
+def wire_of(*stations: FakeStation) -> Any:
+    def wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        for station in stations:
+            answer = station.reply_to(frame, ended_at)
+            if answer is not None:
+                yield ended_at + station.delay_s + CHARACTER_S * len(answer), answer
+
+    return wire
+
+
+async def opened(*stations: FakeStation) -> tuple[Bus, ScriptedPort]:
+    """A bus whose stations have all answered once."""
+    port = ScriptedPort(wire_of(*stations), SETTINGS)
+    bus = Bus(port)
+    await bus.open()
+    for station in stations:
+        bus.add_station(station_config(station.address))
+        await bus.transact(read_request(station.address))
+    return bus, port
+
+
+def commands(station: FakeStation) -> list[int]:
+    """What was written to the command register."""
+    writes = [request for _, request in station.received_requests if isinstance(request, modbus.WriteRegister)]
+    return [request.value for request in writes if request.register == COMMAND]
+
+
+def test_no_sink_comes_between_a_permit_that_was_checked_and_its_frame() -> None:
+    """A sink may block, or latch: by then the frame whose permit was checked at this moment has left (I1)."""
+
+    async def told() -> None:
+        station = FakeStation()
+        bus, port = await opened(station)
+        left: list[int] = []
+
+        def sink(_: Any) -> None:
+            left.append(len(port.sent))
+            bus.inhibit_start(None)
+
+        bus.start_polling(1, [Poll(read(), 10.0, 0.0)], sink)
+        before = len(port.sent)
+        await bus.transact(start_request(bus.core))
+        assert left == [before + 1], "the start was held back until the sink had latched the bus"
+        answer = await bus.transact(start_request(bus.core))
+        assert isinstance(answer.error, NotPermitted)
+        await bus.close()
+
+    run(told())
+
+
+def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
+    """Ruling 5: dropped by nothing; ``wait_for(stop, …)`` must not take it back."""
+
+    async def told() -> None:
+        station = FakeStation(delay_s=0.015)
+        bus, _ = await opened(station)
+        busy = asyncio.ensure_future(bus.transact(read_request()))
+        await asyncio.sleep(0.001)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(bus.transact(stop_request()), 0.005)
+        await busy
+        await asyncio.sleep(0.1)
+        assert commands(station) == [STOP]
+        await bus.close()
+
+    run(told())
+
+
+def test_a_stop_whose_asker_gave_up_is_still_sent_again_when_nobody_answers() -> None:
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    book = BusScript(core, lambda frame, at: [(at + 0.01, answer)] if (answer := station.reply_to(frame, at)) else [])
+    station = FakeStation()
+    book.submit(read_request(), "first")
+    book.result("first")
+    station.alive = False
+    sent = len(book.sent)
+    book.submit(stop_request(), "stop")
+    book._perform(core.cancel("stop", book.now))
+    book.run_until(book.now + 1.0)
+    assert len([frame for _, frame in book.sent[sent:] if frame == book.sent[sent][1]]) == 3
+
+
+def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_anew() -> None:
+    async def told() -> None:
+        station = FakeStation()
+        bus, _ = await opened(station)
+        old = start_request(bus.core)
+        await bus.transact(stop_request())
+        bus.remove_station(1)
+        bus.add_station(station_config())
+        answer = await bus.transact(old)
+        assert isinstance(answer.error, NotPermitted) and station.start_count == 0
+        await bus.close()
+
+    run(told())
+
+
+@pytest.mark.parametrize("all_of_them", [True, False])
+def test_a_latch_outlives_registering_the_station_anew(all_of_them: bool) -> None:
+    async def told() -> None:
+        station = FakeStation()
+        bus, _ = await opened(station)
+        bus.inhibit_start(None if all_of_them else [1])
+        bus.remove_station(1)
+        bus.add_station(station_config())
+        assert bus.start_inhibited(1)
+        if all_of_them:
+            bus.add_station(station_config(2))
+            assert bus.start_inhibited(2), "a drive that joins a stopped bus is stopped too"
+        bus.release_start()
+        assert not bus.start_inhibited(1)
+        bus.remove_station(1)
+        bus.add_station(station_config())
+        assert not bus.start_inhibited(1)
+        await bus.close()
+
+    run(told())
+
+
+def mute_for_writes(station: FakeStation) -> Any:
+    """It hears everything and answers reads and loop-backs only."""
+    inner = wire_of(station)
+    return lambda frame, ended_at: [reply for reply in inner(frame, ended_at) if frame[1] != 6]
+
+
+def test_nobody_can_have_a_start_repeated_by_calling_it_absolute() -> None:
+    """F16: whatever class a permit names, a frame that moves goes once."""
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, mute_for_writes(station))
+    play.submit(read_request(), "read")
+    play.result("read")
+    play.submit(write_request(core, 1, COMMAND, START, retry_policy=RetryPolicy.IDEMPOTENT), "start")
+    assert play.result("start").attempts == 1
+    play.run_until(play.now + 5.0)
+    assert commands(station) == [START]
+
+
+@pytest.mark.parametrize(("late_s", "leaves"), [(0.0, True), (0.001, False)])
+def test_a_permit_ends_at_its_second_whatever_the_ask_says_of_itself(late_s: float, leaves: bool) -> None:
+    """Ruling 12, with an ask that names no expiry of its own."""
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, wire_of(station))
+    play.submit(read_request(), "read")
+    play.result("read")
+    play.run_until(play.now + 1.0)
+    play.submit(replace(start_request(core, until=play.now - late_s), expires_at=None), "start")
+    assert (play.result("start").error is None) is leaves
+    assert (station.start_count == 1) is leaves
+
+
+def test_a_permit_that_ends_while_its_frame_waits_is_worth_nothing() -> None:
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, wire_of(station))
+    play.submit(read_request(), "read")
+    play.result("read")
+    station.alive = False
+    play.submit(read_request(), "busy")
+    play.submit(replace(start_request(core, until=play.now + 0.03), expires_at=None), "start")
+    error = play.result("start").error
+    assert isinstance(error, NotPermitted) and error.key == "bus.permit_expired"
+    assert station.start_count == 0
+
+
+def test_ruling_5_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, wire_of(station), start=10.0)
+    play.submit(replace(stop_request(), expires_at=1.0), "stop")
+    assert play.result("stop").sent
+    assert commands(station) == [STOP]
+
+
+def test_a_suspect_station_is_asked_for_its_fence_during_a_backup_of_another() -> None:
+    """Four parameters in a row, then whoever else is waiting: else its values would be stale for as long (I4)."""
+
+    async def told() -> None:
+        one, two = FakeStation(1), FakeStation(2)
+        bus, _ = await opened(one, two)
+        good: list[float] = []
+        bus.start_polling(
+            2, [Poll(read(2), 0.5)], lambda answer: good.append(bus.now()) if answer.error is None else None
+        )
+
+        async def backup() -> None:
+            while bus.now() < 20.0:
+                await bus.transact(read_request(1))
+
+        async def blink() -> None:
+            await asyncio.sleep(5.0)
+            two.alive = False
+            await asyncio.sleep(0.6)
+            two.alive = True
+
+        await asyncio.gather(blink(), *(backup() for _ in range(3)))
+        assert [at for at in good if at > 9.0], "nothing was heard of it again"
+        await bus.close()
+
+    run(told())
+
+
+class Halting(ScriptedPort):
+    """Fails in a way that no port should, twice, when it is opened again."""
+
+    failures = 0
+
+    async def open(self, receiver: Receiver) -> None:
+        if self.openings and self.failures < 2:
+            self.failures += 1
+            raise OSError(5, "half enumerated")
+        await super().open(receiver)
+
+
+def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> None:
+    async def told() -> None:
+        complaints: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        station = FakeStation()
+        port = Halting(wire_of(station), SETTINGS)
+        bus = Bus(port)
+        await bus.open()
+        bus.add_station(station_config())
+        port.unplug()
+        port.plugged = True
+        await asyncio.sleep(2.0)
+        assert bus.is_open and port.failures == 2
+        assert len(complaints) == 2, "and the loop's handler is told"
+        await bus.close()
+
+    run(told())
+
+
+class Stumbling(ScriptedPort):
+    """Its write fails once, in a way that no port should."""
+
+    stumbled = False
+
+    def write(self, data: bytes, /) -> None:
+        if not self.stumbled and data[1] == 3 and self.sent:
+            self.stumbled = True
+            raise ValueError("a driver's own error")
+        super().write(data)
+
+    async def open(self, receiver: Receiver) -> None:
+        assert self._receiver is None, "as every port: not twice without close"
+        await super().open(receiver)
+
+
+def test_a_write_that_fails_in_an_unknown_way_loses_the_port_and_not_the_bus() -> None:
+    async def told() -> None:
+        complaints: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        station = FakeStation()
+        port = Stumbling(wire_of(station), SETTINGS)
+        bus = Bus(port)
+        await bus.open()
+        bus.add_station(station_config())
+        await bus.transact(read_request())
+        assert isinstance((await bus.transact(read_request())).error, PortLost)
+        assert len(complaints) == 1
+        await bus.transact(stop_request())
+        await asyncio.sleep(1.0)
+        assert bus.is_open
+        await bus.transact(stop_request())
+        assert commands(station)[-1:] == [STOP]
+        await bus.close()
+
+    run(told())
+
+
+def test_after_a_replug_every_station_owes_a_fence_before_its_data_count() -> None:
+    """A serial server may still hold the answer to what was asked before (5.3)."""
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, wire_of(station))
+    play.submit(read_request(), "read")
+    play.result("read")
+    play.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
+    play.reopen()
+    assert core.stations[1].suspect
+    lost_at, before = play.now, len(play.sent)
+    play.submit(read_request(), "again")
+    assert play.result("again").error is None
+    assert [frame[1] for frame in play.frames[before:]] == [8, 3]
+    assert play.sent[before][0] >= lost_at + core.stations[1].config.timing.max_reply_lateness_s
+
+
+def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
+    """A reply counts after the whole gap: a byte that comes within it voids it (T15, F05)."""
+    station = FakeStation(registers={0x3000: 7})
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config())
+    play = BusScript(core, wire_of(station))
+    play.submit(read_request(), "first")
+    play.result("first")
+    play.submit(read_request(count=1), "read")
+    play.run_until(play.now + 0.01)
+    reply = modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (7,)))
+    sent_at = play.sent[-1][0]
+    whole_at = sent_at + CHARACTER_S * 8 + station.delay_s + CHARACTER_S * len(reply)
+    gap_s = core.stations[1].gap_s
+    play.receive(b"\x55", at=whole_at + gap_s - 0.0002)
+    play.run_until(whole_at + gap_s - 0.0004)
+    play.submit(read_request(), "wish")
+    assert (play.result("read").error, play.result("read").attempts) == (None, 2), "asked again, not believed"
+
+
+def test_ruling_11_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
+    """DF800 refuses with five bytes, and an adapter may hand an eight-byte echo over in two batches (F04)."""
+    codec = modbus.ModbusRtuCodec(error_form="short")
+    refusal = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
+    register, value = refusal[3], refusal[4] << 8
+    assert len(refusal) == 5
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(station_config(codec=codec))
+    play = BusScript(core, wire_of(FakeStation()))
+    play.submit(read_request(), "read")
+    play.result("read")
+    play.wire = lambda frame, ended_at: [(ended_at + 0.010, frame[:5]), (ended_at + 0.026, frame[5:])]
+    ask = write_request(core, 1, register, value, retry_policy=RetryPolicy.EEPROM)
+    play.submit(ask, "write")
+    answer = play.result("write")
+    assert answer.sent[:5] == refusal, "the case that this is about"
+    assert answer.error is None and isinstance(answer.reply, modbus.WriteAck)
+
+
+def playing(*stations: FakeStation, **options: Any) -> BusScript:
+    """A core whose stations have all answered once."""
+    core = BusCore(SETTINGS, **({"echo": "off"} | options))
+    play = BusScript(core, wire_of(*stations))
+    for station in stations:
+        core.add_station(station_config(station.address))
+        play.submit(read_request(station.address), station.address)
+        play.result(station.address)
+    return play
+
+
+def spoiled(count: int) -> bytes:
+    """A reply to a read of one register whose check fails, and so many bytes too many."""
+    whole = modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (7,)))
+    return whole[:-1] + bytes([whole[-1] ^ 1]) + bytes(count)
+
+
+@pytest.mark.parametrize(("more", "suspect"), [(0, False), (1, True)])
+def test_f05_only_exactly_an_answers_worth_of_bytes_is_a_spoiled_answer(more: int, suspect: bool) -> None:
+    """Anything longer may be noise, and the answer may still come."""
+    play = playing(FakeStation())
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(more))] if frame[1] == 3 else []
+    play.submit(read_request(count=1), "read")
+    play.run_until(play.now + 0.03)
+    assert play.core.stations[1].suspect is suspect
+
+
+def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> None:
+    """While another station is overdue a spoiled answer proves nothing of this one."""
+    one, two = FakeStation(1), FakeStation(2)
+    play = playing(one, two)
+    two.alive = False
+    play.submit(read_request(2), "lost")
+    play.run_until(play.now + 0.1)
+    assert play.core.stations[2].suspect
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(0))] if frame[:2] == b"\x01\x03" else []
+    play.submit(read_request(1, count=1), "read")
+    play.run_until(play.now + 0.04)
+    assert play.core.stations[1].suspect
+
+
+def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew() -> None:
+    station = FakeStation()
+    play = playing(station)
+    station.alive = False
+    play.submit(read_request(), "lost")
+    play.run_until(play.now + 0.2)
+    good = modbus.ModbusRtuCodec().encode_reply(modbus.DiagnosticsReply(1, 0xA500))
+    play.wire = lambda frame, ended_at: [(ended_at + 0.01, frame[:-1] + bytes([frame[-1] ^ 1]))]
+    while play.frames[-1][1] != 8:
+        play.run_until(play.now + 0.01)
+    fenced_at = play.sent[-1][0]
+    play.run_until(fenced_at + 8 * CHARACTER_S + 0.02 + len(good) * CHARACTER_S)
+    state = play.core.stations[1]
+    assert state.suspect and state.quarantined_until >= fenced_at + state.config.timing.max_reply_lateness_s
+
+
+def test_g19_after_a_replug_a_mirrored_reply_is_not_believed_although_the_old_adapter_had_no_echo() -> None:
+    station = FakeStation()
+    play = playing(station)
+    assert play.core.echo.ruled_out
+    play.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
+    play.reopen()
+    play.submit(write_request(play.core, retry_policy=RetryPolicy.EEPROM), "write")
+    assert play.result("write").error is not None
+    play.submit(read_request(), "read")
+    play.result("read")
+    play.submit(write_request(play.core, retry_policy=RetryPolicy.EEPROM), "again")
+    assert play.result("again").error is None
+
+
+def test_g19_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> None:
+    """On a paced port the echo comes early and is dropped: what is left says nothing of the adapter."""
+    station = FakeStation()
+    core = BusCore(SETTINGS, echo="off", has_line_timing=True)
+    core.add_station(station_config())
+    inner = wire_of(station)
+
+    def echoing(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        yield from ((ended_at - CHARACTER_S * (len(frame) - 1 - i), frame[i : i + 1]) for i in range(len(frame)))
+        yield from inner(frame, ended_at)
+
+    play = BusScript(core, echoing)
+    play.submit(read_request(), "read")
+    assert play.result("read").error is None
+    assert not core.echo.ruled_out
+
+
+def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
+    async def told() -> None:
+        station = FakeStation()
+        bus, port = await opened(station)
+        for _ in range(2):
+            await bus.transact(read_request())
+            await asyncio.sleep(0.05)
+            port._deliver(buskit_reply(), port.openings)
+            await asyncio.sleep(1.0)
+            await bus.transact(read_request())
+        assert bus.health(1).duplicate_address
+        await asyncio.sleep(DUPLICATE_WINDOW_S + 1.0)
+        assert not bus.health(1).duplicate_address
+        await bus.close()
+
+    run(told())
+
+
+def test_f15_two_second_answers_far_apart_are_no_duplicate_address() -> None:
+    async def told() -> None:
+        station = FakeStation()
+        bus, port = await opened(station)
+        for _ in range(3):
+            await bus.transact(read_request())
+            await asyncio.sleep(0.05)
+            port._deliver(buskit_reply(), port.openings)
+            await asyncio.sleep(DUPLICATE_WINDOW_S + 1.0)
+            await bus.transact(read_request())
+            assert not bus.health(1).duplicate_address
+        await bus.close()
+
+    run(told())
+
+
+def buskit_reply() -> bytes:
+    return modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
+
+
+def test_i12_polls_that_were_cancelled_leave_nothing_behind() -> None:
+    async def told() -> None:
+        bus, _ = await opened(FakeStation())
+        for _ in range(50):
+            bus.start_polling(1, [Poll(read(), 3600.0)], lambda answer: None).cancel()
+        assert len(bus.core.scheduler.poll_schedule) == 0
+        await bus.close()
+
+    run(told())

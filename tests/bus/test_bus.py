@@ -1,0 +1,303 @@
+"""The asyncio shell in virtual time: the port's life, cancelled waits, sinks; and the real timer."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from drivebus.bus import Bus, Poll, Presence
+from drivebus.bus import timer as timers
+from drivebus.errors import PortLost, PortUnavailable
+from drivebus.protocols.codec import BusResult
+from drivebus.testing.bus_script import ScriptedPort
+from drivebus.testing.virtual_time import run
+from fixtures.bus import (
+    CHARACTER_S,
+    FakeStation,
+    byte_by_byte,
+    read,
+    read_request,
+    start_request,
+    station_config,
+    stop_request,
+    wire_to,
+)
+
+
+def bus_with(*stations: FakeStation, **options: Any) -> tuple[Bus, ScriptedPort]:
+    port = ScriptedPort(wire_to(*stations, deliver=byte_by_byte), **options)
+    bus = Bus(port)
+    for station in stations:
+        bus.add_station(station_config(station.address))
+    return bus, port
+
+
+def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
+    async def story() -> None:
+        bus, _ = bus_with(FakeStation(delay_s=0.005))
+        async with bus:
+            await asyncio.sleep(1)
+            answer = await bus.transact(read_request())
+            assert answer.sent_at == 1.0
+            assert answer.received_at == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S)
+            assert bus.now() == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 16.5 * CHARACTER_S)
+
+    run(story())
+
+
+def test_polls_come_to_the_sink_until_they_are_cancelled() -> None:
+    async def story() -> None:
+        bus, _ = bus_with(FakeStation())
+        seen: list[BusResult] = []
+        async with bus:
+            watch = bus.start_polling(1, [Poll(read(), 0.5, phase_s=0.0, tag="status")], seen.append)
+            await asyncio.sleep(2.1)
+            watch.cancel()
+            watch.cancel()
+            await asyncio.sleep(5)
+        assert len(seen) == 5 and {answer.bus_request.tag for answer in seen} == {"status"}
+        assert [round(answer.sent_at or 0, 3) for answer in seen[1:]] == [0.5, 1.0, 1.5, 2.0]
+
+    run(story())
+
+
+def test_a_sink_that_fails_does_not_stop_the_bus() -> None:
+    async def story() -> None:
+        complaints: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: complaints.append(context))
+        bus, _ = bus_with(FakeStation())
+        async with bus:
+            bus.start_polling(1, [Poll(read(), 0.5)], lambda answer: 1 / 0)
+            await asyncio.sleep(1.2)
+            assert (await bus.transact(read_request())).error is None
+        assert len(complaints) >= 2
+
+    run(story())
+
+
+def test_a_sink_may_ask_for_more_from_within() -> None:
+    async def story() -> None:
+        bus, _ = bus_with(FakeStation())
+        tasks: list[asyncio.Task[BusResult]] = []
+        async with bus:
+            bus.start_polling(
+                1, [Poll(read(), 1.0)], lambda a: tasks.append(asyncio.create_task(bus.transact(read_request())))
+            )
+            await asyncio.sleep(3.5)
+            assert len(tasks) >= 3 and all([(await task).error is None for task in tasks])
+
+    run(story())
+
+
+def test_a_command_that_nobody_waits_for_any_more_is_never_sent() -> None:
+    """A cancelled start in the queue must not move the motor later."""
+
+    async def story() -> None:
+        station = FakeStation()
+        bus, _ = bus_with(station)
+        async with bus:
+            await bus.transact(read_request())
+            reading = asyncio.create_task(bus.transact(read_request()))
+            starting = asyncio.create_task(bus.transact(start_request(bus.core)))
+            await asyncio.sleep(0)
+            starting.cancel()
+            await reading
+            await asyncio.sleep(1)
+        assert station.start_count == 0
+
+    run(story())
+
+
+def test_unplugging_fails_what_is_pending_and_replays_nothing() -> None:
+    """I10, G09: PortLost for all, polls again within 2 s of the device, no command repeated."""
+
+    async def story() -> None:
+        station = FakeStation()
+        bus, port = bus_with(station)
+        seen: list[BusResult] = []
+        async with bus:
+            bus.start_polling(1, [Poll(read(), 0.2)], seen.append)
+            await asyncio.sleep(1)
+            waiting = [asyncio.create_task(bus.transact(start_request(bus.core))) for _ in range(3)]
+            await asyncio.sleep(0.02)
+            port.unplug()
+            answers = [await task for task in waiting]
+            assert all(isinstance(answer.error, PortLost) for answer in answers)
+            assert bus.presence(1) is Presence.OFFLINE and not bus.is_open
+            assert isinstance((await bus.transact(read_request())).error, PortLost)
+            count, started = len(seen), station.start_count
+            await asyncio.sleep(30)
+            port.plugged = True
+            back = bus.now()
+            while not seen[count:] or seen[-1].error is not None:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+            assert bus.now() - back < 2.0
+            await asyncio.sleep(5)
+            assert station.start_count == started <= 1
+            assert bus.presence(1) is Presence.ONLINE
+            assert bus.stop_epoch(1) == 1, "permits of before are void"
+
+    run(story())
+
+
+def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
+    """The device comes back, dies at the first write, and comes back for good."""
+
+    async def story() -> None:
+        station = FakeStation()
+        bus, port = bus_with(station)
+        deaths = [0]
+        write = port.write
+
+        def dying(data: bytes, /) -> None:
+            if deaths[0] > 0:
+                deaths[0] -= 1
+                port._receiver = None
+                raise PortLost("ports.lost", port="scripted", reason="again")
+            write(data)
+
+        port.write = dying  # type: ignore[method-assign]
+        seen: list[BusResult] = []
+        async with bus:
+            bus.start_polling(1, [Poll(read(), 0.1)], seen.append)
+            await asyncio.sleep(1)
+            deaths[0] = 3
+            port.unplug()
+            port.plugged = True
+            await asyncio.sleep(6)
+            assert bus.is_open and deaths[0] == 0
+            assert seen[-1].error is None and (seen[-1].sent_at or 0) > 6
+
+    run(story())
+
+
+def test_a_port_that_cannot_be_opened_says_why() -> None:
+    async def story() -> None:
+        bus, port = bus_with(FakeStation())
+        port.plugged = False
+        with pytest.raises(PortUnavailable):
+            await bus.open()
+        assert isinstance((await bus.transact(read_request())).error, PortLost)
+
+    run(story())
+
+
+def test_closing_fails_what_is_pending() -> None:
+    async def story() -> None:
+        bus, _ = bus_with(FakeStation())
+        await bus.open()
+        task = asyncio.create_task(bus.transact(read_request()))
+        await asyncio.sleep(0.001)
+        await bus.close()
+        await bus.close()
+        assert isinstance((await task).error, PortLost)
+
+    run(story())
+
+
+def test_the_trace_tells_every_frame_until_it_is_ended() -> None:
+    async def story() -> None:
+        bus, _ = bus_with(FakeStation())
+        lines: list[str] = []
+        async with bus:
+            end = bus.trace(lambda event: lines.append(event.text(1)))
+            await bus.transact(read_request())
+            end()
+            await bus.transact(stop_request())
+        assert [line.split()[1] for line in lines] == ["sent", "reply"]
+        assert lines[0].endswith("01 03 30 00 00 04 4B 09")
+
+    run(story())
+
+
+# --- the real timer --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux only")
+async def test_the_precise_timer_is_never_early() -> None:
+    loop = asyncio.get_running_loop()
+    timer = timers.acquire(loop)
+    try:
+        assert timer.precise
+        rang: list[float] = []
+        done = asyncio.Event()
+        due = [timer.now() + 0.0013 * (1 + number) for number in range(30)]
+
+        def ring() -> None:
+            rang.append(timer.now())
+            if len(rang) == len(due):
+                done.set()
+            else:
+                alarm.set(due[len(rang)])
+
+        alarm = timer.create_timer(ring)
+        alarm.set(due[0])
+        await asyncio.wait_for(done.wait(), 5)
+        assert all(at >= when for at, when in zip(rang, due, strict=True))
+    finally:
+        timers.release(loop)
+
+
+async def test_one_timer_serves_many_and_moved_alarms_ring_once() -> None:
+    loop = asyncio.get_running_loop()
+    first, second = timers.acquire(loop), timers.acquire(loop)
+    assert first is second
+    rang: list[int] = []
+    alarms = [first.create_timer(lambda number=number: rang.append(number)) for number in range(20)]  # type: ignore[misc]
+    begun = first.now()
+    for number, alarm in enumerate(alarms):
+        alarm.set(begun + 10)
+        alarm.set(begun + 0.04 - number * 0.001)
+    alarms[3].set(None)
+    await asyncio.sleep(0.1)
+    timers.release(loop)
+    timers.release(loop)
+    assert rang == [number for number in range(19, -1, -1) if number != 3]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="ptys and timerfd")
+async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
+    """Real time, a socket pair as the line: the station measures the silence before each of our frames (F08)."""
+    import socket
+
+    ours, theirs = socket.socketpair()
+    for end in (ours, theirs):
+        end.setblocking(False)
+    loop = asyncio.get_running_loop()
+    station = FakeStation()
+    gaps: list[float] = []
+    said_at = [0.0]
+
+    class SocketPort(ScriptedPort):
+        async def open(self, receiver: Any) -> None:
+            loop.add_reader(ours, lambda: receiver.data_received(ours.recv(256)))
+
+        def write(self, data: bytes, /) -> None:
+            ours.send(data)
+
+        async def close(self) -> None:
+            loop.remove_reader(ours)
+
+    def serve() -> None:
+        frame = theirs.recv(256)
+        if said_at[0]:
+            gaps.append(time.monotonic() - said_at[0])
+        reply = station.reply_to(frame, 0.0)
+        assert reply is not None
+        theirs.send(reply)
+        said_at[0] = time.monotonic()
+
+    loop.add_reader(theirs, serve)
+    bus = Bus(SocketPort(lambda f, t: (), has_line_timing=False))
+    bus.add_station(station_config())
+    async with bus:
+        for _ in range(40):
+            assert (await bus.transact(read_request())).error is None
+    loop.remove_reader(theirs)
+    ours.close()
+    theirs.close()
+    assert len(gaps) == 39 and min(gaps) >= 3.5 * CHARACTER_S

@@ -1,0 +1,81 @@
+"""One family per line; mixing is allowed only where no frame of one looks like a request of the other (T18)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.bus.core import BusCore
+from drivebus.errors import ConfigurationError, HeaderError
+from drivebus.protocols import dzb100 as dzb
+from drivebus.protocols import sunfar
+from drivebus.protocols.codec import Complete, Effect, StationConfig
+from fixtures.bus import SETTINGS, TIMING, effect, station_config
+
+
+class Anything:
+    """A family whose stations take five bytes beginning with 30H for a request."""
+
+    family = "anything"
+    encoding = "raw"
+    broadcast_address = None
+
+    def encode_request(self, request: Any) -> bytes:
+        return b"\x30\x01\x02\x03\x04"
+
+    def decode_request(self, data: bytes) -> Complete:
+        if data[:1] != b"\x30":
+            raise HeaderError("protocols.header", expected=0x30, found=data[0])
+        return Complete("obeyed", 5)
+
+
+def c320(address: int = 5) -> StationConfig:
+    codec = sunfar.SunfarCodec()
+    return StationConfig(
+        address, codec, TIMING, lambda frame: Effect.NONE, lambda n: sunfar.SunfarReadParameter(address, 1, n % 9)
+    )
+
+
+def dzb100(address: int = 6) -> StationConfig:
+    codec = dzb.Dzb100Codec()
+    return StationConfig(
+        address, codec, TIMING, lambda frame: Effect.NONE, lambda n: dzb.Dzb100ReadParameter(address, n % 81)
+    )
+
+
+def test_a_second_family_is_refused_by_default() -> None:
+    bus = BusCore(SETTINGS)
+    bus.add_station(station_config(1))
+    with pytest.raises(ConfigurationError) as caught:
+        bus.add_station(c320())
+    assert caught.value.key == "bus.mixed"
+    assert caught.value.params["found"] == "c320/ascii"
+    assert list(bus.stations) == [1]
+
+
+def test_families_whose_frames_can_not_be_confused_may_be_mixed_on_purpose() -> None:
+    bus = BusCore(SETTINGS, allow_mixed=True)
+    for one in (station_config(1), c320(), dzb100()):
+        bus.add_station(one)
+    assert sorted(bus.stations) == [1, 5, 6]
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_a_frame_that_contains_the_others_request_is_refused_at_every_offset(order: int) -> None:
+    bus = BusCore(SETTINGS, allow_mixed=True)
+    strange = replace(station_config(9), codec=Anything())
+    pair = (c320(), strange)
+    bus.add_station(pair[order])
+    with pytest.raises(ConfigurationError) as caught:
+        bus.add_station(pair[1 - order])
+    assert caught.value.key == "bus.mixed_frame"
+    assert caught.value.params["address"] == 5 and caught.value.params["other"] == 9
+
+
+def test_two_models_of_one_family_share_a_line() -> None:
+    bus = BusCore(SETTINGS)
+    bus.add_station(station_config(1))
+    bus.add_station(replace(station_config(2), effect_of=effect))
+    assert len(bus.stations) == 2

@@ -1,0 +1,56 @@
+"""One stray byte before a reply (ruling 10): strict at offset 0, unless the station's profile says that it glitches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from drivebus.errors import ProtocolError
+from drivebus.protocols.codec import StationTiming
+from drivebus.testing.bus_script import BusScript
+from fixtures.bus import TIMING, Delivery, FakeStation, byte_by_byte, make_core, read_request, whole, wire_to
+
+GLITCHING = replace(TIMING, tolerate_leading_noise=True)
+
+
+def behind(junk: bytes, deliver: Delivery) -> Delivery:
+    def delivered(reply: bytes, begins_at: float) -> Iterable[tuple[float, bytes]]:
+        return deliver(junk + reply, begins_at)
+
+    return delivered
+
+
+def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusScript:
+    station = FakeStation()
+    play = BusScript(make_core(timing=timing), wire_to(station, deliver=behind(junk, deliver)))
+    play.submit(read_request())
+    return play
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+@pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
+def test_a_station_that_is_said_to_glitch_is_understood_behind_one_stray_byte(junk: bytes, deliver: Delivery) -> None:
+    answer = heard_behind(junk, deliver, GLITCHING).result()
+    assert answer.error is None
+    assert len(answer.reply.values) == 4
+
+
+@pytest.mark.parametrize("address", [1, 7, 48])
+def test_what_it_seems_to_be_with_the_stray_byte_does_not_matter(address: int) -> None:
+    """The address stands where the function would: of one that is no function no length is known."""
+    station = FakeStation(address)
+    play = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))
+    play.submit(read_request(address))
+    assert play.result().error is None
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+def test_two_stray_bytes_are_too_many(deliver: Delivery) -> None:
+    assert heard_behind(b"\x00\x00", deliver, GLITCHING).result().error is not None
+
+
+@pytest.mark.parametrize("deliver", [whole, byte_by_byte])
+def test_without_that_word_a_stray_byte_voids_the_reply(deliver: Delivery) -> None:
+    assert isinstance(heard_behind(b"\x00", deliver, TIMING).result().error, ProtocolError)

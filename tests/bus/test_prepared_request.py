@@ -1,0 +1,124 @@
+"""A job is computed once, of its bytes: how often it may go, in which lane, how long it waits (F10, F16, I3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus.bus.prepared_request import PreparedRequest, encode_cached, priority_of
+from drivebus.bus.station import Station
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy
+from fixtures.bus import COMMAND, SETTINGS, START, STOP, TIMING, read_request, station_config
+
+SPEED = 0x2001
+
+
+def station(codec: Any = None) -> Station:
+    return Station(station_config(1) if codec is None else station_config(1, codec=codec), SETTINGS)
+
+
+def job(ask: BusRequest, *, fence: bool = False) -> PreparedRequest:
+    return PreparedRequest(ask, "token", station(), SETTINGS, is_sync_probe=fence)
+
+
+def permit(write_class: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit:
+    return Permit(1, effect, write_class, 100.0, 0)
+
+
+def write(
+    register: int, value: int, write_class: RetryPolicy, given: Permit | None = None, address: int = 1
+) -> BusRequest:
+    return BusRequest(1, modbus.WriteRegister(address, register, value), RequestPriority.PARAMETER, write_class, given)
+
+
+ATTEMPTS = [
+    ("a read twice", read_request(), 2),
+    ("a stop three times", write(COMMAND, STOP, RetryPolicy.EDGE_TRIGGERED), 3),
+    (
+        "a start once, whatever it is called",
+        write(COMMAND, START, RetryPolicy.IDEMPOTENT, permit(RetryPolicy.IDEMPOTENT, Effect.MOTION)),
+        1,
+    ),
+    ("a broadcast stop once", write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0), 1),
+    ("an absolute setting three times", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED, permit(RetryPolicy.IDEMPOTENT)), 3),
+    (
+        "an edge once, whatever the ask says",
+        write(SPEED, 1, RetryPolicy.IDEMPOTENT, permit(RetryPolicy.EDGE_TRIGGERED)),
+        1,
+    ),
+    ("without a permit what the ask says: absolute", write(SPEED, 1, RetryPolicy.IDEMPOTENT), 3),
+    ("without a permit what the ask says: edge", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED), 1),
+    ("an EEPROM write once", write(SPEED, 1, RetryPolicy.EEPROM, permit(RetryPolicy.EEPROM)), 1),
+]
+
+
+@pytest.mark.parametrize(("ask", "attempts"), [row[1:] for row in ATTEMPTS], ids=[row[0] for row in ATTEMPTS])
+def test_f16_how_often_a_frame_may_go_is_told_by_its_bytes_and_its_permit(ask: BusRequest, attempts: int) -> None:
+    assert job(ask).max_attempts == attempts
+
+
+def test_a_fence_goes_once() -> None:
+    """Its failure says that the station is silent; sending it again would say nothing more."""
+    assert job(read_request(), fence=True).max_attempts == 1
+
+
+def test_i3_a_stop_has_the_stop_lane_and_nothing_else_has() -> None:
+    for lane in RequestPriority:
+        ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), lane)
+        assert job(ask).priority is RequestPriority.STOP
+        assert priority_of(BusRequest(1, None, lane), Effect.NONE) is (lane or RequestPriority.COMMAND)
+        assert job(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), lane)).priority is not RequestPriority.STOP
+
+
+def test_what_it_costs_is_that_of_its_bytes() -> None:
+    one = job(read_request())
+    assert (one.data, one.effect, one.reply_bytes, one.is_broadcast) == (
+        modbus.ModbusRtuCodec().encode_request(read_request().request),
+        Effect.NONE,
+        13,
+        False,
+    )
+    assert one.send_s == SETTINGS.seconds(8) and one.reply_timeout_s == TIMING.timeout_s(SETTINGS, 13)
+    assert (one.gap_s, one.adapter_latency_s) == (TIMING.gap_s(SETTINGS), TIMING.adapter_latency_s)
+    everybody = job(write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0))
+    assert (everybody.reply_bytes, everybody.is_broadcast, everybody.reply_timeout_s) == (0, True, TIMING.turnaround_s)
+
+
+def test_only_a_stop_loses_its_expiry() -> None:
+    """Ruling 5."""
+    for request, expires_at in (
+        (modbus.WriteRegister(1, COMMAND, STOP), None),
+        (modbus.WriteRegister(1, COMMAND, START), 7.0),
+        (read_request().request, 7.0),
+    ):
+        assert job(BusRequest(1, request, expires_at=7.0)).expires_at == expires_at
+
+
+class Terse(modbus.ModbusRtuCodec):
+    """A codec whose reads are answered with so many bytes."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.size = size
+
+    def reply_size(self, request: Any, /) -> int:
+        return self.size
+
+
+@pytest.mark.parametrize(
+    ("codec", "request_", "plain"),
+    [
+        (None, modbus.ReadRegisters(1, 7), True),
+        (None, modbus.ReadRegisters(2, 7), False),
+        (None, modbus.WriteRegister(1, SPEED, 7), False),
+        (None, modbus.WriteRegister(1, COMMAND, STOP), False),
+        (Terse(0), modbus.ReadRegisters(1, 7), False),
+        (Terse(1), modbus.ReadRegisters(1, 7), True),
+    ],
+)
+def test_only_a_read_that_this_very_station_answers_is_remembered(codec: Any, request_: Any, plain: bool) -> None:
+    one = station(codec)
+    assert encode_cached(request_, one, SETTINGS)[5] is plain
+    assert (request_ in one.encode_cache) is plain

@@ -1,0 +1,301 @@
+"""The verbs that end by themselves, on simulated drives: documents, sentences and exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus import errors as exits
+from drivebus import profiles
+from drivebus.cli import errors
+from drivebus.cli.root import cli
+from drivebus.simulator.port import clear_simulated_buses
+
+C320 = ("--model", "c320", "--address", "1")
+
+
+@pytest.fixture(autouse=True)
+def benches() -> Any:
+    yield
+    clear_simulated_buses()
+
+
+def ask(*words: str, code: int = 0) -> dict[str, Any]:
+    """The document of a verb that must end with ``code``."""
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    assert result.exit_code == code, result.output
+    document: dict[str, Any] = json.loads(result.stdout)
+    return document
+
+
+def say(*words: str, code: int = 0) -> str:
+    result = CliRunner().invoke(cli, list(words), env={"COLUMNS": "200"})
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+STANDING = [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("df800", "unknown")]
+
+
+@pytest.mark.parametrize(("model", "state"), STANDING)
+def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: str, state: str) -> None:
+    """DF800 publishes no run status: its state is unknown, never stopped (ruling 4)."""
+    found = ask("status", f"sim://{model}@1", "--model", model, "--address", "1")
+    assert found["state"] == state
+    assert found["fault"] is None
+    assert (found["reason"] is None) == (state != "unknown")
+    for name in ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage"):
+        reading = found["readings"][name]
+        assert set(reading) >= {"value", "unit", "quality", "age_s"}
+        assert reading["value"] is not None or reading["reason"]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_status_is_told_to_people_without_any_bare_key(language: str) -> None:
+    said = say("status", "sim://c320@1", *C320, "--lang", language)
+    assert "drives." not in said and "status." not in said
+    assert ("停止" if language == "zh" else "stopped") in said
+
+
+def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
+    values = ask("read", "sim://c320@1", "F0.1", "F1.10", "output_frequency", *C320)["values"]
+    by_name = {one["name"]: one for one in values}
+    assert by_name["F0.1"]["raw"] == 2
+    assert by_name["F0.1"]["wire"] == {"space": "parameter", "address": 1, "hex": "0001H"}
+    assert by_name["F1.10"]["wire"]["hex"] == "010AH"
+    assert by_name["output_frequency"]["unit"] == "Hz"
+
+
+def test_write_is_confirmed_by_reading_back_and_stays_in_the_drive() -> None:
+    link = "sim://c320@1?name=kept"
+    assert ask("write", link, "F1.10=1", *C320)["outcome"] == "confirmed"
+    assert ask("read", link, "F1.10", *C320)["values"][0]["raw"] == 1
+
+
+def test_a_model_that_cannot_tell_ram_from_eeprom_needs_save_said() -> None:
+    words = ("write", "sim://df800@1", "F1.07=12", "--model", "df800", "--address", "1")
+    error = ask(*words, code=1)["error"]
+    assert error["type"] == "CapabilityError"
+    assert "--save" in error["hint"]
+    assert ask(*words, "--save")["outcome"] == "confirmed"
+
+
+def test_g16_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a serial port: a simulated drive's own count would end with the program."""
+    monkeypatch.setattr("drivebus.drives.drive.VOLATILE_SCHEMES", ())
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    words = ("write", "sim://df800@1", "--save", "--model", "df800", "--address", "1")
+    assert ask(*words, "F1.07=12", "--saves-per-day", "1")["outcome"] == "confirmed"
+    error = ask(*words, "F1.07=13", "--saves-per-day", "1", code=1)["error"]
+    assert (error["type"], error["params"]["budget"]) == ("WearBudget", 1)
+    assert "--saves-per-day" in error["hint"]
+    assert ask(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
+
+
+def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expected() -> None:
+    words = ("write", "sim://df800@1", "F1.07=12", "--save", "--model", "df800", "--address", "1")
+    text = ask(*words, "--saves-per-day", "-1", code=2)["error"]["text"]
+    assert "--saves-per-day" in text and "found -1" in text and "expected a whole number" in text
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
+    said = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
+    assert "drivebus scan LINK" in said
+
+
+def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:
+    """Its answer mirrors the request: only a read in between shows that the adapter does not echo (F03, G19)."""
+    assert ask("stop", "sim://df800@1", "--model", "df800", "--address", "1")["outcome"] == "acknowledged"
+
+
+def test_stop_confirms_and_set_frequency_starts_nothing() -> None:
+    link = "sim://vc660@1?name=still"
+    drive = ("--model", "vc660", "--address", "1")
+    assert ask("set-frequency", link, "25", *drive)["outcome"] == "confirmed"
+    assert ask("status", link, *drive)["state"] == "stopped"
+    assert ask("stop", link, *drive)["outcome"] == "confirmed"
+
+
+def test_a_frequency_above_the_maximum_is_refused_before_anything_is_sent() -> None:
+    found = ask("set-frequency", "sim://c320@1", "3999", *C320, code=1)
+    assert found["error"]["type"] == "LimitError"
+
+
+def test_a_verb_that_the_model_has_not_is_refused_with_1() -> None:
+    found = ask("coast", "sim://df800@1", "--model", "df800", "--address", "1", code=1)
+    assert found["error"]["type"] == "CapabilityError"
+
+
+def test_bus_stop_names_who_stopped_who_could_only_say_yes_and_where_nobody_was() -> None:
+    found = ask("bus-stop", "sim://c320@1-2", "--model", "c320", "--address", "1-2")
+    assert found["confirmed"] == [1, 2]
+    assert found["unconfirmed"] == []
+    acknowledged = ask("bus-stop", "sim://df800@1", "--model", "df800", "--address", "1")
+    assert acknowledged["acknowledged"] == [1]
+
+
+def test_a_bus_stop_of_an_absent_drive_that_was_named_exits_with_4() -> None:
+    found = ask("bus-stop", "sim://vc660@1", "--model", "vc660", "--address", "1-2", code=4)
+    assert found["confirmed"] == [1]
+    assert found["unconfirmed"] == [2]
+
+
+def test_scan_tells_what_it_found_and_that_it_only_read() -> None:
+    result = CliRunner().invoke(
+        cli, ["scan", "sim://vc660@2", "--models", "vc660", "--addresses", "1-3", "--listen", "0.1", "--lang", "en"]
+    )
+    assert result.exit_code == 0
+    assert "vc660" in result.stdout
+    assert "Only reads are sent" in result.stderr
+    assert "comm-loss timer" in result.stderr
+
+
+def test_scan_of_an_empty_line_exits_with_1_and_says_what_to_check() -> None:
+    words = ("scan", "sim://vc660@9", "--models", "vc660", "--addresses", "1-2", "--listen", "0", "--lang", "en")
+    assert "A/B" in say(*words, "--bauds", "9600", "--formats", "8N1", code=1)
+
+
+def test_models_lists_every_profile_with_its_grade() -> None:
+    found = {one["model"]: one["grade"] for one in ask("models")["models"]}
+    assert {"c320", "dzb100", "vc660", "df800"} <= set(found)
+    assert found["c300"] == "draft"
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The directory for own profiles, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    directory = tmp_path / "drivebus" / "profiles"
+    directory.mkdir(parents=True)
+    return directory
+
+
+def test_a_broken_profile_of_ones_own_hides_no_other_and_is_named(own: Path) -> None:
+    """With file, line, key and remedy, once each; whatever is wrong with it."""
+    (own / "good.toml").write_text('format = 1\nextends = "c320"\n')
+    (own / "slip.toml").write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_herz = 60.0\n')
+    (own / "vc660.toml").write_text('format = 1\nextends = "df800"\n')
+    (own / "folder.toml").mkdir()
+    document = ask("models", code=2)
+    assert {"c320", "df800", "good"} <= {one["model"] for one in document["models"]}
+    refused = {Path(one["params"]["file"]).name: one["params"] for one in document["refused"]}
+    assert len(document["refused"]) == len(refused) == 3
+    slip = refused["slip.toml"]
+    assert (slip["line"], slip["key"], bool(slip["remedy"])) == (4, "limits.maximum_herz", True)
+    assert [refused[name]["complaints"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
+        "shadows",
+        "unreadable",
+    ]
+    result = CliRunner().invoke(cli, ["models", "--lang", "en"])
+    assert result.exit_code == 2
+    assert "good" in result.stdout and "slip.toml:4" in result.stderr and "limits.maximum_herz" in result.stderr
+
+
+def test_models_lists_what_the_option_model_takes_and_nothing_twice(own: Path) -> None:
+    """Also a file without ``model =``, which keeps its base's name within."""
+    (own / "mine.toml").write_text('format = 1\nextends = "c320"\n')
+    names = [one["model"] for one in ask("models")["models"]]
+    assert names.count("c320") == 1 and names[-1] == "mine"
+    for name in names:
+        assert ask("profile", "check", str(profiles.load(name).source))["valid"]
+
+
+def test_ports_answers_on_a_machine_without_serial_ports_too() -> None:
+    assert isinstance(ask("ports")["ports"], list)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_refused_profile_is_told_with_file_and_line_and_exits_with_2(tmp_path: Path, language: str) -> None:
+    bad = tmp_path / "mine.toml"
+    bad.write_text('format = 1\nmodel = "mine"\nfamily = "nobody"\n')
+    result = CliRunner().invoke(cli, ["profile", "check", str(bad), "--lang", language])
+    assert result.exit_code == 2
+    (line,) = [line for line in result.stderr.splitlines() if "nobody" in line]
+    assert line.startswith(f"{bad}:3") and "family" in line and ("应为" in line) is (language == "zh")
+
+
+def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
+    good = tmp_path / "mine.toml"
+    good.write_text('format = 1\nextends = "vc660"\nmodel = "mine"\n')
+    found = CliRunner().invoke(cli, ["profile", "check", str(good), "--json"])
+    if found.exit_code != 0:
+        pytest.fail(found.output)
+    assert json.loads(found.stdout)["valid"] is True
+
+
+@pytest.mark.parametrize(
+    ("link", "said"),
+    [
+        ("ttyUSB0", "/dev/ttyUSB0"),
+        ("192.168.1.50:4001", "tcp://192.168.1.50:4001"),
+        ("sim://c999@1", "c320"),
+        ("tcp://host", "tcp://HOST:PORT"),
+    ],
+)
+def test_a_link_that_is_none_is_told_with_the_one_that_was_probably_meant(link: str, said: str) -> None:
+    result = CliRunner().invoke(cli, ["status", link, *C320, "--lang", "en"])
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
+def test_a_port_that_is_not_there_is_told_with_what_to_do() -> None:
+    result = CliRunner().invoke(cli, ["status", "/dev/ttyUSB99", *C320, "--lang", "en"])
+    assert result.exit_code == 1
+    assert "/dev/ttyUSB99" in result.stderr
+    assert "plug the adapter in" in result.stderr
+
+
+def test_an_unknown_setting_is_told_with_those_that_there_are() -> None:
+    found = ask("status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--set", "speed=9", code=2)
+    assert "setpoint_coding" in found["error"]["text"]
+
+
+def test_run_refuses_an_uncapped_frequency_until_the_coding_is_settled() -> None:
+    """T08: ten times too fast under another coding."""
+    words = ("run", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--frequency", "20")
+    found = ask(*words, code=1)
+    assert found["error"]["type"] in ("LimitError", "StartInhibited")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.ConfigurationError("x"), 2),
+        (errors.PortUrlError("x"), 2),
+        (errors.ProfileError("x"), 2),
+        (errors.ChecksumError("x"), 3),
+        (errors.NoReply("x"), 1),
+        (errors.PortUnavailable("x"), 1),
+        (errors.DriveRejected("x"), 1),
+        (errors.TargetNotReached("x"), 1),
+        (errors.OutcomeUnknown("x"), 4),
+        (errors.StopUnconfirmed("x"), 4),
+    ],
+)
+def test_each_error_has_its_exit_code(error: errors.DrivebusError, code: int) -> None:
+    assert exits.exit_code_of(error) == code
+
+
+def test_nothing_that_moved_or_may_have_moved_the_motor_goes_without_a_stop() -> None:
+    from drivebus.cli.commands.run import nothing_moved
+
+    after = (errors.TargetNotReached, errors.OutcomeUnknown, errors.StopUnconfirmed)
+    before = (errors.LimitError, errors.StartInhibited, errors.PreflightError, errors.DriveRejected, errors.NoReply)
+    unsure = errors.NoReply("x")
+    unsure.outcome = object()
+    assert not nothing_moved(unsure)
+    assert all(nothing_moved(kind("x")) for kind in before)
+    assert not any(nothing_moved(kind("x")) for kind in after)
+
+
+def test_a_bus_stop_without_addresses_stops_who_is_there_and_says_how_many_addresses_were_silent() -> None:
+    found = ask("bus-stop", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
+    assert found["confirmed"] == [1, 2]
+    assert len(found["absent"]) == 29

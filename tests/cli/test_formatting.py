@@ -1,0 +1,93 @@
+"""What people read: figures as the drive shows them, tables that fit the terminal, each thing said once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.cli import output, text_layout
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.formatting import outcome_text, status_text
+from drivebus.cli.progress import format_duration
+from drivebus.cli.scanning import print_scan
+from drivebus.cli.value_format import format_reading, format_value
+from drivebus.commissioning.scan import ScanProgress, SniffResult
+from drivebus.drives.state import DriveState, DriveStatus, Outcome, OutcomeStatus
+from drivebus.values import Reading, missing_reading
+
+VC660 = profiles.load("vc660")
+
+
+@pytest.fixture(autouse=True)
+def english() -> Iterator[None]:
+    output.parse_global_options(["--lang", "en"])
+    yield
+    output.parse_global_options(["--lang", "en"])
+
+
+@pytest.mark.parametrize(
+    ("signal", "value", "shown"),
+    [
+        ("output_frequency", 25.0, "25.00 Hz"),
+        ("output_current", 2.5, "2.5 A"),
+        ("dc_bus_voltage", 537.0, "537 V"),
+        ("set_speed", None, "–"),
+    ],
+)
+def test_a_figure_has_the_places_of_its_scale(signal: str, value: Any, shown: str) -> None:
+    entry = VC660.signals[signal]
+    assert format_value(value, entry.unit if value is not None else "", entry) == shown
+
+
+def test_a_figure_finer_than_its_scale_is_not_rounded_away() -> None:
+    assert format_value(0.25, "V", VC660.signals["dc_bus_voltage"]) == "0.25 V"
+
+
+def test_a_word_of_bits_shows_its_hexadecimal_form() -> None:
+    reading = Reading(10.0, "", raw=10)
+    assert format_reading(reading, VC660.signals["input_terminals"]) == "10 (000AH)"
+    assert format_reading(missing_reading("drives.no_answer"), VC660.signals["input_terminals"]) == "–"
+
+
+def test_a_result_is_told_once_and_further_notes_below() -> None:
+    params = {"notation": "F1.10", "value": 1, "unit": ""}
+    notes: Any = (("drives.write_confirmed", params), ("drives.disagree", {}))
+    outcome = Outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", params, notes=notes)
+    said = outcome_text(outcome)
+    assert said.startswith("Confirmed: ")
+    assert said.count("F1.10") == 1
+    assert len(said.splitlines()) == 2
+
+
+def test_signals_are_named_in_chinese_beside_the_name_that_read_takes() -> None:
+    output.parse_global_options(["--lang", "zh"])
+    status = DriveStatus(DriveState.STOPPED, readings={"dc_bus_voltage": Reading(537.0, "V", source_time=1.0)})
+    page = status_text(status, 2.0, VC660)
+    assert "dc_bus_voltage" in page and "母线电压" in page and "537 V" in page
+
+
+@pytest.mark.parametrize("cells", [40, 60, 80, 120])
+def test_a_table_fits_the_terminal_and_loses_no_word(cells: int) -> None:
+    rows = [["output_voltage", "0 V", "uncertain: raw word: the manual does not publish its scale"], ["x", "y", ""]]
+    shown = text_layout.table(["SIGNAL", "VALUE", "NOTE"], rows, cells)
+    assert max(text_layout.width(line) for line in shown.splitlines()) <= cells
+    assert " ".join(shown.split()).replace("uncertain:", "", 1).count("uncertain") == 0
+    assert all(part in shown for part in rows[0][2].split())
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
+def test_a_time_is_told_in_words_and_never_as_nothing(seconds: float, shown: str) -> None:
+    assert format_duration(seconds) == shown
+
+
+def test_a_scan_that_asked_nobody_does_not_say_that_nobody_answered(capsys: pytest.CaptureFixture[str]) -> None:
+    """Another master speaks: nothing was sent, so silence says nothing about wiring."""
+    progress = ScanProgress(10.0)
+    print_scan("x", progress, SniffResult(489, 0, b"", 2.0), ExitCode.FAILED)
+    assert capsys.readouterr().out == ""
+    progress.done_s = 10.0
+    print_scan("x", progress, None, ExitCode.FAILED)
+    assert "Nobody answered" in capsys.readouterr().out

@@ -1,0 +1,186 @@
+"""Whatever ends an attached run stops the drive: Ctrl-C, a terminal that goes, a request to terminate (F18)."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from fixtures.child_process import CHILD_TIMEOUT_S, COMMAND, ENVIRONMENT, PtyTerminal, lines_until, running_command
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
+
+
+DRIVE = ("--model", "c320", "--address", "1")
+
+
+def finished(*words: str) -> subprocess.CompletedProcess[str]:
+    """A verb on the drive that ends by itself."""
+    return subprocess.run(
+        [*COMMAND, *words, *DRIVE, "--json"], capture_output=True, text=True, env=ENVIRONMENT, timeout=CHILD_TIMEOUT_S
+    )
+
+
+class Plant:
+    """``simulate`` in a process of its own: it goes on when the host dies, so it knows whether the motor stopped."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+
+    def ask(self, verb: str, *more: str, codes: tuple[int, ...] = (0,)) -> dict[str, Any]:
+        """Another verb on the same drive, once the port is free."""
+        done = finished(verb, self.url, *more)
+        assert done.returncode in codes, done.stderr
+        document: dict[str, Any] = json.loads(done.stdout)
+        return document
+
+    def state(self) -> str:
+        """What a later look at the drive says."""
+        return str(self.ask("status")["state"])
+
+
+@contextmanager
+def simulated(*where: str) -> Iterator[Plant]:
+    with running_command("simulate", "--json", *DRIVE, "--ramp", "1", "--baud", "19200", *where) as process:
+        assert process.stdout is not None
+        yield Plant(json.loads(process.stdout.readline())["url"])
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    with simulated("--link", str(tmp_path_factory.mktemp("plant") / "drive")) as found:
+        yield found
+
+
+@pytest.fixture
+def plant_for_two() -> Iterator[Plant]:
+    """Behind TCP, where a second master can speak."""
+    with simulated("--listen", "tcp://127.0.0.1:0") as found:
+        yield found
+
+
+@pytest.fixture
+def dead() -> Iterator[str]:
+    """A server that accepts everything and never answers: a drive that lost its power."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+
+def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
+    return ("run", plant.url, *DRIVE, "--frequency", "20", *more)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_stops_the_drive_confirms_it_and_exits_with_130(plant: Plant, number: signal.Signals) -> None:
+    with running_command(*run_words(plant, "--json")) as process:
+        lines_until(process, lambda line: '"event": "status"' in line)
+        process.send_signal(number)
+        code = process.wait(CHILD_TIMEOUT_S)
+        documents = [json.loads(line) for line in (process.stdout or ())]
+    assert code == 130
+    if number != signal.SIGHUP:  # a hung-up terminal gets no more words
+        assert documents[-1]["event"] == "stopped"
+        assert documents[-1]["outcome"] == "confirmed"
+    assert plant.state() == "stopped"
+
+
+def test_a_terminal_that_hangs_up_stops_the_drive(plant: Plant) -> None:
+    with PtyTerminal(*run_words(plant)) as terminal:
+        terminal.wait_for("out 20")
+        terminal.hang_up()
+        assert terminal.exit_code() == 130
+    assert plant.state() == "stopped"
+
+
+def test_a_pipe_that_nobody_reads_any_more_stops_the_drive(plant: Plant) -> None:
+    """``drivebus run … | head -1``: the first word that can't be printed ends the run, and the run ends with a stop."""
+    with running_command(*run_words(plant)) as process:
+        lines_until(process, lambda line: line.startswith("running"))
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.wait(CHILD_TIMEOUT_S) == 130
+        process.stdout = None
+    assert plant.state() == "stopped"
+
+
+def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_stop_short(plant: Plant) -> None:
+    with PtyTerminal(*run_words(plant)) as terminal:
+        terminal.wait_for("running")
+        terminal.press("\x03")
+        terminal.wait_for("Stopping")
+        terminal.press("\x03")
+        assert terminal.exit_code() == 130
+        assert "Confirmed:" in terminal.output.partition("Stopping")[2]
+    assert plant.state() == "stopped"
+
+
+def test_a_detached_run_says_what_the_comm_loss_timer_will_do_and_leaves_the_drive_running(plant: Plant) -> None:
+    with running_command(*run_words(plant, "--detach", "--json")) as process:
+        output, _ = process.communicate(timeout=CHILD_TIMEOUT_S)
+    events = [json.loads(line) for line in output.splitlines()]
+    assert process.returncode == 0
+    assert [event["event"] for event in events] == ["comm_loss", "started"]
+    assert plant.state() in ("accelerating", "running")
+    assert plant.ask("stop")["outcome"] == "confirmed"
+    assert plant.state() == "stopped"
+
+
+def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand(plant_for_two: Plant) -> None:
+    """Somebody else's stop reaches the drive while our host is frozen; it sees a drive that no longer runs."""
+    with running_command(*run_words(plant_for_two)) as process:
+        lines_until(process, lambda line: line.startswith("running"))
+        os.kill(process.pid, signal.SIGSTOP)
+        with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", plant_for_two.url)[0]))) as other:
+            other.sendall(bytes.fromhex("2A 30 31 34 30 33 30 30 30 30 30 31 42 38 0D"))
+            time.sleep(1.0)
+        os.kill(process.pid, signal.SIGCONT)
+        process.communicate(timeout=CHILD_TIMEOUT_S)
+    assert process.returncode == 1
+
+
+def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: Plant) -> None:
+    """T13: one press starts nothing; the repeat of a held key does; silence stops within the lease."""
+    with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.press(" ")
+        time.sleep(1.2)
+        terminal.read()
+        assert "Acknowledged" not in terminal.output
+        terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press(" "))
+        terminal.wait_for("Confirmed")
+        terminal.press("q")
+        assert terminal.exit_code() == 0
+    assert plant.state() == "stopped"
+
+
+def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
+    with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press("f"))
+        terminal.hang_up()
+        terminal.exit_code()
+    assert plant.state() == "stopped"
+
+
+def test_a_stop_that_nobody_confirms_exits_with_4(dead: str) -> None:
+    done = finished("stop", dead)
+    assert done.returncode == 4
+    document = json.loads(done.stdout)
+    assert document["error"]["type"] == "StopUnconfirmed"
+    assert document["exit"] == 4
+
+
+def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1(dead: str) -> None:
+    done = finished("run", dead, "--frequency", "20")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["error"]["type"] in ("NoReply", "PreflightError")

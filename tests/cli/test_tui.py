@@ -1,0 +1,463 @@
+"""The live view: rows, the full screen by keyboard, plain lines, captures, and the whole story of the demo."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus import ports, profiles
+from drivebus.bus import Bus
+from drivebus.capture.dbcap import BytesRecord, Capture, CaptureHeader
+from drivebus.cli import output
+from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.plant import MemoryDemoPlant, PtyDemoPlant
+from drivebus.cli.demo.script import END_S, STORY
+from drivebus.cli.demo.stage import Stage
+from drivebus.cli.root import cli
+from drivebus.cli.text_layout import table, width, wrap
+from drivebus.cli.tui.app import MonitorApp
+from drivebus.cli.tui.capture_source import CapturePlayer
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
+from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_columns
+from drivebus.cli.tui.threaded import ThreadedRowSource
+from drivebus.commissioning import scan
+from drivebus.drives import Drive
+from drivebus.errors import PortLost
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.port import clear_simulated_buses
+from drivebus.testing import virtual_time
+from drivebus.values import Quality, Reading, missing_reading
+
+
+@pytest.fixture(autouse=True)
+def english() -> Iterator[None]:
+    output.parse_global_options(["--lang", "en"])
+    yield
+    output.parse_global_options([])
+    clear_simulated_buses()
+
+
+class FakeRowSource:
+    """Two drives that stand still."""
+
+    title = "two drives"
+    over = False
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None:
+        self.closed = True
+
+    def now(self) -> float:
+        return 100.0
+
+    def drives(self) -> list[DriveRow]:
+        good = {"output_frequency": Reading(12.5, "Hz", source_time=99.0), "output_current": missing_reading("x", "A")}
+        odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
+        return [
+            DriveRow("a", "fan 1", "A", "c320", 1, "running", "forward", readings=good, presence="online", at=99.0),
+            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="silent", at=50.0),
+        ]
+
+    def lines(self) -> list[BusRow]:
+        return [BusRow("A", "9600 8E1", True, 0.5, 12.0, {"NoReply": 2, "late": 0})]
+
+    def news(self) -> list[str]:
+        return ["something happened"]
+
+
+class RecordedKeys:
+    """Notes what the keys command."""
+
+    def __init__(self) -> None:
+        self.done: list[tuple[Any, ...]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.done.append((name, *arguments))
+
+
+def test_what_is_not_reported_is_a_dash_and_never_a_zero() -> None:
+    row = FakeRowSource().drives()[0]
+    assert row.cell("output_current") == "–"
+    assert row.cell("set_frequency") == "–"
+    assert row.cell("output_frequency") == "12.50"
+
+
+def test_what_we_commanded_is_marked_where_the_drive_reports_no_set_frequency() -> None:
+    row = DriveRow("a", "fan 1", "A", "c320", 1, commanded_hz=30.0)
+    assert row.cell("set_frequency") == "30.00*"
+
+
+def test_an_uncertain_value_is_marked_and_a_silent_drive_is_named_so() -> None:
+    row = FakeRowSource().drives()[1]
+    assert row.cell("output_frequency") == "3.00?"
+    assert row.state_text() == "NO ANSWER"
+    assert row.age_text(100.0) == "50.0"
+
+
+@pytest.mark.parametrize("cells", [60, 70, 80, 120])
+def test_the_columns_fill_a_terminal_and_never_more(cells: int) -> None:
+    assert sum(drive_columns(cells).values()) <= cells
+    assert sum(bus_columns(cells).values()) <= cells
+
+
+def test_what_matters_least_gives_way_on_a_narrow_terminal() -> None:
+    assert set(drive_columns(80)) == {"name", "state", "direction", *COLUMN_SIGNALS, "fault", "age"}
+    assert {"state", "output_frequency", "fault", "age"} <= set(drive_columns(60))
+    assert "output_voltage" not in drive_columns(72)
+
+
+async def test_a_terminal_that_is_made_narrow_keeps_the_selected_drive_and_the_age_in_sight() -> None:
+    hand = RecordedKeys()
+    screen = MonitorApp(FakeRowSource(), hand)
+    async with screen.run_test(size=(120, 24)) as pilot:
+        await pilot.pause(0.4)
+        await pilot.press("down")
+        await pilot.resize_terminal(60, 24)
+        await pilot.pause(0.4)
+        await pilot.press("s")
+        table = screen.query_one("#drives", CellTable)
+        assert len(table.get_row_at(0)) == len(drive_columns(60))
+        assert not table.show_horizontal_scrollbar
+    assert hand.done == [("stop", "b")]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_state_fits_its_column_in_both_languages(language: str) -> None:
+    from drivebus.drives import DriveState
+
+    output.parse_global_options(["--lang", language])
+    room = drive_columns(80)
+    for state in DriveState:
+        row = DriveRow("a", "x", "A", "m", 1, str(state), "reverse", presence="online")
+        assert width(row.state_text()) < room["state"]
+        assert width(row.direction_text()) < room["direction"]
+    for name, cells in room.items():
+        assert width(output.text(f"live.drive.{name}")) <= cells
+
+
+def test_chinese_takes_two_cells_and_never_begins_a_line_with_a_comma() -> None:
+    assert width("变频器 1") == 8
+    lines = wrap("变频器报告的内容，状态、方向、故障。", 9)
+    assert all(width(line) <= 10 for line in lines)
+    assert not any(line[0] in "，。、" for line in lines)
+    shown = table(["名称", "b"], [["风机", "1"], ["x", "22"]]).splitlines()
+    assert len({width(line[: line.rindex(" ") + 1]) for line in shown}) == 1
+
+
+async def test_the_demos_twelve_drives_their_ages_lines_and_news_stand_on_a_terminal_of_80_by_24() -> None:
+    """The size that terminals open with: the ages, a drive and the news were behind scroll bars."""
+
+    class Plant(FakeRowSource):
+        def drives(self) -> list[DriveRow]:
+            return [replace(super(Plant, self).drives()[0], key=str(n)) for n in range(12)]
+
+        def lines(self) -> list[BusRow]:
+            return super().lines() * 4
+
+    screen = MonitorApp(Plant(), RecordedKeys())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.6)
+        for table in screen.query(CellTable):
+            assert (table.max_scroll_x, table.max_scroll_y) == (0, 0), table.id
+        assert screen.query_one("#news").size.height >= 2
+
+
+async def test_keys_command_the_selected_drive_and_q_ends() -> None:
+    feed, hand = FakeRowSource(), RecordedKeys()
+    screen = MonitorApp(feed, hand)
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.4)
+        await pilot.press("r", "down", "s", "plus", "minus", "x", "space")
+        assert screen.query_one("#drives", CellTable).get_row_at(0)[1].plain == "running"
+        await pilot.press("q")
+    assert hand.done == [
+        ("run", "a"),
+        ("stop", "b"),
+        ("change", "b", 5.0),
+        ("change", "b", -5.0),
+        ("reset", "b"),
+        ("stop_all",),
+    ]
+    assert feed.closed
+
+
+async def test_a_monitor_has_no_keys_that_command() -> None:
+    screen = MonitorApp(FakeRowSource())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.press("r", "s", "plus", "space")
+        bound = {binding.action for _, binding in screen._bindings}
+    assert not {"run", "stop", "faster", "stop_all"} & bound
+
+
+async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> None:
+    class Broken(FakeRowSource):
+        async def start(self) -> None:
+            raise PortLost("ports.lost", port="x", reason="y")
+
+    feed = FakeRowSource()
+    threaded = ThreadedRowSource(feed, RecordedKeys())
+    await threaded.start()
+    for _ in range(50):
+        if threaded.drives():
+            break
+        await asyncio.sleep(0.02)
+    assert [row.name for row in threaded.drives()] == ["fan 1", "fan 2"]
+    await threaded.close()
+    assert feed.closed
+    with pytest.raises(PortLost):
+        await ThreadedRowSource(Broken()).start()
+
+
+def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
+    assert sum(len(line.drives) for line in LINES) >= 8
+    assert {profiles.load(line.model).family for line in LINES} == {"sifang", "dzb", "modbus"}
+    assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
+    assert len({line.name for line in LINES}) == 4
+
+
+def test_the_story_has_starts_ramps_a_trip_its_reset_and_an_adapter_pulled_and_put_back() -> None:
+    actions = [scene.action for scene in STORY]
+    assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
+    assert [scene.at_s for scene in STORY] == sorted(scene.at_s for scene in STORY)
+    assert 35.0 <= END_S <= 45.0
+
+
+def play(until_s: float = END_S + 3.0, hand: Any = None) -> Stage:
+    """The story in virtual time, on lines in memory."""
+    stage = Stage(MemoryDemoPlant())
+
+    async def go() -> None:
+        await stage.start()
+        begun = stage.now()
+        while not stage.over and stage.now() < begun + until_s:
+            await asyncio.sleep(0.25)
+            if hand is not None:
+                hand(stage, stage.now() - begun)
+        stage.seen = (stage.drives(), stage.lines())  # type: ignore[attr-defined]
+        await stage.close()
+
+    virtual_time.run(go())
+    return stage
+
+
+def test_the_whole_story_plays_and_ends_with_every_drive_stopped() -> None:
+    stage = play()
+    assert stage.over
+    drives, lines = stage.seen  # type: ignore[attr-defined]
+    told = {row.name: row.state for row in drives}
+    assert {state for name, state in told.items() if not name.startswith("pump")} == {"stopped"}
+    assert {state for name, state in told.items() if name.startswith("pump")} == {"unknown"}
+    assert all(row.up for row in lines)
+    news = "\n".join(stage.news())
+    for scene in (
+        "its motor jams",
+        "the fault is gone",
+        "pulls the adapter",
+        "the adapter is back",
+        "End of the story",
+    ):
+        assert scene in news
+    assert "NOT CONFIRMED" not in news
+
+
+def test_the_users_first_key_ends_the_story_and_the_plant_obeys() -> None:
+    def hand(stage: Stage, at: float) -> None:
+        if 5.0 <= at < 5.25:
+            stage.run("spindle-2")
+        if 12.0 <= at < 12.25:
+            stage.stop_all()
+
+    stage = play(30.0, hand)
+    news = "\n".join(stage.news())
+    assert "taken over" in news
+    assert "spindle 2: run" in news
+    assert "pulls the adapter" not in news
+    drives, _ = stage.seen  # type: ignore[attr-defined]
+    assert {row.state for row in drives if not row.name.startswith("pump")} == {"stopped"}
+
+
+async def until(true: Callable[[], bool]) -> None:
+    """Wait for it; the test's own timeout ends a wait in vain."""
+    while not true():  # noqa: ASYNC110  nobody tells
+        await asyncio.sleep(0.02)
+
+
+async def test_the_plant_on_ptys_loses_and_gets_back_a_line_and_nothing_is_left_behind() -> None:
+    pytest.importorskip("pty")
+    plant = PtyDemoPlant()
+    await plant.start()
+    try:
+        folder = Path(plant.links[2].partition("://")[2].partition("?")[0]).parent
+        async with Bus(ports.open_port(plant.links[2])) as bus:
+            drive = Drive(bus, "vc660", 1)
+            assert (await drive.status()).state == "stopped"
+            plant.do({"do": "unplug", "line": 2})
+            await until(lambda: not bus.is_open)
+            plant.do({"do": "plug", "line": 2})
+            await until(lambda: bus.is_open)
+            assert (await drive.status()).state == "stopped"
+            drive.close()
+    finally:
+        await plant.close()
+    assert not folder.exists()
+
+
+def test_monitor_streams_documents_without_a_terminal_and_commands_nothing() -> None:
+    words = [
+        "monitor",
+        "sim://vc660@1-2",
+        "--model",
+        "vc660",
+        "--address",
+        "1-2",
+        "--duration",
+        "1.5",
+        "--period",
+        "0.5",
+    ]
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    assert result.exit_code == 0, result.output
+    last = [json.loads(line) for line in result.stdout.splitlines()][-1]
+    assert [row["state"] for row in last["drives"]] == ["stopped", "stopped"]
+    assert last["lines"][0]["transactions_per_s"] > 0
+
+
+def test_monitor_shows_whom_it_found_by_the_profile_that_was_asked_for(tmp_path: Path) -> None:
+    """A file of one's own keeps its base's name within; the base itself lacks the signal."""
+    own = tmp_path / "mine.toml"
+    own.write_text(
+        'format = 1\nextends = "c320"\naddresses = [1, 2]\n[signals.output_current]\nnotation = "d.2"\nunit = "A"\n'
+        'factor = 0.1\ndecimals = 1\ntext = { en = "current", zh = "电流" }\nevidence = "user"\n'
+    )
+    words = ["monitor", "sim://c320@1?baud=9600&format=8E1", "--model", str(own), "--encoding", "ascii"]
+    result = CliRunner().invoke(cli, [*words, "--duration", "1.5", "--period", "0.5", "--json"])
+    assert result.exit_code == 0, result.output
+    last = [json.loads(line) for line in result.stdout.splitlines()][-1]
+    assert [row["readings"]["output_current"]["value"] for row in last["drives"]] == [0.0]
+
+
+def recorded() -> Capture:
+    """Two polls of a VC660: one answered, one not."""
+    ask, reply = bytes.fromhex("0103300200012ACA"), bytes.fromhex("010302138 8B512".replace(" ", ""))
+    records = (
+        BytesRecord(0.0, "tx", ask),
+        BytesRecord(0.02, "rx", reply[:3]),
+        BytesRecord(0.03, "rx", reply[3:]),
+        BytesRecord(0.5, "tx", ask),
+        BytesRecord(1.0, "tx", ask),
+        BytesRecord(1.02, "rx", reply[:-1] + b"\x00"),
+    )
+    return Capture(CaptureHeader(SerialSettings(9600), "path:x"), records)
+
+
+def test_a_capture_is_told_as_it_was_late_and_broken_replies_too() -> None:
+    player = CapturePlayer(recorded(), [(profiles.load("vc660"), "rtu")])
+    for record in player.capture.records:
+        assert isinstance(record, BytesRecord)
+        player.on_record(record)
+    row = player.drives[1].row("online")
+    assert row.cell("output_frequency") == "50.00"
+    assert row.at == pytest.approx(0.03)
+    assert dict(player.activity.errors) == {"NoReply": 1, "ChecksumError": 1}
+
+
+def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A C320 does; `drivebus monitor LINK` alone ended with "address 1 is taken". Whoever else answers is named."""
+    line = SerialSettings.parse(9600, "8E1")
+
+    async def silence(*_: object) -> scan.SniffResult:
+        return scan.SniffResult(0, 0, b"", 2.0)
+
+    async def found(passes: object, open_port: object, progress: scan.ScanProgress, *_: object) -> None:
+        there = [("sifang", "ascii", 1), ("sifang", "ascii", 2), ("sifang", "hex", 1), ("modbus", "rtu", 9)]
+        models = {"sifang": ("c320",), "modbus": ("vc660",)}
+        progress.found += [scan.DetectedDrive(models[who], who, how, at, line, (b"", b"")) for who, how, at in there]
+
+    monkeypatch.setattr(scan, "sniff", silence)
+    monkeypatch.setattr(scan, "scan", found)
+    words = ["monitor", "sim://c320@1-2", "--duration", "1.5", "--period", "0.5", "--json"]
+    result = CliRunner().invoke(cli, [*words, "--lang", "en"])
+    assert result.exit_code == 0, result.output
+    rows = [json.loads(text) for text in result.stdout.splitlines() if '"drives"' in text][-1]["drives"]
+    assert [row["state"] for row in rows] == ["stopped", "stopped"]
+    assert "Address 9 (vc660) speaks another protocol" in result.stderr
+
+
+def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
+    from drivebus.capture.dbcap import CaptureWriter
+
+    path = tmp_path / "line.dbcap"
+    writer = CaptureWriter(path, CaptureHeader(SerialSettings(9600), "path:x"), now=0.0)
+    for record in recorded().records:
+        assert isinstance(record, BytesRecord)
+        writer.write_bytes(record.time_s, record.direction, record.data)
+    writer.close()
+    result = CliRunner().invoke(cli, ["monitor", str(path), "--speed", "20", "--json"])
+    assert result.exit_code == 0, result.output
+    documents = [json.loads(line) for line in result.stdout.splitlines()]
+    assert documents[-1]["drives"][0]["readings"]["output_frequency"]["value"] == 50.0
+    assert any("End of the capture" in document.get("event", "") for document in documents)
+
+
+def test_no_task_of_the_demo_outlives_it() -> None:
+    async def go() -> set[str]:
+        stage = Stage(MemoryDemoPlant())
+        await stage.start()
+        await asyncio.sleep(3.0)
+        await stage.close()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(asyncio.sleep(0.1), 1)
+        return {task.get_name() for task in asyncio.all_tasks() if task is not asyncio.current_task()}
+
+    assert virtual_time.run(go()) == set()
+
+
+def test_who_stopped_all_is_told_how_to_get_a_drive_back() -> None:
+    """A bus stop stays latched: run says which key takes it back, and that key starts nothing."""
+    steps: list[tuple[float, str]] = [(1.0, "stop_all"), (8.0, "run"), (9.0, "reset"), (11.0, "run")]
+
+    def hand(stage: Stage, now: float) -> None:
+        while steps and now >= steps[0][0]:
+            _, verb = steps.pop(0)
+            getattr(stage, verb)(*(() if verb == "stop_all" else (LINES[0].drives[0].key,)))
+
+    news = [line.partition("  ")[2] for line in play(15.0, hand).news()]
+    held = news.index("fan 1: the bus stop holds it; x (reset) gives it back")
+    back = news.index("fan 1: the bus stop is taken back for this drive; nothing starts by itself")
+    assert held < back
+    assert any("accelerating" in line or "running" in line for line in news[back:])
+
+
+def test_a_long_name_of_a_line_keeps_its_end_and_a_gap_before_the_settings() -> None:
+    row = BusRow("tcp:192.168.100.50:4001", "9600 8N1")
+    shown = bus_cells(row, bus_columns(80))[0].plain
+    assert shown.endswith(":4001")
+    assert width(shown) < bus_columns(80)["line"]
+
+
+def test_a_plant_whose_parent_was_killed_leaves_nothing_behind() -> None:
+    """The terminal is closed: the stations see the end of their input, stop and clear their folder away."""
+
+    async def abandon(plant: PtyDemoPlant) -> None:
+        await plant.start()
+        assert plant._child is not None and plant._child.stdin is not None
+        plant._child.stdin.close()
+        await asyncio.wait_for(plant._child.wait(), 10)
+
+    plant = PtyDemoPlant()
+    asyncio.run(abandon(plant))
+    assert plant._folder is not None
+    assert not Path(plant._folder.name).exists()
+    plant._folder.cleanup()

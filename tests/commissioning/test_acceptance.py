@@ -1,0 +1,193 @@
+"""The checklist for hardware, tried on simulated drives: each step can pass, each can fail, and a report is left."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.cli.acceptance import command
+from drivebus.cli.acceptance.checklist import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
+from drivebus.cli.acceptance.session import AcceptanceSession
+from drivebus.cli.connect import Target
+from drivebus.cli.signals import ShutdownSignal
+from drivebus.ports import locks, open_port
+from drivebus.simulator.bus import SimulatedBus
+from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.testing.virtual_time import run
+
+ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
+
+
+class AgreeingPerson(AcceptanceSession):
+    """Agrees to everything and sees what the simulated motor does."""
+
+    async def answer(self, key: str, /, **params: Any) -> str:
+        motor = find_simulated_bus("hw").station(1).motor
+        if key in ("hardware.ask.turns", "hardware.ask.still_turns"):
+            return "y" if motor.energised else "n"
+        return "n" if key == "hardware.ask.stands" and motor.energised else "y"
+
+
+@pytest.fixture
+def bench() -> Any:
+    clear_simulated_buses()
+    port: Any = open_port(ACCEPTANCE_LINK)
+    yield port.bench
+    clear_simulated_buses()
+
+
+def step(
+    name: str,
+    meanwhile: Callable[[], Any] | None = None,
+    *,
+    motor: bool = True,
+    rig: type[AcceptanceSession] = AgreeingPerson,
+) -> StepFinding:
+    async def told() -> StepFinding:
+        target = Target(ACCEPTANCE_LINK, "vc660", 1)
+        other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
+        found = await run_step(name, rig(target, ShutdownSignal(), motor, 5.0))
+        if other is not None:
+            other.cancel()
+        return found
+
+    return run(told())
+
+
+@pytest.mark.parametrize("name", ["port", "quiet", "answers", "fences", "run_and_stop"])
+def test_on_a_good_line_a_step_passes(bench: SimulatedBus, name: str) -> None:
+    found = step(name)
+    assert found.verdict is StepResult.PASSED, found
+    assert found.figures
+
+
+@pytest.mark.parametrize("name", ["owner", "parity"])
+def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str) -> None:
+    assert step(name).verdict is StepResult.SKIPPED
+
+
+def owned(path: str) -> StepFinding:
+    return asyncio.run(run_step("owner", AcceptanceSession(Target(path, "vc660", 1), ShutdownSignal(), False, 5.0)))
+
+
+@pytest.fixture
+def pty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    far, near = os.openpty()
+    yield os.ttyname(near)
+    os.close(far)
+    os.close(near)
+
+
+def test_g18_another_program_is_refused_the_port_with_the_owners_pid(pty: str) -> None:
+    found = owned(pty)
+    assert found.verdict is StepResult.PASSED
+    assert f"pid {os.getpid()}" in found.figures["refused"]
+
+
+def test_g18_a_port_that_another_program_gets_is_told(pty: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "_flock", lambda fd: None)
+    monkeypatch.setattr(locks, "_take_lock_file", lambda device: -1)
+    assert owned(pty).verdict is StepResult.FAILED
+
+
+def test_f14_another_master_is_heard(bench: SimulatedBus) -> None:
+    class Other:
+        settings = None
+
+        def hear(self, data: bytes, marks: int) -> None: ...
+        def lost(self) -> None: ...
+
+    async def speaks() -> None:
+        other = Other()
+        bench.attach(other)
+        while True:
+            await asyncio.sleep(0.5)
+            bench.transmit(other, bytes.fromhex("01 03 30 00 00 01 8B 0A"))
+
+    assert step("quiet", speaks).verdict is StepResult.FAILED
+
+
+def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
+    bench.weather = "lossy"
+    found = step("answers")
+    assert found.verdict is StepResult.FAILED
+    assert found.reason == "hardware.bad.answers"
+
+
+def test_late_replies_fail_the_fences(bench: SimulatedBus) -> None:
+    bench.weather = "late=0.1:0.3"
+    assert step("fences").verdict is StepResult.FAILED
+
+
+def test_g09_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
+    async def hands() -> None:
+        await asyncio.sleep(5.0)
+        bench.unplug()
+        await asyncio.sleep(3.0)
+        bench.replug()
+
+    found = step("unplug", hands)
+    assert found.verdict is StepResult.PASSED
+    assert 2.9 < found.figures["away_s"] < 4.0
+    assert step("unplug").figures == {"noticed": False}
+
+
+def test_g08_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
+    async def hands() -> None:
+        await asyncio.sleep(5.0)
+        bench.station(1).power_cycle(20.0)
+
+    assert step("power", hands).verdict is StepResult.PASSED
+    assert step("power").verdict is StepResult.FAILED
+
+
+def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: SimulatedBus) -> None:
+    class Sceptic(AgreeingPerson):
+        async def answer(self, key: str, /, **params: Any) -> str:
+            return "n" if key == "hardware.ask.turns" else "y"
+
+    assert step("run_and_stop", rig=Sceptic).verdict is StepResult.FAILED
+    assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
+
+
+def test_f18_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None:
+    found = step("host_dies")
+    assert found.figures["stop"] == "confirmed"
+    assert found.figures["alone_s"] > 3.0
+
+
+def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(bench: SimulatedBus) -> None:
+    class Nobody(AcceptanceSession):
+        async def answer(self, key: str, /, **params: Any) -> str:
+            return ""
+
+    for name, (needs, _) in ACCEPTANCE_STEPS.items():
+        if needs is StepRequirement.MOTOR:
+            assert step(name, motor=False).reason == "hardware.no_motor"
+        if needs is not StepRequirement.NOTHING:
+            assert step(name, rig=Nobody).verdict is StepResult.SKIPPED
+    assert not bench.stations[0].motor.energised
+
+
+def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> None:
+    bench.unplug()
+    found = step("answers")
+    assert found.verdict is StepResult.FAILED
+    assert command._plain(found)["figures"]["error"]
+
+
+def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
+    found = [step("port"), step("parity")]
+    command._write(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
+    [written] = tmp_path.glob("drivebus-hardware-*.json")
+    document = json.loads(written.read_text(encoding="utf-8"))
+    assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]
+    assert document["model"] == "vc660"
+    assert written.with_suffix(".md").exists()

@@ -1,0 +1,158 @@
+"""The host stood still over a command (SIGSTOP, suspend; RELIABILITY 6.6): what it still had to send is too old."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.jog import begin_jog
+from drivebus.drives.operations.parameters import write_values
+from drivebus.drives.operations.reset import reset_fault
+from drivebus.drives.operations.runner import bus_conditions
+from drivebus.drives.operations.setpoint import set_frequency
+from drivebus.drives.operations.start import run
+from drivebus.drives.permissives import COMMAND_TTL_S, Kind
+from drivebus.drives.state import Direction, OutcomeStatus
+from drivebus.errors import Expired, StartInhibited
+from drivebus.protocols import sunfar
+from drivebus.protocols.codec import BusRequest, Effect
+from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
+
+HOUR_S = 3600.0
+
+
+def world_of(model: str) -> PureBus:
+    standing = {0x3000: 1, 0x0100: 2, 0x0001: 4, 101: 5, 102: 2}
+    faulty = FakeC320(sunfar.SunfarState.FAULT, fault_code=5)
+    return PureBus(dialect_for(model), faulty if model == "c320" else FakeModbus(standing))
+
+
+def asleep_over(world: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
+    """The host sleeps an hour while this request is out."""
+
+    def sleeps(ask: BusRequest) -> None:
+        if of_this(ask):
+            world.pass_time(HOUR_S)
+
+    world.on_request = sleeps
+
+
+COMMANDS: dict[str, Any] = {
+    "vc660": lambda talk: run(talk, 20.0, None),
+    "c320": reset_fault,
+    "df800": lambda talk: set_frequency(talk, 20.0),
+}
+
+
+@pytest.mark.parametrize("model", COMMANDS)
+def test_i1_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
+    """Not the frequency of a run either, nor a fault reset: each has its first frame within PREPARE_S of the wish."""
+    world = world_of(model)
+    talk = OperationContext(context_for(world.dialect), 0, world.now)
+    asleep_over(world, lambda ask: len(world.requests) == 2)
+    with pytest.raises(Expired) as caught:
+        world.run(COMMANDS[model](talk))
+    assert caught.value.params["age_s"] > HOUR_S and caught.value.params["limit_s"] >= CHECKS_TIMEOUT_S
+    assert len(world.requests) >= 2 and not world.effects()
+
+
+@pytest.mark.parametrize("save", [False, True])
+def test_i1_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
+    world = PureBus(dialect_for("c320"), FakeC320())
+    talk = OperationContext(context_for(world.dialect), 0, world.now - HOUR_S)
+    with pytest.raises(Expired):
+        world.run(write_values(talk, {"F0.2": 30.0}, save))
+    assert not world.sent(sunfar.SunfarWriteParameter)
+
+
+def test_i1_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
+    world = PureBus(dialect_for("c320"), FakeC320())
+    asleep_over(world, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
+    outcome = world.run(
+        write_values(OperationContext(context_for(world.dialect), 0, world.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
+    )
+    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
+    assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
+    assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
+    assert len(world.sent(sunfar.SunfarWriteParameter)) == 1
+
+
+def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
+    """Each has PREPARE_S of its own: a long list on a slow line is no old wish."""
+    world = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
+    values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
+    assert world.run(write_values(OperationContext(context_for(world.dialect), 0, world.now), values, True)).done
+    assert world.now > 2 * CHECKS_TIMEOUT_S and len(world.sent(sunfar.SunfarWriteParameter)) == 3
+
+
+MOTIONS: dict[str, tuple[str, Any]] = {
+    "c320": ("c320", lambda talk: run(talk, 20.0, None)),
+    "vc660": ("vc660", lambda talk: run(talk, 20.0, None)),
+    "df800": ("df800", lambda talk: run(talk, 20.0, None)),
+    "jog": ("c320", lambda talk: begin_jog(talk, 5.0, Direction.FORWARD)),
+}
+
+
+def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> float | None:
+    """How long after the wish the last frame that moves was sent, on a line of this pace; None where there was none."""
+    model, conversation = MOTIONS[name]
+    world = PureBus(dialect_for(model), FakeC320() if model == "c320" else world_of(model).station)
+    world.conditions, world.transaction_s = replace(world.conditions, now=100.0), transaction_s
+    sent: list[float] = []
+    world.on_request = lambda ask: sent.append(world.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
+    with contextlib.suppress(Expired):
+        world.run(conversation(OperationContext(context_for(world.dialect), 0, 100.0, wished_at)))
+    return sent[-1] - 100.0 if sent else None
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_i1_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_limit(name: str) -> None:
+    """Ruling 12: checks and command together, whatever the line's pace; without it they add up."""
+    paces = [pace / 200 for pace in range(1, 120)]
+    known = [last_motion_s(name, pace, 100.0) for pace in paces]
+    assert known[0] is not None and known[-1] is None
+    assert max(age for age in known if age is not None) <= CHECKS_TIMEOUT_S
+    apart = [last_motion_s(name, pace, None) for pace in paces]
+    assert max(age for age in apart if age is not None) > CHECKS_TIMEOUT_S
+
+
+def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
+    """A wall clock's seconds would never expire."""
+
+    async def aged() -> float:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            talk = drive._new_operation(1.8e9)
+            assert talk.requested_at == talk.checks_started_at == bench.bus.now()
+            early = drive._new_operation(bench.bus.now() - HOUR_S)
+            with pytest.raises(Expired):
+                await drive.run(20.0, requested_at=early.requested_at)
+            await asyncio.sleep(CHECKS_TIMEOUT_S)
+            return bench.bus.now() - talk.create_command(Kind.START, bus_conditions(bench.bus, 1)).created_at
+
+    assert run_virtual(aged()) >= COMMAND_TTL_S[Kind.START]
+
+
+def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:
+    """The loop's clock stands still then, the bus's goes on, as the motor does: the program may not just renew."""
+
+    async def jogged() -> None:
+        async with SimulatedDrives("c320", query="echo=off") as bench:
+            drive, slept_s = bench.drive(), 0.0
+            plain = bench.bus.now
+            bench.bus.now = lambda: plain() + slept_s  # type: ignore[method-assign]
+            async with drive.jog(5.0) as lease:
+                lease.renew()
+                slept_s = HOUR_S
+                with pytest.raises(StartInhibited):
+                    lease.renew()
+                slept_s = 0.0  # this clock was set for the lease alone, the bus has another
+            assert lease.lost and not bench.station().motor.energised
+
+    run_virtual(jogged())

@@ -1,0 +1,305 @@
+"""What somebody tried who wanted a motor to go on turning, or a stop to be lost or believed, when it must not."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import Any
+
+import pytest
+
+from drivebus.bus import Bus
+from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
+from drivebus.drives.jog_session import JogSession
+from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.start import confirm_start
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.permissives import MIN_FAILURES_FOR_ERROR_RATE, DriveCommand, Kind, PermitInputs, grant_permit
+from drivebus.drives.state import DerivedState, DriveState, Outcome
+from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed
+from drivebus.ports import open_port
+from drivebus.protocols import sunfar
+from drivebus.protocols.codec import Effect, RetryPolicy
+from fixtures.drives import MODELS, SAFE_HZ, FakeC320, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
+
+PROVED = {"df800": {"direction_proved": True}}
+JOG_HZ = {"c320": 5.0, "dzb100": 0.5}
+
+
+async def until_turning(bench: SimulatedDrives, task: asyncio.Future[Any]) -> None:
+    for _ in range(20000):
+        if not bench.station().motor.energised and not task.done():
+            await asyncio.sleep(0.0005)
+    assert bench.station().motor.energised
+
+
+async def jogging(drive: Any) -> None:
+    async with drive.jog(JOG_HZ.get(drive.profile.model)) as lease:
+        while True:
+            await asyncio.sleep(0.1)
+            lease.renew()
+
+
+@pytest.mark.parametrize("begun_s", [0.0, 0.3])
+@pytest.mark.parametrize("model", MODELS)
+def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back(
+    model: str, begun_s: float
+) -> None:
+    """At once after the jog frame, and later: somebody must go on telling it to stop (matrix: forever)."""
+
+    async def told() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive(settings=PROVED.get(model))
+            await drive.status()
+            task = asyncio.ensure_future(jogging(drive))
+            await until_turning(bench, task)
+            await asyncio.sleep(begun_s)
+            bench.port.bench.unplug()
+            await asyncio.sleep(0.6)
+            task.cancel()
+            with pytest.raises((DrivebusError, asyncio.CancelledError)):
+                await task
+            assert drive.stop_pending
+            bench.port.bench.replug()
+            await asyncio.sleep(10.0)
+            assert not bench.station().motor.energised
+            await asyncio.sleep(5.0)
+            assert not drive.stop_pending
+
+    run_virtual(told())
+
+
+def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
+    async def told() -> None:
+        async with SimulatedDrives("dzb100") as bench:
+            drive = bench.drive(settings={"query_coding": "hex-0.1"})
+            task = asyncio.ensure_future(drive.calibrate_setpoint_coding())
+            await until_turning(bench, task)
+            await asyncio.sleep(1.0)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            await asyncio.sleep(15.0)
+            assert not bench.station().motor.energised and not drive.stop_pending
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize("patience_s", [0.0005, 0.02, 0.2])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: float) -> None:
+    """``wait_for(drive.stop(), …)``: the caller is told late, the motor is stopped all the same."""
+
+    async def told() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await drive.run(SAFE_HZ[model])
+            await asyncio.sleep(1.0)
+            busy = asyncio.ensure_future(drive.status())
+            await asyncio.sleep(0.001)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(drive.stop(), patience_s)
+            busy.cancel()
+            bench.port.bench.unplug()
+            await asyncio.sleep(0.01)
+            bench.port.bench.replug()
+            await asyncio.sleep(40.0)
+            assert not bench.station().motor.energised
+
+    run_virtual(told())
+
+
+def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
+    async def told() -> set[asyncio.Task[Any]]:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.status()
+            bench.port.bench.unplug()
+            with pytest.raises(StopUnconfirmed):
+                await drive.stop()
+            assert drive.stop_pending
+        await asyncio.sleep(10.0)
+        return asyncio.all_tasks() - {asyncio.current_task()}  # type: ignore[arg-type]
+
+    assert not run_virtual(told())
+
+
+def test_a_bus_stop_with_a_drive_that_left_the_bus_stops_the_others_and_says_so() -> None:
+    async def told() -> None:
+        async with SimulatedDrives("c320", "1-3") as bench:
+            drives = [bench.drive(address) for address in (1, 2, 3)]
+            for drive in drives:
+                await drive.run(20.0)
+            bench.bus.remove_station(2)
+            report = await stop_bus(bench.bus, drives)
+            assert report.unconfirmed == (2,) and not report.confirmed
+            assert not any(bench.station(address).motor.energised for address in (1, 3))
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize(("model", "query"), [("c320", "baud=1200"), ("dzb100", "baud=1200"), ("vc660", "baud=1200")])
+def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, query: str) -> None:
+    """Not from the drive's answer, which takes a quarter of a second at 1,200 baud."""
+
+    async def told() -> None:
+        async with SimulatedDrives(model, query=query) as bench:
+            drive = bench.drive()
+            await drive.preflight()
+            frames: list[tuple[float, Effect]] = []
+            bench.bus.trace(
+                lambda event: (
+                    frames.append((event.time, drive.dialect.station_config.effect_of(event.data)))
+                    if event.direction == "sent"
+                    else None
+                )
+            )
+            lease = drive.jog(JOG_HZ.get(model))
+            async with lease:
+                await asyncio.sleep(5.0)
+            assert lease.lost
+            moved = next(at for at, effect in frames if effect is Effect.MOTION)
+            stopped = next(at for at, effect in frames if effect is Effect.STOP)
+            longest_frame_s = 14 * 11 / 1200
+            assert 0.5 <= stopped - moved <= 0.5 + 2 * longest_frame_s
+
+    run_virtual(told())
+
+
+class Renumbered:
+    """A serial port before and after it was opened: only then it knows which adapter it is."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self.identity = "device:/dev/ttyUSB0"
+        self.url = "/dev/ttyUSB0"
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+    async def open(self, receiver: Any) -> None:
+        await self._port.open(receiver)
+        self.identity = "usb:0403:6001:B"
+
+
+def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
+    """A drive made before its bus is opened: the proofs and the wear are those of the adapter that is opened."""
+
+    async def told() -> None:
+        store = MemoryStore()
+        store.put("proof/device:/dev/ttyUSB0/1/dzb100/setpoint_coding", '"hex-1"')
+        store.put("proof/usb:0403:6001:B/1/dzb100/query_coding", '"hex-0.1"')
+        port: Any = Renumbered(open_port("sim://dzb100@1"))
+        bus = Bus(port)
+        drive = Drive(bus, "dzb100", 1, store=store)
+        assert "hex-1" not in drive.dialect.settings.values()
+        await bus.open()
+        await drive.status()
+        assert drive.dialect.settings["setpoint_coding"] == "unknown"
+        assert drive.dialect.settings["query_coding"] == "hex-0.1"
+        await drive.write({"10": 12.0}, save=True)
+        assert store.get("wear/usb:0403:6001:B/1/10") and not store.get("wear/device:/dev/ttyUSB0/1/10")
+        await bus.close()
+
+    run_virtual(told())
+
+
+def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
+    async def done() -> Outcome:
+        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+
+    async def told() -> None:
+        async with JogSession(done, done, 0.5, lambda: 0.7) as lease:
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            assert lease.lost
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize(
+    "state",
+    [sunfar.SunfarState.JOGGING_FORWARD, sunfar.SunfarState.DC_BRAKING, sunfar.SunfarState.DECELERATING_FORWARD],
+)
+def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
+    """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
+    world = PureBus(dialect_for("c320"), FakeC320(state))
+    talk = operation_for(world.dialect)
+    command = talk.drive.create_command(Kind.START, BusConditions(0.0))
+    outcome = world.run(confirm_start(talk, command, world.dialect.start(None, 2000), None, True))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    assert outcome.status is not None and outcome.status.state in {
+        DriveState.JOGGING,
+        DriveState.BRAKING,
+        DriveState.DECELERATING,
+    }
+    assert not world.effects()
+
+
+@pytest.mark.parametrize(
+    ("failures", "blocked"), [(MIN_FAILURES_FOR_ERROR_RATE - 1, False), (MIN_FAILURES_FOR_ERROR_RATE, True)]
+)
+def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blocked: bool) -> None:
+    around = BusConditions(10.5, generation=3, error_rate=0.5, failures=failures)
+    stands = PermitInputs(
+        DerivedState(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True
+    )
+    wish = DriveCommand("start-1", Kind.START, 10.0, 3)
+    with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
+        grant_permit(wish, 7, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, around, stands, "sifang")
+
+
+@pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])
+def test_i1_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
+    """The command's own two seconds begin only after them."""
+    world = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(100.0 + age_s))
+    talk = OperationContext(operation_for(world.dialect).drive, 0, 100.0)
+    with contextlib.nullcontext() if fits else pytest.raises(Expired):
+        world.run(talk.check_deadline())
+
+
+def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> None:
+    """6.5: it was wished for before the stop, whenever its turn came."""
+    world = PureBus(dialect_for("c320"), FakeC320())
+    memory = operation_for(world.dialect).drive
+    stopped = BusConditions(1.0, generation=4)
+    assert OperationContext(memory, 3).create_command(Kind.START, stopped).generation == 3
+    assert OperationContext(memory).create_command(Kind.START, stopped).generation == 4
+
+
+def word_of(dialect: Any, *names: str) -> int:
+    bits = dialect.word.map.bits
+    return int(sum(bits[name].value for name in names))
+
+
+def test_a_reset_that_also_turns_the_direction_level_may_move() -> None:
+    """VC660: a reset repeats the levels that the drive holds, or it is no mere reset."""
+    dialect: Any = dialect_for("vc660")
+    assert dialect.word.effect(word_of(dialect, "reset")) is Effect.SETTING
+    assert dialect.word.effect(word_of(dialect, "reset", "reverse")) is Effect.MOTION
+    dialect.word.sent(word_of(dialect, "start", "reverse"))
+    assert dialect.word.effect(word_of(dialect, "reset", "reverse")) is Effect.SETTING
+    assert dialect.word.effect(word_of(dialect, "reset")) is Effect.MOTION
+
+
+def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
+    """It has no levels to keep: a direction is an order of its own, and needs leave."""
+    dialect: Any = dialect_for("df800", direction_proved=True)
+    assert dialect.word.effect(word_of(dialect, "stop")) is Effect.STOP
+    assert dialect.word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
+
+
+@pytest.mark.parametrize("command", ["reset_fault", "write"])
+def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: str) -> None:
+    async def told() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            async with drive._lock:
+                wish = drive.reset_fault() if command == "reset_fault" else drive.write({"F0.2": 20.0})
+                waiting = asyncio.ensure_future(wish)
+                await asyncio.sleep(CHECKS_TIMEOUT_S + 0.01)
+            with pytest.raises(Expired) as caught:
+                await waiting
+            assert caught.value.key == "drives.turn_too_late"
+
+    run_virtual(told())

@@ -1,0 +1,140 @@
+"""What every conversation is made of: fences that prove, frames that are listed, evidence that is bounded."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.drives.dialects.base import CommandFrame
+from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
+from drivebus.drives.operations.start import run
+from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
+from drivebus.drives.permissives import Kind
+from drivebus.drives.state import DriveState
+from drivebus.errors import NoReply, NotPermitted
+from drivebus.protocols import modbus, sunfar
+from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority, RetryPolicy
+from drivebus.service.api.errors import exchange_json
+from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+
+
+@pytest.mark.parametrize("register", [0x200B, 0x2002, 0x3000, 0x0200])
+def test_t12_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
+    world = PureBus(dialect_for("vc660"), FakeModbus())
+    talk = operation_for(world.dialect)
+    command = talk.drive.create_command(Kind.WRITE, world.conditions)
+    with pytest.raises(NotPermitted) as caught:
+        world.run(
+            talk.send_command(command, CommandFrame(modbus.WriteRegister(1, register, 1), RetryPolicy.EDGE_TRIGGERED))
+        )
+    assert caught.value.key == "drives.not_listed"
+    assert not world.requests
+
+
+def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
+    """A short reply (6, 7, 8) echoes the address alone: it could be anybody's late one."""
+
+    class Refuses(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.SunfarReadParameter):
+                return sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE)
+            return super().__call__(request)
+
+    world = PureBus(dialect_for("c320"), Refuses())
+    talk = operation_for(world.dialect)
+    error = world.run(talk.read_verified_state())
+    assert isinstance(error, NotPermitted) and error.key == "drives.fence_refused"
+    assert talk.derived.state is DriveState.UNKNOWN
+    with pytest.raises(NotPermitted):
+        world.run(run(operation_for(world.dialect), 10.0, None))
+    assert not world.effects()
+
+
+@pytest.mark.parametrize("language", i18n.LANGUAGES)
+def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language: str) -> None:
+    silence = NoReply("bus.no_reply", station=1, attempt=2, bytes=0, milliseconds=50)
+    frame = json.loads(json.dumps(exchange_json(frame_exchange(BusResult(BusRequest(1, None), error=silence)))))
+    told = i18n.text(frame["error"], language, **frame["params"])
+    assert told == silence.text(language) and "{" not in told
+    assert exchange_json(frame_exchange(BusResult(BusRequest(1, None))))["error"] is None
+
+
+def test_what_was_read_before_a_command_never_shows_its_effect() -> None:
+    world = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    talk = operation_for(world.dialect)
+    world.run(talk.read_verified_state())
+    assert talk.derived.state is DriveState.RUNNING
+    world.station = FakeC320(silent=True)
+    world.run(talk.read_verified_state())
+    assert talk.derived.state is DriveState.UNKNOWN
+    assert not talk.reading_pairs.latest
+
+
+def test_i12_evidence_is_bounded_and_in_order() -> None:
+    world = PureBus(dialect_for("c320"), FakeC320())
+    talk = operation_for(world.dialect)
+    for _ in range(100):
+        world.run(talk.read_verified_state())
+    evidence = talk.exchanges()
+    assert len(evidence) == MAX_READ_EXCHANGES
+    times = [exchange.sent_at or 0.0 for exchange in evidence]
+    assert times == sorted(times)
+
+
+def test_confirming_reads_are_not_in_the_lane_that_a_stop_clears() -> None:
+    world = PureBus(dialect_for("c320"), FakeC320())
+    world.run(operation_for(world.dialect).read_verified_state())
+    assert {ask.priority for ask in world.requests} == {RequestPriority.PARAMETER}
+
+
+def test_a_drive_that_never_agrees_with_itself_is_unknown_and_says_why() -> None:
+    turn = [0]
+
+    class Flickers(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.ReadMonitor):
+                turn[0] += 1
+                self.state = sunfar.SunfarState.STOPPED if turn[0] % 2 else sunfar.SunfarState.EMERGENCY_STOP
+            return super().__call__(request)
+
+    world = PureBus(dialect_for("c320"), Flickers())
+    talk = operation_for(world.dialect)
+    assert world.run(talk.read_verified_state()) is None
+    assert (talk.derived.state, talk.derived.reason) == (DriveState.UNKNOWN, "drives.disagree")
+
+
+def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
+    lost = [1]
+
+    class Loses(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.ReadMonitor) and lost:
+                lost.pop()
+                return None
+            return super().__call__(request)
+
+    world = PureBus(dialect_for("c320"), Loses())
+    talk = operation_for(world.dialect)
+    assert world.run(talk.read_verified_state()) is None
+    assert talk.derived.state is DriveState.STOPPED
+    lost[:] = [1, 1]
+    assert world.run(talk.read_verified_state()) is not None
+    assert talk.derived.state is DriveState.UNKNOWN
+
+
+def test_a_conversation_is_a_script_of_values() -> None:
+    """Sans-IO: storing is a step, and waiting too."""
+    from drivebus.drives.store import MemoryStore
+
+    steps = []
+
+    def world(step: Any) -> Any:
+        steps.append(step)
+
+    run_pure(EepromBudget(MemoryStore(), "k").consume("F0.2", "2026-01-01"), world)
+    assert [type(step) for step in steps] == [UpdateStore]
+    assert not isinstance(steps[0], Wait)

@@ -1,0 +1,233 @@
+"""The gate: every reason not to move, one by one (I1, I7, rulings 4, 5, 12)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.permissives import (
+    COMMAND_TTL_S,
+    MAX_STATUS_AGE_S,
+    MIN_FAILURES_FOR_ERROR_RATE,
+    DriveCommand,
+    Kind,
+    PermitInputs,
+    grant_permit,
+)
+from drivebus.drives.state import DerivedState, DriveState
+from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited, Superseded
+from drivebus.protocols.codec import Effect, Permit, RetryPolicy
+
+START = DriveCommand("start-1", Kind.START, 10.0, 3)
+AROUND = BusConditions(10.5, "2026-01-02", 3)
+STANDS = PermitInputs(DerivedState(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True)
+
+
+def ask(
+    command: DriveCommand = START,
+    effect: Effect = Effect.MOTION,
+    around: BusConditions = AROUND,
+    evidence: PermitInputs = STANDS,
+    family: str = "sifang",
+) -> Permit:
+    return grant_permit(command, 7, effect, RetryPolicy.EDGE_TRIGGERED, around, evidence, family)
+
+
+def refused(kind: type[DrivebusError], key: str, **changes: object) -> None:
+    with pytest.raises(kind) as caught:
+        ask(**changes)  # type: ignore[arg-type]
+    assert caught.value.key == key
+
+
+def test_a_start_with_everything_in_order_gets_a_permit_for_its_station_and_generation_only() -> None:
+    permit = ask()
+    assert (permit.station, permit.effect, permit.stop_epoch) == (7, Effect.MOTION, 3)
+    assert permit.expires_at == 12.0
+    assert permit.command_id == "start-1"
+
+
+def test_i1_a_start_is_dead_two_seconds_after_the_wish() -> None:
+    ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, at=11.9))
+    refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, at=12.0))
+
+
+def test_a_setpoint_lives_five_seconds_but_not_where_its_frame_moves() -> None:
+    setpoint = DriveCommand("setpoint-1", Kind.SETPOINT, 10.0, 3)
+    assert ask(setpoint, Effect.SETTING).expires_at == 15.0
+    runs = replace(STANDS, verdict=DerivedState(DriveState.RUNNING))
+    assert ask(setpoint, Effect.MOTION, evidence=runs).expires_at == 12.0
+
+
+def test_a_newer_stop_voids_the_command() -> None:
+    refused(Superseded, "drives.superseded", around=replace(AROUND, generation=4))
+
+
+def test_a_latched_drive_is_given_nothing() -> None:
+    refused(StartInhibited, "drives.latched", around=replace(AROUND, latched=True))
+    refused(StartInhibited, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, latched=True))
+
+
+def test_f14_a_foreign_master_blocks_everything_that_acts() -> None:
+    refused(StartInhibited, "drives.foreign_master", around=replace(AROUND, foreign_master=True))
+
+
+def test_f15_two_drives_at_one_address_are_not_commanded() -> None:
+    refused(StartInhibited, "drives.duplicate", around=replace(AROUND, duplicate=True))
+
+
+@pytest.mark.parametrize(("family", "limit"), [("sifang", 0.01), ("modbus", 0.01), ("dzb", 0.001)])
+def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None:
+    ask(around=replace(AROUND, error_rate=limit, failures=9), family=family)
+    bad = replace(AROUND, error_rate=limit * 1.01, failures=9)
+    refused(StartInhibited, "drives.bad_link", around=bad, family=family)
+
+
+def test_one_lost_frame_is_no_error_rate() -> None:
+    ask(around=replace(AROUND, error_rate=0.5, failures=2))
+    refused(StartInhibited, "drives.bad_link", around=replace(AROUND, error_rate=0.5, failures=3))
+
+
+def test_ruling_4_a_start_needs_a_fresh_status() -> None:
+    refused(StartInhibited, "drives.status_stale", evidence=replace(STANDS, at=None))
+    old = replace(STANDS, at=AROUND.now - MAX_STATUS_AGE_S - 0.01)
+    refused(StartInhibited, "drives.status_stale", evidence=old)
+
+
+def test_ruling_4_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
+    blind = PermitInputs(
+        DerivedState(DriveState.UNKNOWN), None, can_tell=False, preflight_done=True, within_limits=True
+    )
+    ask(evidence=blind)
+    refused(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_done=False))
+
+
+@pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.STOPPED])
+def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> None:
+    refused(StartInhibited, "drives.state_forbids", evidence=replace(STANDS, verdict=DerivedState(state)))
+
+
+@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
+def test_a_write_or_a_reset_can_not_be_granted_motion(kind: Kind) -> None:
+    refused(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
+
+
+@pytest.mark.parametrize("effect", [Effect.NONE, Effect.STOP])
+def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
+    refused(NotPermitted, "drives.no_permit_needed", effect=effect)
+
+
+def test_unchecked_limits_stop_a_start() -> None:
+    refused(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDS, within_limits=False))
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
+)
+def test_ruling_12_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
+    command = DriveCommand("x", Kind(kind), 10.0, 3)
+    last = replace(AROUND, now=10.0 + seconds)
+    assert COMMAND_TTL_S[command.kind] == seconds
+    assert ask(command, Effect.SETTING, last, replace(STANDS, at=last.now)).expires_at == last.now
+    refused(
+        Expired, "drives.expired", command=command, effect=Effect.SETTING, around=replace(last, now=last.now + 0.001)
+    )
+
+
+def test_an_expired_command_says_its_age_and_its_limit_in_hundredths_of_a_second() -> None:
+    with pytest.raises(Expired) as caught:
+        ask(around=replace(AROUND, now=13.23456))
+    assert caught.value.params == {"age_s": 3.23, "limit_s": 2.0}
+    with pytest.raises(Expired) as caught:
+        ask(replace(START, created_at=10.00123), around=replace(AROUND, now=13.0))
+    assert caught.value.params["limit_s"] == 2.0
+
+
+def test_a_status_is_fresh_for_two_seconds_and_not_longer() -> None:
+    young = replace(START, created_at=99.0)
+    around = replace(AROUND, now=100.0)
+    ask(young, around=around, evidence=replace(STANDS, at=98.0))
+    with pytest.raises(StartInhibited) as caught:
+        ask(young, around=around, evidence=replace(STANDS, at=97.98765))
+    assert caught.value.params == {"age_s": 2.01, "limit_s": 2.0}
+
+
+def test_three_failures_are_an_error_rate() -> None:
+    assert MIN_FAILURES_FOR_ERROR_RATE == 3
+    with pytest.raises(StartInhibited) as caught:
+        ask(around=replace(AROUND, error_rate=0.123456, failures=3), family="modbus")
+    assert caught.value.key == "drives.bad_link"
+    assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
+
+
+@pytest.mark.parametrize("kind", [Kind.START, Kind.JOG])
+@pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
+def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: Kind, effect: Effect) -> None:
+    """What the user meant counts, not only what these bytes do."""
+    command = DriveCommand("x", kind, 10.0, 3)
+    ask(command, effect)
+    refused(
+        StartInhibited,
+        "drives.bad_link",
+        command=command,
+        effect=effect,
+        around=replace(AROUND, error_rate=1.0, failures=9),
+    )
+    refused(
+        StartInhibited,
+        "drives.preflight_not_done",
+        command=command,
+        effect=effect,
+        evidence=replace(STANDS, preflight_done=False),
+    )
+    refused(
+        StartInhibited,
+        "drives.limits_unchecked",
+        command=command,
+        effect=effect,
+        evidence=replace(STANDS, within_limits=False),
+    )
+    turns = replace(STANDS, verdict=DerivedState(DriveState.RUNNING))
+    refused(StartInhibited, "drives.state_forbids", command=command, effect=effect, evidence=turns)
+
+
+RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
+
+
+@pytest.mark.parametrize("state", DriveState)
+def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> None:
+    """DZB100's setpoint is a run frame: at standstill it would start the motor."""
+    setpoint = DriveCommand("x", Kind.SETPOINT, 10.0, 3)
+    evidence = replace(STANDS, verdict=DerivedState(state))
+    if state in RUNNING:
+        ask(setpoint, evidence=evidence)
+    else:
+        refused(StartInhibited, "drives.state_forbids", command=setpoint, evidence=evidence)
+    refused(StartInhibited, "drives.bad_link", command=setpoint, around=replace(AROUND, error_rate=1.0, failures=9))
+
+
+def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:
+    setpoint = DriveCommand("x", Kind.SETPOINT, 10.0, 3)
+    nothing = PermitInputs(
+        DerivedState(DriveState.UNKNOWN), None, can_tell=True, preflight_done=False, within_limits=True
+    )
+    ask(setpoint, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), nothing)
+    refused(
+        StartInhibited,
+        "drives.limits_unchecked",
+        command=setpoint,
+        effect=Effect.SETTING,
+        evidence=replace(nothing, within_limits=False),
+    )
+
+
+@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
+def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: Kind) -> None:
+    """A drive in a fault on a bad link must be resettable."""
+    faulty = PermitInputs(
+        DerivedState(DriveState.FAULT), None, can_tell=True, preflight_done=False, within_limits=False
+    )
+    command = DriveCommand("x", kind, 10.0, 3)
+    permit = ask(command, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), faulty)
+    assert (permit.effect, permit.retry_policy, permit.stop_epoch) == (Effect.SETTING, RetryPolicy.EDGE_TRIGGERED, 3)

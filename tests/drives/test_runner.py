@@ -1,0 +1,225 @@
+"""The shells: slow lines, repeated stops, held-up loops, the synchronous twin, the public names."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+import drivebus
+from drivebus import blocking
+from drivebus.drives.jog_session import JogSession
+from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.errors import (
+    DrivebusError,
+    DriveRejected,
+    NoReply,
+    OutcomeUnknown,
+    PortUnavailable,
+    StartInhibited,
+    StopUnconfirmed,
+    TargetNotReached,
+)
+from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
+
+
+@pytest.mark.parametrize(
+    ("model", "baud"), [("c320", 1200), ("c320", 19200), ("dzb100", 1200), ("vc660", 300), ("vc660", 38400)]
+)
+def test_a_drive_runs_and_stops_at_the_slowest_and_the_fastest_baud_rate(model: str, baud: int) -> None:
+    async def tale() -> None:
+        async with SimulatedDrives(model, query=f"baud={baud}") as bench:
+            drive = bench.drive()
+            assert (await drive.run(SAFE_HZ[model])).word is OutcomeStatus.CONFIRMED
+            assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
+
+    run_virtual(tale())
+
+
+@pytest.mark.parametrize(("model", "encoding"), [("c320", "hex"), ("df800", "ascii")])
+def test_a_drive_runs_in_its_other_encoding(model: str, encoding: str) -> None:
+    async def tale() -> None:
+        query = f"encoding={encoding}" if model == "df800" else ""
+        async with SimulatedDrives(model, query=query, encoding=encoding) as bench:
+            await bench.drive().run(SAFE_HZ[model])
+            await asyncio.sleep(1)
+            assert bench.station().running
+
+    run_virtual(tale())
+
+
+@pytest.mark.parametrize(
+    ("word", "error"),
+    [
+        (OutcomeStatus.REFUSED, DriveRejected),
+        (OutcomeStatus.FAILED, TargetNotReached),
+        (OutcomeStatus.UNKNOWN, OutcomeUnknown),
+    ],
+)
+def test_what_was_not_done_is_raised_with_its_outcome(word: OutcomeStatus, error: type[DrivebusError]) -> None:
+    outcome = Outcome(word, "drives.start_unknown")
+    with pytest.raises(error) as caught:
+        raise_for_status(outcome)
+    assert caught.value.outcome is outcome
+
+
+@pytest.mark.parametrize("word", [OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED])
+def test_what_was_done_is_returned(word: OutcomeStatus) -> None:
+    assert raise_for_status(Outcome(word, "drives.stop_confirmed"), stop=True).word is word
+
+
+def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
+    with pytest.raises(StopUnconfirmed) as caught:
+        raise_for_status(Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", {"state": "running"}), stop=True)
+    assert str(caught.value) == (
+        "STOP NOT CONFIRMED: the stop was sent again and again; state of the drive: running. Use the hard-wired stop"
+    )
+
+
+def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() -> None:
+    async def tale() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.run(20.0)
+            bench.station().faults.silent = True
+            with pytest.raises(StopUnconfirmed):
+                await drive.stop()
+            with pytest.raises(NoReply):
+                await drive.run(20.0)
+            assert drive.stop_pending
+            bench.station().faults.silent = False
+            await asyncio.sleep(30)
+            assert not bench.station().running
+
+    run_virtual(tale())
+
+
+def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background() -> None:
+    async def tale() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            outcome = await drive.stop(wait=False)
+            assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
+            assert drive.stop_pending
+            await asyncio.sleep(20)
+            assert not drive.stop_pending
+            assert not bench.station().running
+
+    run_virtual(tale())
+
+
+@pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
+def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_left(may_turn: bool, ends: int) -> None:
+    """I1: the end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
+    ended = 0
+
+    async def end() -> Outcome:
+        nonlocal ended
+        ended += 1
+        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+
+    async def story() -> None:
+        async def jog() -> None:
+            async with JogSession(asyncio.Event().wait, end, 0.5, may_turn=lambda: may_turn):  # type: ignore[arg-type]
+                raise AssertionError("it began")
+
+        task = asyncio.ensure_future(jog())
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.wait([task])
+        assert task.cancelled()
+
+    asyncio.run(story())
+    assert ended == ends
+
+
+def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
+    """A frozen host: the renewal comes before the timer has had its turn."""
+
+    async def done() -> Outcome:
+        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+
+    async def tale() -> bool:
+        async with JogSession(done, done, 0.02) as lease:
+            time.sleep(0.05)  # noqa: ASYNC251 - exactly what must not keep a motor running
+            with pytest.raises(StartInhibited):
+                lease.renew()
+            return lease.lost
+
+    assert asyncio.run(tale())
+
+
+def test_an_interrupted_block_ends_its_jog() -> None:
+    async def tale() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            with pytest.raises(ZeroDivisionError):
+                async with drive.jog(5.0):
+                    raise ZeroDivisionError
+            assert not bench.station().running
+
+    run_virtual(tale())
+
+
+# --- the synchronous twin -----------------------------------------------------------------------------------------
+
+
+def test_the_synchronous_twin_runs_reads_writes_and_stops() -> None:
+    with blocking.open_bus("sim://vc660@1?baud=38400&ramp=1") as bus:
+        drive = blocking.Drive(bus, "vc660", 1)
+        assert drive.run(5.0, wait=True).key == "drives.running_at"
+        assert drive.status().readings["output_frequency"].value == pytest.approx(5.0, abs=0.1)
+        assert drive.write({"F00.02": 20.0}).done
+        assert drive.read(["F00.02"])["F00.02"].value == 20.0
+        assert drive.stop().word == "confirmed"
+        with drive.jog() as lease:
+            lease.renew()
+        assert not lease.lost
+        assert blocking.stop_bus(bus, [drive]).confirmed
+        with pytest.raises(StartInhibited) as caught:
+            drive.run(5.0)
+        assert caught.value.key == "drives.latched"
+        assert bus.statistics().transactions > 10
+
+
+def test_a_bus_that_can_not_be_opened_leaves_no_thread() -> None:
+    before = threading.active_count()
+    with pytest.raises(PortUnavailable):
+        blocking.open_bus("/dev/there-is-no-such-port")
+    assert threading.active_count() == before
+
+
+def test_closing_twice_is_harmless() -> None:
+    before = threading.active_count()
+    bus = blocking.open_bus("sim://vc660@1")
+    assert threading.active_count() > before
+    bus.close()
+    bus.close()
+    assert threading.active_count() == before
+
+
+# --- the public names ---------------------------------------------------------------------------------------------
+
+
+def test_every_public_name_is_there() -> None:
+    missing: Callable[[str], bool] = lambda name: not hasattr(drivebus, name)  # noqa: E731
+    assert not [name for name in drivebus.__all__ if missing(name)]
+    assert set(dir(drivebus)) == set(drivebus.__all__)
+
+
+def test_importing_drivebus_loads_no_room_of_the_house() -> None:
+    code = "import sys, drivebus; print([m for m in sys.modules if m.startswith('drivebus.')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_name_that_nobody_has_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError):
+        drivebus.nonsense  # noqa: B018

@@ -1,0 +1,245 @@
+"""Stopping: asks nobody for leave, repeated until seen, never said to be done when it was not (ruling 5, F17, G07)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, stop
+from drivebus.drives.state import OutcomeStatus
+from drivebus.errors import Superseded
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority, RetryPolicy
+from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+
+
+def c320(paper: FakeC320) -> PureBus:
+    return PureBus(dialect_for("c320"), paper)
+
+
+def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+    paper.state = sunfar.SunfarState.STOPPED
+    return paper.ok()
+
+
+def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_read() -> None:
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    first = world.requests[0]
+    assert isinstance(first.request, sunfar.SunfarControl)
+    assert (first.priority, first.permit, first.expires_at) == (RequestPriority.STOP, None, None)
+    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+
+
+def test_i3_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
+    world = PureBus(dialect_for("vc660"), FakeModbus())
+    world.run(stop(operation_for(world.dialect)))
+    pulse, levels, *_ = (ask for ask in world.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
+    assert (pulse.priority, levels.priority) == (RequestPriority.STOP, RequestPriority.COMMAND)
+
+
+def test_ruling_1_a_stop_is_not_confirmed_by_its_own_reply() -> None:
+    """The drive says yes and runs on."""
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
+
+
+def test_g07_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    world.run(stop(operation_for(world.dialect)))
+    assert STOP_PROGRESS_TIMEOUT_S < world.now < STOP_PROGRESS_TIMEOUT_S + 0.5
+
+
+def test_a_lost_stop_is_sent_again_at_once() -> None:
+    lost = [1, 1]
+
+    def third(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+        return None if lost and lost.pop() else stops(paper, request)
+
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert len(world.sent(sunfar.SunfarControl)) == 3
+
+
+def test_ruling_5_no_state_of_the_host_withholds_a_stop() -> None:
+    from dataclasses import replace
+
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    world.conditions = replace(
+        world.conditions, latched=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
+    )
+    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+
+
+@pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
+def test_ruling_5_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
+    world = c320(FakeC320(state, fault_code=4))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
+
+
+def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
+    def quick(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+        assert request.operation is sunfar.SunfarOperation.EMERGENCY_STOP
+        paper.state = sunfar.SunfarState.EMERGENCY_STOP
+        return paper.ok()
+
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
+    assert world.run(stop(operation_for(world.dialect), StopMode.QUICK_STOP)).key == "drives.stop_confirmed"
+
+
+def test_a_drive_that_slows_down_is_given_its_time() -> None:
+    """The ramp of C320 is not published: a falling frequency is progress."""
+
+    class Ramps(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.SunfarControl):
+                self.state = sunfar.SunfarState.DECELERATING_FORWARD
+            if isinstance(request, sunfar.ReadMonitor) and self.state == sunfar.SunfarState.DECELERATING_FORWARD:
+                self.output = max(0, self.output - 20)
+                self.state = self.state if self.output else sunfar.SunfarState.STOPPED
+            return super().__call__(request)
+
+    world = c320(Ramps(sunfar.SunfarState.RUNNING_FORWARD, output=2000))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert world.now > 2 * STOP_PROGRESS_TIMEOUT_S
+
+
+def test_a_slowing_drive_is_told_again_every_half_second() -> None:
+    world = c320(FakeC320(sunfar.SunfarState.DECELERATING_FORWARD))
+    world.run(stop(operation_for(world.dialect)))
+    times = [i for i, ask in enumerate(world.requests) if isinstance(ask.request, sunfar.SunfarControl)]
+    assert len(times) > 100
+
+
+def test_a_stop_to_a_dead_drive_is_repeated_and_reported() -> None:
+    world = c320(FakeC320(silent=True))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert outcome.key == "drives.stop_unconfirmed"
+    assert len(world.sent(sunfar.SunfarControl)) >= 3
+    assert all(e.received == b"" for e in outcome.evidence)
+
+
+def test_one_reading_of_standstill_is_not_enough() -> None:
+    """Two out of two: a single flipped status must not end a stop."""
+    flips = [sunfar.SunfarState.STOPPED, sunfar.SunfarState.RUNNING_FORWARD]
+
+    class Flips(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.ReadMonitor):
+                flips.reverse()
+                self.state = flips[0]
+            return super().__call__(request)
+
+    world = c320(Flips())
+    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.UNKNOWN
+
+
+def test_without_waiting_an_answered_stop_is_said_to_be_unconfirmed() -> None:
+    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = world.run(stop(operation_for(world.dialect), wait_confirmed=False))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
+    assert len(world.requests) == 1
+
+
+def test_t17_df800_is_told_three_times_and_never_confirmed() -> None:
+    paper = FakeModbus()
+    world = PureBus(dialect_for("df800"), paper)
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
+    assert paper.written == [(0x2000, 1)] * 3
+
+
+def test_t17_a_silent_df800_is_unconfirmed() -> None:
+    world = PureBus(dialect_for("df800"), FakeModbus(silent=True))
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
+
+
+def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_acts() -> None:
+    """The drive acts on the edge only, and the first pulse is lost: the second must have an edge again."""
+    last = [0]
+
+    def edge(paper: FakeModbus, word: int) -> bool:
+        fresh = word & ~last[0]
+        last[0] = word
+        if fresh & 2:
+            paper.registers[0x3000] = 0x0001
+        return True
+
+    paper = FakeModbus(registers={0x3000: 0x0009}, on_command=edge)
+    last[0] = 2
+    world = PureBus(dialect_for("vc660"), paper)
+    outcome = world.run(stop(operation_for(world.dialect)))
+    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert [value for _, value in paper.written][:3] == [0x0002, 0x0000, 0x0002]
+
+
+def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() -> None:
+    class Paper:
+        def __init__(self, output: int, state: int) -> None:
+            self.output, self.state = output, state
+
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, dzb100.Dzb100Control):
+                return dzb100.Dzb100Reply("C", 1, request.index, 0, True)
+            if isinstance(request, dzb100.Dzb100ReadParameter):
+                return dzb100.Dzb100Reply("R", 1, request.index, 0, True)
+            data = {1: self.output, 3: self.state}[request.item]
+            return dzb100.Dzb100Reply("Q", 1, request.item, data, True)
+
+    for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
+        world = PureBus(dialect_for("dzb100"), Paper(output, state))
+        assert world.run(stop(operation_for(world.dialect))).word == word
+
+
+def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
+    """A DZB100 that slows down from 30 Hz within 3 s and has no ramp to read, on a line with many other drives."""
+
+    def slowing(request: Any) -> Any:
+        if isinstance(request, dzb100.Dzb100Control):
+            return dzb100.Dzb100Reply("C", 1, request.index, 0, True)
+        if isinstance(request, dzb100.Dzb100ReadParameter):
+            return dzb100.Dzb100Reply("R", 1, request.index, 0, True)
+        output = max(0, round(300 - 100 * world.now))
+        return dzb100.Dzb100Reply("Q", 1, request.item, {1: output, 3: 0x0100 * (output > 0)}[request.item], True)
+
+    class Crowded(PureBus):
+        def transact(self, ask: BusRequest) -> BusResult:
+            self.pass_time(0.35)
+            return super().transact(ask)
+
+    world = Crowded(dialect_for("dzb100"), slowing)
+    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.now > STOP_PROGRESS_TIMEOUT_S + 3.0
+
+
+def test_superseded_reads_do_not_end_a_stop() -> None:
+    """Two stops at once take each other's reads away: both go on."""
+    taken = [1, 1, 1]
+
+    class Taken(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if not isinstance(request, sunfar.SunfarControl) and taken:
+                taken.pop()
+                return Superseded("bus.superseded", station=1)
+            return super().__call__(request)
+
+    world = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, obey=stops))
+    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+
+
+def test_a_refused_stop_of_a_modbus_drive_is_not_an_answer() -> None:
+    class Refuses(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, modbus.WriteRegister):
+                return modbus.ExceptionReply(1, 6, None)
+            return super().__call__(request)
+
+    world = PureBus(dialect_for("df800"), Refuses())
+    assert world.run(stop(operation_for(world.dialect))).key == "drives.stop_unconfirmed"

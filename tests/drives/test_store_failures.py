@@ -1,0 +1,113 @@
+"""The store of counts fails: nothing is saved that is not counted, and every error is one of ours (G12)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.drives import FileStore, MemoryStore
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.parameters import write_values
+from drivebus.drives.state import OutcomeStatus
+from drivebus.errors import ConfigurationError, TargetNotReached
+from drivebus.protocols import sunfar
+from fixtures.drives import FakeC320, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
+
+
+class Failing(MemoryStore):
+    """Its ``fails``-th use fails."""
+
+    def __init__(self, fails: int) -> None:
+        super().__init__()
+        self.uses, self.fails = 0, fails
+
+    def _use(self) -> None:
+        self.uses += 1
+        if self.uses == self.fails:
+            raise ConfigurationError("drives.store_unwritable", file="s.json", problem="No space left on device")
+
+    def get(self, key: str) -> str | None:
+        self._use()
+        return super().get(key)
+
+    def update(self, key: str, change: Callable[[str | None], str]) -> None:
+        self._use()
+        super().update(key, change)
+
+
+def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
+    world = PureBus(dialect_for("c320"), FakeC320(), store=store)
+    try:
+        return world, world.run(write_values(OperationContext(context_for(world.dialect, store=store)), values, True))
+    except ConfigurationError as error:
+        return world, error
+
+
+@pytest.mark.parametrize("fails", range(1, 6))
+def test_g12_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int) -> None:
+    """And what was sent was counted."""
+    store = Failing(fails)
+    world, end = saved(store, {"F0.2": 30.0})
+    sent = len(world.sent(sunfar.SunfarWriteParameter))
+    assert sent == (0 if isinstance(end, ConfigurationError) else 1)
+    assert sent == 0 or end.word is OutcomeStatus.CONFIRMED
+    store.fails = 0
+    assert context_for(world.dialect, store=store).eeprom_budget.count("F0.2").total >= sent
+
+
+def test_g12_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome() -> None:
+    uses = Failing(0)
+    saved(uses, {"F0.2": 30.0})
+    world, end = saved(Failing(uses.uses + 1), {"F0.2": 30.0, "F1.10": 2.0})
+    assert (end.word, end.key) == (OutcomeStatus.FAILED, "drives.not_written")
+    assert isinstance(end.params["why"], ConfigurationError) and len(world.sent(sunfar.SunfarWriteParameter)) == 1
+
+
+def test_g12_a_drive_on_a_bus_tells_the_same() -> None:
+    """The error of a step is the conversation's to judge, also in the shell."""
+
+    class Full(MemoryStore):
+        def update(self, key: str, change: Callable[[str | None], str]) -> None:
+            if key.endswith("F1.10"):
+                raise ConfigurationError("drives.store_unwritable", file="s.json", problem="full")
+            super().update(key, change)
+
+    async def told() -> None:
+        async with SimulatedDrives("c320", query="echo=off") as bench:
+            with pytest.raises(TargetNotReached) as caught:
+                await bench.drive(store=Full()).write({"F0.2": 30.0, "F1.10": 2.0}, save=True)
+            assert caught.value.key == "drives.not_written"
+            assert bench.station().memory.eeprom_writes.total() == 1
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize("call", ["os.mkdir", "io.open", "os.fsync", "os.replace", "fcntl.flock"])
+def test_g12_whatever_the_system_refuses_is_our_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    def refused(*_: Any, **__: Any) -> Any:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(call, refused)
+    with pytest.raises(ConfigurationError) as caught:
+        FileStore(tmp_path / "new" / "s.json").put("a", "1")
+    assert caught.value.params["problem"] == "Read-only file system" and "s.json" in caught.value.text("zh")
+
+
+def test_what_killed_writers_left_behind_does_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed between writing and renaming, by one program after the other."""
+    store = FileStore(tmp_path / "s.json")
+    with monkeypatch.context() as killed:
+        killed.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError("killed")))
+        killed.setattr(Path, "unlink", lambda *_, **__: None)
+        for pid in (11, 12, 13):
+            killed.setattr("os.getpid", lambda pid=pid: pid)
+            with pytest.raises(ConfigurationError):
+                store.put("a", "0")
+    store.put("a", "1")
+    assert store.get("a") == "1"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.json", "s.lock"]

@@ -1,0 +1,85 @@
+"""Waiting for the set frequency: what the drive reports counts, and its ramp sets the patience (RELIABILITY 4)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.reach import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
+from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.errors import Superseded, TargetNotReached
+from drivebus.protocols import sunfar
+from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for
+
+STARTED = Outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
+
+
+def waiting(paper: FakeC320) -> tuple[PureBus, OperationContext]:
+    world = PureBus(dialect_for("c320"), paper)
+    return world, operation_for(world.dialect)
+
+
+def wait_for(world: PureBus, talk: OperationContext, hz: float = 10.0, timeout_s: float | None = 2.0) -> Outcome:
+    return world.run(wait_at_speed(talk, hz, STARTED, timeout_s))
+
+
+def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
+    world, talk = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=1000))
+    outcome = wait_for(world, talk)
+    assert (outcome.word, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
+
+
+def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
+    world, talk = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD, output=1000))
+    with pytest.raises(TargetNotReached) as caught:
+        wait_for(world, talk)
+    assert caught.value.params["state"] == "accelerating"
+
+
+@pytest.mark.parametrize("output", [990, 1010])
+def test_it_is_not_there_at_another_frequency(output: int) -> None:
+    world, talk = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=output))
+    with pytest.raises(TargetNotReached) as caught:
+        wait_for(world, talk)
+    assert caught.value.params["found_hz"] == output / 100
+
+
+def test_a_drive_that_stops_ends_the_waiting_at_once() -> None:
+    world, talk = waiting(FakeC320(sunfar.SunfarState.STOPPED))
+    with pytest.raises(TargetNotReached):
+        wait_for(world, talk, timeout_s=60.0)
+    assert world.now < 1.0
+
+
+def test_a_silent_drive_is_not_said_to_have_failed() -> None:
+    world, talk = waiting(FakeC320(silent=True))
+    with pytest.raises(TargetNotReached) as caught:
+        wait_for(world, talk)
+    assert caught.value.key == "drives.not_reached_silent"
+    assert caught.value.outcome.word is OutcomeStatus.UNKNOWN
+
+
+def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
+    world, talk = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD))
+
+    def stop(ask: Any) -> None:
+        world.conditions = replace(world.conditions, generation=world.conditions.generation + 1)
+
+    world.on_request = stop
+    with pytest.raises(Superseded):
+        wait_for(world, talk)
+
+
+def test_patience_comes_from_the_ramp_where_it_is_known() -> None:
+    assert ramp_timeout_s(10.0, None) == 17.0
+    assert ramp_timeout_s(None, None) == 60.0
+    assert ramp_timeout_s(10.0, 3.0) == 3.0
+
+
+def test_near_is_half_a_percent_and_never_less_than_two_steps() -> None:
+    talk = operation_for(dialect_for("c320"))
+    assert speed_tolerance_hz(talk, 40.0) == pytest.approx(0.2)
+    assert speed_tolerance_hz(talk, 1.0) == pytest.approx(0.02)

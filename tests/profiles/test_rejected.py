@@ -1,0 +1,89 @@
+"""Every file in ``refused/`` is refused, for exactly the faults beside it: file, line, key, found, expected, remedy."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drivebus import i18n, profiles
+from drivebus.errors import ProfileError
+from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
+
+REFUSED = Path(__file__).parent / "refused"
+FILES = sorted(REFUSED.glob("*.toml"))
+
+
+def refusal(path: Path) -> ProfileError:
+    with pytest.raises(ProfileError) as caught:
+        profiles.load(path)
+    return caught.value
+
+
+def test_there_are_at_least_twenty_refused_files_each_with_its_expectation() -> None:
+    assert len(FILES) >= 20
+    check_pairs(FILES)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_bad_file_is_refused_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
+    check_complaints(path, refusal(path))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_refusal_is_said_in_both_languages_without_an_empty_place(path: Path) -> None:
+    error = refusal(path)
+    for complaint in error.params["complaints"]:
+        english, chinese = complaint.text("en"), complaint.text("zh")
+        assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
+        assert "profiles." not in english and "profiles." not in chinese
+        assert not ({"{", "}"} & set((english + chinese).replace(complaint.found, "")))
+        assert any("一" <= character <= "鿿" for character in chinese)
+
+
+def test_two_faults_of_one_file_are_both_named() -> None:
+    found = refusal(REFUSED / "two-faults.toml").params["complaints"]
+    assert [(c.kind, c.line) for c in found] == [("unknown_key", 5), ("type", 8)]
+
+
+def test_the_first_fault_is_in_the_params_of_the_error() -> None:
+    params = refusal(REFUSED / "max-read-zero.toml").params
+    assert (params["line"], params["key"], params["found"], params["expected"].en) == (
+        5,
+        "modbus.max_read",
+        "0",
+        ">= 1",
+    )
+    assert params["remedy"].zh == "改正数值"
+    assert Path(params["file"]).name == "max-read-zero.toml"
+
+
+def test_the_sentence_of_a_refusal() -> None:
+    error = refusal(REFUSED / "wrong-type.toml")
+    at = REFUSED / "wrong-type.toml"
+    assert str(error) == (
+        f'profile refused (1):\n{at}:5: modbus.max_read: wrong type of value: "4" found, a whole number expected; '
+        "numbers without quotes, sentences in quotes, true/false in small letters"
+    )
+
+
+def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
+    """T16."""
+    for name in ("toggle-direction", "toggle-as-reverse"):
+        assert refusal(REFUSED / f"{name}.toml").params["complaints"][0].kind == "toggle"
+
+
+def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
+    """T12, T14: else a parameter write would be a way round the gate."""
+    assert refusal(REFUSED / "command-as-parameter.toml").params["found"] == '"2000H"'
+    assert refusal(REFUSED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
+
+
+def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
+    """Kinds are the first arguments of ``problem(...)``; five need what can't be shown here: see test_load."""
+    source = "".join(path.read_text() for path in Path(profiles.__file__).parent.glob("*.py"))
+    kinds = set(re.findall(r'problem\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
+    for kind in kinds:
+        assert {f"profiles.{part}.{kind}" for part in ("kind", "expected", "remedy")} <= i18n.catalogue("en").keys()
+    assert kinds - all_expected_kinds(FILES) == {"no_file", "no_model", "shadows", "too_large", "unreadable"}

@@ -1,0 +1,167 @@
+"""A plant in another process, and its own record of it: what a test may believe about the wire and the motors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from verification.reference_tables import RequestEffect, classify_request
+
+PROCESS_TIMEOUT_S = 20.0
+"""A loaded machine may be slow; nothing is asserted about how long it takes."""
+COMM_LOSS_TIMER_S = 2.0
+C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
+"""F9.3 = 2: trip; F9.4: after so many tenths of a second without a frame."""
+STEP_S = 0.01
+"""The plant looks at its motors in such steps."""
+
+
+@dataclass(frozen=True)
+class RecordedRequest:
+    """A request that a host put on the wire: seconds of its first and last bit, what it does by the manual alone."""
+
+    t: float
+    end: float
+    address: int
+    effect: RequestEffect
+    data: bytes
+    host: int
+
+
+@dataclass(frozen=True)
+class MotorChange:
+    """The motor was switched on or off, or tripped."""
+
+    t: float
+    address: int
+    on: bool
+    trip: str | None
+
+
+def split(model: str, data: bytes) -> list[bytes]:
+    """Requests that a busy machine read in one piece: RTU requests have 8 bytes, C320's end with 0DH."""
+    if model == "vc660":
+        return [data[at : at + 8] for at in range(0, len(data), 8)]
+    return [part + b"\r" for part in data.split(b"\r") if part] if data[:1] == b"*" else [data]
+
+
+class RecordedPlant:
+    """``lines`` are specifications as ``plant_process`` takes them, less the links."""
+
+    def __init__(self, folder: Path, *lines: dict[str, Any], adapters: int = 1) -> None:
+        self.record = folder / "record"
+        self.lines = [
+            {**each, "links": [str(folder / f"line{number}.{adapter}") for adapter in range(adapters)]}
+            for number, each in enumerate(lines)
+        ]
+        self._orders = 0
+        specification = json.dumps({"record": str(self.record), "lines": self.lines})
+        self.process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("plant_process.py")), specification],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None and self.process.stdout.readline() == "ready\n"
+
+    def url(self, line: int = 0, adapter: int = 0) -> str:
+        given = self.lines[line]
+        return f"serial://{given['links'][adapter]}?baud={given['baud']}&format={given.get('format', '8N1')}"
+
+    def path(self, line: int = 0, adapter: int = 0) -> str:
+        return str(self.lines[line]["links"][adapter])
+
+    def order(self, **order: Any) -> None:
+        """Have something done there. When this returns it is done, and all that came before it is in the record."""
+        assert self.process.stdin is not None
+        self._orders += 1
+        self.process.stdin.write(json.dumps({**order, "number": self._orders}) + "\n")
+        self.process.stdin.flush()
+        wait_until(lambda: any(each.get("number") == self._orders for each in self.read()), "the plant's answer")
+
+    def settle(self) -> None:
+        """All that was written to its ptys before is in the record: the second round looks at the ptys again."""
+        self.order()
+        self.order()
+
+    def read(self) -> list[dict[str, Any]]:
+        if not self.record.exists():
+            return []
+        return [json.loads(each) for each in self.record.read_text().splitlines(keepends=True) if each.endswith("\n")]
+
+    def requests(self, line: int = 0, since: float = 0.0) -> list[RecordedRequest]:
+        """Every request whose first bit came after ``since``, of all adapters."""
+        given, found = self.lines[line], []
+        for each in self.read():
+            if each["what"] == "asked" and each["line"] == line and each["t"] > since:
+                for data in split(given["model"], bytes.fromhex(each["data"])):
+                    address, does = classify_request(given["model"], given.get("encoding", "ascii"), data)
+                    found.append(RecordedRequest(each["t"], each["end"], address, does, data, each["host"]))
+        return found
+
+    def motor_changes(self, line: int = 0, since: float = 0.0) -> list[MotorChange]:
+        return [
+            MotorChange(each["t"], each["address"], each["on"], each["trip"])
+            for each in self.read()
+            if each["what"] == "motor" and each["line"] == line and each["t"] > since
+        ]
+
+    def last_frame_received(self, line: int, before: float) -> float:
+        """When, on the drive's own clock, it took in the last frame that was for it."""
+        heard = [each["t"] for each in self.read() if each["what"] == "heard" and each["line"] == line]
+        return max(t for t in heard if t < before)
+
+    def on(self, line: int = 0) -> bool:
+        turns = self.motor_changes(line)
+        return bool(turns) and turns[-1].on
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+@contextmanager
+def recorded_plant(folder: Path, *lines: dict[str, Any], adapters: int = 1) -> Iterator[RecordedPlant]:
+    made = RecordedPlant(folder, *lines, adapters=adapters)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def c320(baud: int = 19200, **more: Any) -> dict[str, Any]:
+    """One C320 whose own timer trips it 2 s after the last frame."""
+    return {"model": "c320", "addresses": [1], "baud": baud, "format": "8E1", "keypad": C320_TIMER_PARAMETERS} | more
+
+
+def vc660(baud: int = 19200, **more: Any) -> dict[str, Any]:
+    return {"model": "vc660", "encoding": "rtu", "addresses": [1], "baud": baud} | more
+
+
+def slow_machine_c320(folder: Path) -> Path:
+    """The C320 for a machine that may be busy: a reply may come a third of a second late."""
+    own = folder / "patient.toml"
+    own.write_text('format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n')
+    return own
+
+
+def bus_specification(model: str, encoding: str, **more: Any) -> dict[str, Any]:
+    """One drive of any family at address 1."""
+    settings = {"encoding": encoding} if model == "df800" else {}
+    parity = {"format": "8E1"} if model == "c320" else {}
+    return {"model": model, "encoding": encoding, "addresses": [1], "baud": 19200, "settings": settings} | parity | more
+
+
+def wait_until(there: Callable[[], object], what: str) -> None:
+    """Wait for something outside this process, with a name for when it does not come."""
+    ends_at = time.monotonic() + PROCESS_TIMEOUT_S
+    while not there():
+        assert time.monotonic() < ends_at, f"{what} did not come in {PROCESS_TIMEOUT_S} s"
+        time.sleep(0.02)

@@ -1,0 +1,108 @@
+"""A byte with bad parity voids its frame, wherever it stands; a good FF is a byte like any other (F07, G20, T10).
+
+The far end writes what a kernel with INPCK | PARMRK hands over (termios(3)): ``FF 00 xx`` for a bad byte, ``FF FF``
+for a good FF. The bad byte is always the right one, so that nothing but the mark can void the frame; for DZB100 there
+is no other check at all. Ptys have no parity of their own, so the port is told that its bytes are marked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.bus import Bus
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.drives.dialects.create import create_dialect
+from drivebus.errors import LineError
+from drivebus.ports import device, open_port, tty
+from drivebus.ports.parmrk import ParityMarkDecoder
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import BusRequest
+from real.recorded_bench import RecordedPlant, bus_specification
+
+Plants = Callable[..., RecordedPlant]
+FF = 0x01FF
+CASES: dict[str, tuple[dict[str, Any], Any]] = {
+    "c320-ascii": (bus_specification("c320", "ascii", keypad={0x002: FF}), sunfar.SunfarReadParameter(1, 0, 2)),
+    "c320-hex": (bus_specification("c320", "hex", keypad={0x002: FF}), sunfar.SunfarReadParameter(1, 0, 2)),
+    "dzb100": (bus_specification("dzb100", "ascii", format="8E1"), dzb100.Dzb100Query(1, 0)),
+    "vc660": (bus_specification("vc660", "rtu", keypad={2: FF}), modbus.ReadRegisters(1, 2, 1)),
+    "df800-rtu": (bus_specification("df800", "rtu"), modbus.ReadRegisters(1, 100, 2)),
+    "df800-ascii": (bus_specification("df800", "ascii"), modbus.ReadRegisters(1, 100, 2)),
+}
+
+
+def host(plant: RecordedPlant, model: str, encoding: str) -> Bus:
+    """A bus with its one station; its replies may be late by a third of a second."""
+    profile = profiles.load(model)
+    bus = Bus(open_port(plant.url()))
+    bus.add_station(
+        create_dialect(
+            profile, 1, encoding=encoding, timing=replace(profile.timing, adapter_latency_s=0.3)
+        ).station_config
+    )
+    return bus
+
+
+def delivered_replies(plant: RecordedPlant) -> list[tuple[str, int | None]]:
+    """The replies as the far end handed them over, and which byte of each was bad."""
+    plant.settle()
+    return [(each["data"], each["place"]) for each in plant.read() if each["what"] == "handed"]
+
+
+@pytest.mark.parametrize("name", CASES)
+async def test_a_marked_byte_voids_its_frame_wherever_it_stands(plants: Plants, name: str) -> None:
+    """Asked for once more; spoiled again it is an error and no value."""
+    given, request = CASES[name]
+    plant = plants({**given, "marks": True})
+    events: list[TraceEvent] = []
+    async with host(plant, given["model"], given["encoding"]) as bus:
+        bus.port._marks = ParityMarkDecoder()  # type: ignore[attr-defined]
+        clean = await bus.transact(BusRequest(1, request))
+        assert clean.error is None
+        bus.trace(events.append)
+        size = len(clean.received)
+        for place in range(size):
+            plant.order(mark=[place])
+            answer = await bus.transact(BusRequest(1, request))
+            assert answer.error is None and answer.reply == clean.reply
+        plant.order(mark=[0, size - 1])
+        answer = await bus.transact(BusRequest(1, request))
+        assert isinstance(answer.error, LineError) and answer.reply is None
+        spoiled = [one for one in events if one.kind is TraceKind.INVALID]
+    assert [type(one.error) for one in spoiled] == [LineError] * (size + 2), "each of them, and nothing else"
+    assert len([one for one in events if one.kind is TraceKind.REPLY]) == size
+    places = [at for place in range(size) for at in (place, None)]
+    assert [place for _, place in delivered_replies(plant)][1:] == [*places, 0, size - 1]
+
+
+@pytest.mark.parametrize("name", ["c320-hex", "vc660"])
+async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> None:
+    given, request = CASES[name]
+    plant = plants({**given, "marks": True})
+    async with host(plant, given["model"], given["encoding"]) as bus:
+        bus.port._marks = ParityMarkDecoder()  # type: ignore[attr-defined]
+        answer = await bus.transact(BusRequest(1, request))
+    assert value(answer.reply) == FF
+    assert all("01ffff" in data for data, _ in delivered_replies(plant)), "the far end doubled it"
+
+
+async def test_a_good_ff_survives_a_kernel_that_marks(plants: Plants, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pty passes for a real port: INPCK | PARMRK is in force and the kernel itself doubles the FF."""
+    monkeypatch.setattr(tty, "is_pty", lambda _: False)
+    monkeypatch.setattr(device, "_refuse_if_in_use", lambda *_: None)
+    given, request = CASES["vc660"]
+    plant = plants(given)
+    async with host(plant, "vc660", "rtu") as bus:
+        assert isinstance(bus.port._marks, ParityMarkDecoder)  # type: ignore[attr-defined]
+        answer = await bus.transact(BusRequest(1, request))
+    assert value(answer.reply) == FF
+
+
+def value(reply: Any) -> int:
+    found: int = reply.values[0] if isinstance(reply, modbus.RegisterValues) else reply.data
+    return found

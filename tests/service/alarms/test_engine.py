@@ -1,0 +1,299 @@
+"""Alarms are raised, seen, set aside and cleared as the settings say, exactly to the tick."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivebus.errors import NotFound
+from drivebus.profiles.model import Text
+from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
+from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
+from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
+from drivebus.values import Quality
+from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, current, signal, view
+
+HIGH = AlarmConfig(
+    "overload", AlarmKind.ABOVE, (), "output_current", 10.0, hysteresis=2.0, delay_s=3.0, priority=AlarmPriority.LOW
+)
+STALE = AlarmConfig("old", AlarmKind.STALE, (), delay_s=1.0)
+
+
+def book(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
+    return AlarmEngine(settings, [FAN], FakeAlarmLog(), known, **more)
+
+
+def words(changes: list) -> list[str]:
+    return [f"{change.word} {change.alarm.setting}" for change in changes]
+
+
+def run(alarms: AlarmEngine, *story: tuple[float, object]) -> list[str]:
+    """Views at their seconds; what happened, with the second."""
+    return [f"{at:g} {word}" for at, seen in story for word in words(alarms.observe(seen, at, int(at * 1000)))]
+
+
+def test_a_threshold_raises_after_its_delay_to_the_tick_and_clears_below_its_hysteresis() -> None:
+    steps = [(n / 10, current(11.0)) for n in range(32)] + [(4.0, current(9.0)), (5.0, current(8.0))]
+    assert run(book(HIGH), *steps) == ["3 raised overload", "5 cleared overload"]
+
+
+def test_the_threshold_itself_is_not_beyond_it() -> None:
+    assert run(book(replace(HIGH, delay_s=0.0)), (0, current(10.0)), (1, current(10.001))) == ["1 raised overload"]
+
+
+def test_below_is_the_mirror_of_above() -> None:
+    low = replace(HIGH, kind=AlarmKind.BELOW, delay_s=0.0)
+    told = run(book(low), (0, current(10.0)), (1, current(9.0)), (2, current(11.9)), (3, current(12.0)))
+    assert told == ["1 raised overload", "3 cleared overload"]
+
+
+def test_a_value_inside_the_hysteresis_ends_a_delay_that_was_running() -> None:
+    story = [(0, current(11.0)), (2.5, current(9.0)), (2.6, current(11.0)), (3.5, current(11.0)), (5.6, current(11.0))]
+    assert run(book(HIGH), *story) == ["5.6 raised overload"]
+
+
+@pytest.mark.parametrize("quality", [Quality.BAD, Quality.UNCERTAIN])
+def test_a_value_that_is_not_good_neither_raises_nor_clears_nor_begins_the_delay_again(quality: Quality) -> None:
+    """G17: whoever does not know says so by the stale alarm, not by this one."""
+    doubtful = [(1, current(0.0, quality)), (3.5, current(99.0, quality)), (4, current(11.0))]
+    assert run(book(HIGH), (0, current(11.0)), *doubtful, (5, current(0.0, quality))) == ["4 raised overload"]
+
+
+@pytest.mark.parametrize("value", [None, "text"])
+def test_what_is_no_number_or_not_there_raises_nothing(value: object) -> None:
+    alarms = book(replace(HIGH, delay_s=0.0))
+    assert run(alarms, (0, current(value)), (1, view({}))) == []
+
+
+def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> None:
+    alarms = book()
+    other = {**OVERCURRENT, "code": 5, "label": "Er.05"}
+    story = [(0, view(fault=OVERCURRENT)), (1, view(fault=OVERCURRENT)), (2, view(fault=other)), (3, view())]
+    assert run(alarms, *story) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
+    assert [alarm.value for alarm in alarms.active()] == [5, 4]
+    assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
+
+
+def test_another_fault_has_a_delay_of_its_own() -> None:
+    late = book(AlarmConfig("trip", AlarmKind.FAULT, (), delay_s=5.0))
+    one, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
+    told = run(late, (0, one), (5, one), (6, other), (10.9, other), (11, other))
+    assert told == ["5 raised trip", "6 cleared trip", "11 raised trip"]
+
+
+def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
+    bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
+    alarms = book()
+    run(alarms, (0, view(fault=bare)), (1, view(fault={"code": 3})))
+    assert [alarm.text.en for alarm in alarms.active()] == [
+        "Fan reports a fault: 3",
+        "Fan reports a fault: fault Fu.9: see the manual",
+    ]
+
+
+def test_a_drive_that_can_not_be_asked_does_not_clear_its_fault() -> None:
+    alarms = book()
+    lost = view(presence="silent", state="unknown")
+    unknown = view(state="unknown")
+    told = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
+    assert [word for word in told if "fault" in word] == ["0 raised fault", "3 cleared fault"]
+
+
+def test_a_drive_without_a_state_clears_its_fault_by_a_good_reading_of_it() -> None:
+    """Ruling 4: DF800 reports no run state."""
+    quiet = view({"fault": signal(0)}, state="unknown")
+    assert run(book(), (0, view(fault=OVERCURRENT)), (1, quiet)) == ["0 raised fault", "1 cleared fault"]
+
+
+def test_silence_is_told_at_once_and_at_the_start_after_a_while() -> None:
+    lost, fresh = view(presence="silent", state="unknown"), view(presence="never_seen", state="unknown")
+    assert run(book(), (0, view()), (1, lost), (2, view())) == ["1 raised silent", "2 cleared silent"]
+    assert run(book(), (0, fresh), (9.9, fresh), (10, fresh)) == ["10 raised silent"]
+
+
+def test_stale_values_are_told_and_what_a_family_never_reports_is_not_stale() -> None:
+    never = view({"temperature": signal(None, Quality.BAD, age_s=None)})
+    old = view({"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, age_s=None)})
+    alarms = book(STALE)
+    told = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
+    assert told == ["7 raised old", "8 cleared old"]
+    assert alarms.active()[0].text.en == "Fan: no fresh value of output current"
+
+
+def test_a_named_signal_that_is_never_read_is_stale_and_uncertain_is_not() -> None:
+    named = replace(STALE, signal="temperature", delay_s=0.0)
+    never = view({"temperature": signal(None, Quality.BAD, age_s=None)})
+    assert run(book(named), (0, view({"temperature": signal(1.0, Quality.UNCERTAIN)})), (1, never)) == ["1 raised old"]
+
+
+def test_a_setting_of_the_same_kind_takes_the_place_of_the_one_that_every_drive_has() -> None:
+    own = AlarmConfig("trip", AlarmKind.FAULT, ("fan-1",), priority=AlarmPriority.LOW, title=Text("Trip", ""))
+    alarms = book(own)
+    assert run(alarms, (0, view(fault=OVERCURRENT))) == ["0 raised trip"]
+    assert (alarms.active()[0].priority, alarms.active()[0].title) == (AlarmPriority.LOW, Text("Trip", "Trip"))
+
+
+def test_a_setting_for_other_drives_watches_only_them() -> None:
+    assert run(book(replace(HIGH, drives=("pump-1",), delay_s=0.0)), (0, current(99.0))) == []
+
+
+def test_the_same_thing_again_is_another_alarm() -> None:
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)), (1, view()), (2, view(fault=OVERCURRENT)))
+    assert [(alarm.id, alarm.raised_ms, alarm.cleared_ms) for alarm in alarms.active()] == [
+        ("a2", 2000, None),
+        ("a1", 0, 1000),
+    ]
+
+
+def test_an_alarm_is_gone_when_it_is_cleared_and_acknowledged_in_either_order() -> None:
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    (change,) = alarms.acknowledge("a1", "li", 500)
+    assert (change.action, change.alarm.acknowledged_ms, change.alarm.by) == ("acknowledged", 500, "li")
+    assert alarms.acknowledge("a1", "wang", 600) == []
+    assert len(alarms.active()) == 1
+    run(alarms, (1, view()), (2, view(fault=OVERCURRENT)), (3, view()))
+    assert [alarm.id for alarm in alarms.active()] == ["a2"]
+    alarms.acknowledge("a2", "li", 4000)
+    assert alarms.active() == []
+    with pytest.raises(NotFound) as refused:
+        alarms.acknowledge("a2", "li", 5000)
+    assert refused.value.params == {"alarm": "a2"}
+
+
+def test_a_shelf_keeps_its_like_aside_until_it_ends_by_the_monotonic_clock() -> None:
+    """S20, F21: the label may say what it likes."""
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    assert alarms.counts("fan-1") == {"urgent": 1}
+    (change,) = alarms.shelve("a1", 2, 10.0, 10_000)
+    assert (change.action, change.alarm.shelved_until_ms) == ("shelved", 130_000)
+    run(alarms, (20, view()), (21, view(fault=OVERCURRENT)))
+    assert [alarm.shelved_until_ms for alarm in alarms.active()] == [130_000, 130_000]
+    assert alarms.counts("fan-1") == {}
+    assert alarms.expire_shelves(129.9, 999_000_000) == []
+    assert words(alarms.expire_shelves(130.0, 0)) == ["unshelved fault", "unshelved fault"]
+    assert alarms.counts("fan-1") == {"urgent": 2}
+
+
+def test_a_shelf_can_be_ended_before() -> None:
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    alarms.shelve("a1", 60, 0.0, 0)
+    assert words(alarms.unshelve("a1")) == ["unshelved fault"]
+    assert alarms.unshelve("a1") == alarms.expire_shelves(9e9, 0) == []
+    with pytest.raises(NotFound):
+        alarms.shelve("a7", 1, 0.0, 0)
+
+
+def test_what_the_service_raises_is_raised_once_and_cleared_by_it() -> None:
+    alarms = book()
+    (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, about="no-water")
+    assert (change.alarm.setting, change.alarm.priority) == ("interlock", AlarmPriority.CRITICAL)
+    assert change.alarm.text == Text(
+        "Fan: interlock no-water does not hold; the drive is stopped", "风机：联锁 no-water 不成立；已停止该变频器"
+    )
+    assert alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, about="no-water") == []
+    assert words(alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, about="door")) == ["raised interlock"]
+    assert words(alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 7, about="no-water")) == ["cleared interlock"]
+    assert alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 8, about="no-water") == []
+
+
+def test_a_setting_that_is_called_like_an_alarm_of_the_service_hides_none_of_these() -> None:
+    alarms = book(replace(HIGH, id="stop_unconfirmed", delay_s=0.0))
+    assert run(alarms, (0, current(99.0))) == ["0 raised stop_unconfirmed"]
+    assert words(alarms.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, "fan-1", 1)) == ["raised stop_unconfirmed"]
+    assert words(alarms.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, "fan-1", 2)) == ["cleared stop_unconfirmed"]
+    assert [alarm.cleared_ms for alarm in alarms.active()] == [2, None]
+
+
+def test_a_shelf_of_before_lasts_a_day_at_most_whatever_the_clock_was_set_to() -> None:
+    before = book()
+    run(before, (0, view(fault=OVERCURRENT)))
+    before.shelve("a1", 1440, 0.0, 10**14)
+    after = book(known=tuple(before.active()), first=2, now=0.0, now_ms=0)
+    assert after.expire_shelves(86_399.0, 0) == []
+    assert words(after.expire_shelves(86_400.0, 0)) == ["unshelved fault"]
+
+
+def test_every_sentence_has_all_its_numbers() -> None:
+    alarms = book(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
+    for kind in SystemAlarm:
+        alarms.raise_alarm(kind, "fan-1", 0, about="x", reason="y")
+    silent = replace(current(12.345678), presence="silent", fault=OVERCURRENT)
+    old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
+    run(alarms, (0, silent), (3, silent), (4, old), (5, old))
+    told = [
+        text for alarm in alarms.active() for text in (alarm.title.en, alarm.title.zh, alarm.text.en, alarm.text.zh)
+    ]
+    assert len(told) == 4 * (len(SystemAlarm) + 5)
+    assert [text for text in told if "{" in text or "None" in text or "alarms." in text] == []
+    assert "Fan: output current is 12.346 A, above 10 A" in told
+
+
+def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> None:
+    """I12."""
+    alarms = book()
+    for n in range(100):
+        run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))
+    assert [alarm.id for alarm in alarms.active()] == [
+        f"a{n}" for n in range(100, 100 - MAX_UNACKNOWLEDGED_PER_KEY, -1)
+    ]
+    kept = alarms._log.alarms  # type: ignore[attr-defined]
+    assert {alarm.by for alarm in kept if alarm.id == "a1"} == {None, AUTOMATIC_ACKNOWLEDGER}
+    assert len({alarm.id for alarm in kept}) == 100
+
+
+def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() -> None:
+    before = book()
+    run(before, (0, view(fault=OVERCURRENT)))
+    before.shelve("a1", 10, 0.0, 0)
+    after = book(known=tuple(before.active()), first=2, now=1000.0, now_ms=60_000)
+    assert run(after, (1001, view(fault=OVERCURRENT))) == []
+    assert after.expire_shelves(1539.9, 0) == []
+    assert words(after.expire_shelves(1540.0, 0)) == ["unshelved fault"]
+    assert run(after, (1600, view()), (1601, view(fault=OVERCURRENT))) == ["1600 cleared fault", "1601 raised fault"]
+    assert after.active()[0].id == "a2"
+
+
+def test_after_a_restart_what_the_service_raised_is_over_but_still_to_be_seen() -> None:
+    before = book()
+    before.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 5)
+    after = book(known=tuple(before.active()), first=2, now_ms=70)
+    assert [(alarm.id, alarm.cleared_ms) for alarm in after.active()] == [("a1", 70)]
+    assert words(after.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 80)) == ["raised lease_lost"]
+
+
+def test_a_new_configuration_leaves_alone_what_did_not_change_and_clears_what_nobody_watches() -> None:
+    alarms = book(HIGH, STALE)
+    run(alarms, (0, current(11.0)), (2, view({"output_current": signal(11.0, Quality.BAD)})))
+    run(alarms, (3, view({"output_current": signal(11.0, Quality.BAD)})))
+    assert words(alarms.configure([HIGH], [FAN], 9)) == ["cleared old"]
+    assert run(alarms, (10, current(11.0))) == ["10 raised overload"], "its delay went on"
+    assert words(alarms.configure([HIGH], [], 11)) == ["cleared overload"]
+    assert run(alarms, (12, current(99.0))) == []
+
+
+def test_a_case_is_kept_with_its_alarm() -> None:
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    (change,) = alarms.attach_incident("a1", "c-1")
+    assert alarms.active() == [change.alarm]
+    assert (change.action, change.alarm.case) == ("case", "c-1")
+
+
+def test_an_alarm_is_the_same_after_its_json() -> None:
+    alarms = book()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    assert alarms.as_json() == {"active": [alarm.as_json() for alarm in alarms.active()]}
+    assert [Alarm.from_json(one) for one in alarms.as_json()["active"]] == alarms.active()
+
+
+def test_the_most_urgent_and_newest_come_first() -> None:
+    alarms = book(replace(HIGH, delay_s=0.0))
+    run(alarms, (0, current(99.0)), (1, replace(current(99.0), presence="silent")))
+    run(alarms, (2, replace(current(99.0), presence="silent", fault=OVERCURRENT)))
+    alarms.raise_alarm(SystemAlarm.STORAGE_FAILURE, "", 9000)
+    assert [alarm.setting for alarm in alarms.active()] == ["store", "fault", "silent", "overload"]

@@ -1,0 +1,111 @@
+"""The history of alarms: kept over restarts, torn lines, full disks; bounded; given in pages."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.errors import InvalidParameters
+from drivebus.service.alarms import Alarm, AlarmEngine
+from drivebus.service.alarms import log as logs
+from drivebus.service.alarms.log import AlarmLog
+from fixtures.alarms import FAN, OVERCURRENT, view
+
+EVER = (0, 10**14)
+
+
+def trips(log: AlarmLog, count: int, known: list[Alarm] | None = None) -> AlarmEngine:
+    """So many faults, each cleared but the last."""
+    book = AlarmEngine([], [FAN], log, known or (), first_number=log.next_number)
+    for n in range(count):
+        book.observe(view(fault=OVERCURRENT), n, 1000 * n)
+        if n < count - 1:
+            book.observe(view(), n + 0.5, 1000 * n + 500)
+    return book
+
+
+def kept(path: Path, count: int) -> AlarmEngine:
+    async def go() -> AlarmEngine:
+        log = AlarmLog(path)
+        book = trips(log, count, log.load())
+        await log.close()
+        return book
+
+    return asyncio.run(go())
+
+
+def test_what_was_raised_and_not_acknowledged_survives_a_restart_and_numbers_go_on(tmp_path: Path) -> None:
+    before = kept(tmp_path / "alarms.jsonl", 3)
+    log = AlarmLog(tmp_path / "alarms.jsonl")
+    assert sorted(log.load(), key=lambda one: one.id) == sorted(before.active(), key=lambda one: one.id)
+    assert log.next_number == 4
+    assert AlarmLog(tmp_path / "nothing").load() == []
+
+
+def test_a_torn_or_spoilt_line_spoils_only_itself_and_is_gone_at_the_next_change(tmp_path: Path) -> None:
+    path = tmp_path / "alarms.jsonl"
+    kept(path, 3)
+    whole = path.read_bytes()
+    path.write_bytes(b'{"id": 7}\nnonsense\n["a"]\n' + whole + whole[:70])
+    log = AlarmLog(path)
+    assert len(log.load()) == 3
+    kept(path, 2)
+    assert all(line.startswith(b'{"id":"a') for line in path.read_bytes().splitlines())
+    assert AlarmLog(path).load()
+
+
+def test_the_history_comes_in_pages_by_span_and_drive(tmp_path: Path) -> None:
+    kept(tmp_path / "alarms.jsonl", 12)
+    log = AlarmLog(tmp_path / "alarms.jsonl")
+    log.load()
+    found, cursor = [], None
+    while True:
+        page = log.history(*EVER, "fan-1", cursor, 5)
+        found += [one["id"] for one in page["items"]]
+        if (cursor := page["next"]) is None:
+            break
+    assert found == [f"a{n}" for n in range(12, 0, -1)]
+    assert [one["raised_ms"] for one in log.history(3000, 5000)["items"]] == [4000, 3000]
+    assert log.history(*EVER, "fan-2")["items"] == []
+    for wrong in ("x", "LTE=", "é", "MDE="):
+        with pytest.raises(InvalidParameters):
+            log.history(*EVER, cursor=wrong)
+
+
+def test_i12_the_oldest_are_forgotten_and_the_file_is_written_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logs, "KEPT", 10)
+    monkeypatch.setattr(logs, "LINES", 40)
+    path = tmp_path / "alarms.jsonl"
+    for _ in range(10):
+        kept(path, 6)
+    assert len(path.read_bytes().splitlines()) <= 40
+    log = AlarmLog(path)
+    log.load()
+    assert len(log.history(*EVER, limit=1000)["items"]) <= 10
+
+
+def test_g14_a_full_disk_stops_no_alarm_and_everything_is_written_when_it_works_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    async def go() -> None:
+        log = AlarmLog(tmp_path / "alarms.jsonl")
+        with monkeypatch.context() as context:
+            context.setattr(os, "write", full)
+            trips(log, 3)
+            await log._writer.flush()
+            assert log.error is not None
+        log.retry()
+        await log.close()
+        assert log.error is None
+
+    asyncio.run(go())
+    assert len(AlarmLog(tmp_path / "alarms.jsonl").load()) == 3

@@ -1,0 +1,339 @@
+"""The desk: is it open, may the actor, and what is recorded of whatever was asked (S01, 6.5, G14)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
+from drivebus.errors import (
+    AuditUnavailable,
+    DrivebusError,
+    Expired,
+    InvalidParameters,
+    NotFound,
+    PermissionDenied,
+    ServiceUnavailable,
+    StartInhibited,
+    StopUnconfirmed,
+)
+from drivebus.service.api.dispatcher import AUDIT_BEST_EFFORT, MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
+from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.api.param_errors import param_fault
+from drivebus.service.audit import AuditEntry
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.rights import Right
+from drivebus.service.config.model import GroupConfig
+from drivebus.testing.virtual_time import run
+from fixtures.service import LOCAL, ServiceKit, plant_config, remote_actor, running_service
+
+Json = dict[str, Any]
+NOBODY = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
+FAN = {"drive": "fan-1"}
+
+
+def at_a_desk(story: Callable[[ServiceKit, Dispatcher], Awaitable[None]], **answers: Any) -> None:
+    """``answers``: what the handler of each operation returns or raises, ``drive_stop`` for ``drive.stop``."""
+
+    async def handler(name: str, *_: Any) -> Json:
+        found = answers[name]
+        if isinstance(found, BaseException):
+            raise found
+        return dict(found)
+
+    def of(names: set[str]) -> dict[str, Any]:
+        return {name.replace("_", ".", 1): lambda *given, name=name: handler(name, *given) for name in names}
+
+    motions = {name for name in answers if name in ("drive_run", "drive_jog", "drive_set_frequency")}
+
+    async def whole() -> None:
+        async with running_service() as kit:
+            await story(kit, Dispatcher(kit.service.plant, of(answers.keys() - motions), of(motions)))
+
+    run(whole())
+
+
+@pytest.mark.parametrize("name", ["nothing.at_all", "drives.list"])
+def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        with pytest.raises(NotFound) as refused:
+            await desk.call(name, {}, LOCAL)
+        assert (refused.value.key, refused.value.params) == ("plant.no_operation", {"id": name})
+
+    at_a_desk(story)
+
+
+@pytest.mark.parametrize(
+    ("name", "params", "target"),
+    [
+        ("drive.stop", FAN, "fan-1"),
+        ("group.stop", {"group": "fans"}, "fans"),
+        ("buses.get", {"bus": "a"}, "a"),
+        ("alarm.acknowledge", {"alarm": "7"}, "7"),
+        ("plant.stop", {}, ""),
+        ("drive.stop", {"drive": 7}, ""),
+        ("drive.stop", {"drive": "fan-1", "group": "fans"}, "fan-1"),
+    ],
+)
+def test_s01_what_somebody_may_not_is_recorded_with_what_it_was_about(name: str, params: Json, target: str) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        right = str(OPERATIONS[name].right)
+        with pytest.raises(PermissionDenied) as refused:
+            await desk.call(name, params, NOBODY)
+        assert refused.value.key == "plant.forbidden"
+        assert refused.value.params == {"name": "eve", "operation": name, "right": right}
+        assert kit.trail.entries == [
+            AuditEntry(name, "eve", "s-eve", "10.0.0.9", target, params, outcome="plant.forbidden"),
+        ]
+
+    at_a_desk(story)
+
+
+def test_s01_who_may_not_look_does_not() -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        desk.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))
+        with pytest.raises(PermissionDenied) as refused:
+            desk.check_may_view(Actor("eve", frozenset(Right) - {Right.VIEW}, "s-eve"))
+        assert refused.value.key == "plant.forbidden"
+        assert refused.value.params == {"name": "eve", "operation": "live", "right": "view"}
+
+    at_a_desk(story)
+
+
+@pytest.mark.parametrize("state", ["running", "stopping", "ended"])
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("drive.run", FAN | {"frequency_hz": 20.0}),
+        ("drive.waiver", FAN | {"reason": "because"}),
+        ("drive.stop", FAN),
+        ("drives.list", {}),
+    ],
+)
+def test_a_plant_that_ends_takes_stops_and_questions_and_one_that_has_ended_nothing(
+    state: str, name: str, params: Json
+) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        kit.service.plant.state = state
+        try:
+            if state == "running" or (state == "stopping" and name in ("drive.stop", "drives.list")):
+                assert await desk.call(name, params, LOCAL) == {}
+                return
+            with pytest.raises(ServiceUnavailable) as refused:
+                await desk.call(name, params, LOCAL)
+            assert refused.value.key == "plant.stopping" and kit.trail.entries == []
+        finally:
+            kit.service.plant.state = "running"
+
+    at_a_desk(story, drive_run={}, drive_waiver={}, drive_stop={}, drives_list={})
+
+
+def test_faults_that_a_question_finds_itself_are_told_like_all_others() -> None:
+    wrong = [param_fault("names.0", "x", "unknown")]
+
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        with pytest.raises(InvalidParameters) as refused:
+            await desk.call("parameters.read", FAN | {"names": ["x"]}, LOCAL)
+        assert refused.value.key == "plant.params" and refused.value.params["operation"] == "parameters.read"
+        assert refused.value.params["faults"] == wrong
+
+    at_a_desk(story, parameters_read=InvalidParameters("plant.params", faults=wrong))
+
+
+# --- the record -------------------------------------------------------------------------------------------------------
+
+
+def test_the_times_are_those_of_the_rulings() -> None:
+    assert (MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S) == (2.0, 1.0)
+
+
+def test_g14_only_control_goes_on_without_a_record() -> None:
+    """Whatever starts, or allows more than before, does not."""
+    commands = {one.name for one in OPERATIONS.values() if one.mutates and not one.is_stop}
+    assert commands >= AUDIT_BEST_EFFORT, "a stop comes before its record anyway"
+    assert commands - AUDIT_BEST_EFFORT == {
+        "drive.arm",
+        "drive.run",
+        "drive.jog",
+        "group.arm",
+        "group.start",
+        "parameters.write",
+        "drive.waiver",
+        "drive.unwaive",
+        "drive.limits",
+        "configuration.reload",
+    }
+
+
+@pytest.mark.parametrize("name", ["drive.reset", "drive.waiver"])
+def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        kit.trail.fails_silently = True
+        params = FAN | ({"reason": "because"} if name == "drive.waiver" else {})
+        if name in AUDIT_BEST_EFFORT:
+            assert await desk.call(name, params, LOCAL) == {}
+            (ended,) = kit.trail.entries
+            assert (ended.what, ended.outcome, ended.of) == (name, "done", None)
+            return
+        with pytest.raises(AuditUnavailable):
+            await desk.call(name, params, LOCAL)
+        what = {"what": "drive.waiver"}
+        assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
+        (alarm,) = kit.service.plant.parts.alarms.active()
+        assert (alarm.kind, alarm.about) == ("store", "audit.jsonl")
+
+    at_a_desk(story, drive_reset={}, drive_waiver={})
+
+
+def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        kit.trail.fails_silently = True
+        await desk.call("drive.reset", FAN, LOCAL)
+        kit.trail.fails_silently = False
+        await desk.call("drive.reset", FAN, LOCAL)
+        (alarm,) = kit.service.plant.parts.alarms.active()
+        assert (alarm.kind, alarm.about, alarm.cleared_ms is None) == ("store", "audit.jsonl", False)
+
+    at_a_desk(story, drive_reset={})
+
+
+def test_what_is_no_operation_is_recorded_as_it_was_told_and_by_whom() -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        told = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "somebody else"}
+        await desk.record(told, NOBODY)
+        assert kit.trail.entries == [
+            AuditEntry("login", "eve", "s-eve", "10.0.0.9", "ann", {"how": "x"}, outcome="done")
+        ]
+        kit.trail.fails_silently = True
+        with pytest.raises(AuditUnavailable):
+            await desk.record(told, NOBODY)
+        assert [one.what for one in kit.trail.entries] == ["login", "audit.refused"]
+
+    at_a_desk(story)
+
+
+@pytest.mark.parametrize(("takes_s", "done"), [(MAX_RECORDING_S, True), (MAX_RECORDING_S + 0.014, False)])
+def test_i1_a_wish_is_as_old_as_its_record_lets_it_be(takes_s: float, done: bool) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        kit.trail.delay_s = takes_s
+        if done:
+            await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
+            return
+        with pytest.raises(Expired) as refused:
+            await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
+        assert refused.value.key == "plant.record_too_slow"
+        assert refused.value.params == {"age_s": 2.01, "limit_s": 2.0}
+        assert kit.trail.outcomes("drive.set_frequency") == ["asked", "plant.record_too_slow"]
+
+    at_a_desk(story, drive_set_frequency={})
+
+
+@pytest.mark.parametrize(
+    ("name", "concerned"), [("drive.run", ["fan-2"]), ("drive.set_frequency", ["fan-2"]), ("drive.jog", [])]
+)
+def test_a_new_frequency_concerns_the_drives_that_follow_and_the_record_names_them(
+    name: str, concerned: list[str]
+) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        fans = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1")
+        kit.service.plant.config = plant_config(groups=(fans,))
+        kit.service.plant.drives["fan-2"].started_by_service = True
+        await desk.call(name, FAN | {"frequency_hz": 20.0}, LOCAL)
+        kit.service.plant.drives["fan-2"].started_by_service = False
+        assert kit.trail.entries[0].params.get("drives", []) == concerned
+
+    at_a_desk(story, drive_run={}, drive_set_frequency={}, drive_jog={})
+
+
+@pytest.mark.parametrize("takes_s", [0.25, 3.0])
+def test_whoever_stopped_something_waits_a_second_for_its_record_and_no_longer(takes_s: float) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        kit.trail.delay_s = takes_s
+        begun = asyncio.get_running_loop().time()
+        await desk.call("drive.stop", FAN, LOCAL)
+        waited_s = asyncio.get_running_loop().time() - begun
+        assert waited_s == pytest.approx(min(takes_s, STOP_AUDIT_TIMEOUT_S))
+        await asyncio.sleep(takes_s)
+        assert kit.trail.outcomes("drive.stop") == ["confirmed"]
+
+    at_a_desk(story, drive_stop={"outcome": {"word": "confirmed"}})
+
+
+DONE: list[tuple[Json, str, list[str]]] = [
+    ({}, "done", []),
+    ({"outcome": {"word": "confirmed", "frames": ["a"]}}, "confirmed", ["a"]),
+    ({"outcome": {"frames": ["a"]}}, "done", ["a"]),
+    (
+        {
+            "outcome": {"word": "confirmed", "frames": ["a", "b"]},
+            "followers": {"fan-2": {"code": "plant.not_owner"}, "fan-3": {"word": "confirmed", "frames": ["c"]}},
+        },
+        "confirmed, plant.not_owner",
+        ["a", "b", "c"],
+    ),
+    ({"outcomes": {"fan-1": {"word": "acknowledged", "frames": ["d"]}}}, "acknowledged", ["d"]),
+]
+
+
+@pytest.mark.parametrize(("found", "outcome", "frames"), DONE, ids=range(len(DONE)))
+@pytest.mark.parametrize("name", ["drive.reset", "drive.stop"])
+def test_the_record_tells_every_word_and_every_frame_of_what_was_done(
+    name: str, found: Json, outcome: str, frames: list[str]
+) -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        await desk.call(name, FAN, LOCAL)
+        ended = kit.trail.entries[-1]
+        assert (ended.what, ended.outcome, list(ended.frames)) == (name, outcome, frames)
+        assert ended.of == (1 if name == "drive.reset" else None)
+
+    at_a_desk(story, drive_reset=found, drive_stop=found)
+
+
+@pytest.mark.parametrize("name", ["drive.reset", "drive.stop"])
+@pytest.mark.parametrize("sent", [True, False])
+def test_the_record_of_a_failure_tells_its_key_and_what_left_on_the_wire(name: str, sent: bool) -> None:
+    state = {"state": "running"}
+    error: DrivebusError = (
+        StopUnconfirmed("drives.stop_unconfirmed", **state) if sent else StartInhibited("plant.stopping")
+    )
+    if sent:
+        frame = FrameExchange(b"\x01", b"", 1.0, None)
+        error.outcome = Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state, (frame,))
+
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        with pytest.raises(DrivebusError):
+            await desk.call(name, FAN, LOCAL)
+        ended = kit.trail.entries[-1]
+        assert (ended.outcome, [one["sent"] for one in ended.frames]) == (error.key, ["01"] if sent else [])
+
+    at_a_desk(story, drive_reset=error, drive_stop=error)
+
+
+def test_s08_to_save_is_a_right_besides_that_to_write() -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        values = FAN | {"values": {"F0.1": 2.0}}
+        for rights, save, may in (
+            ({Right.WRITE_PARAMETERS}, False, True),
+            ({Right.WRITE_PARAMETERS}, True, False),
+            ({Right.SAVE}, True, False),
+            ({Right.SAVE, Right.WRITE_PARAMETERS}, True, True),
+        ):
+            tuner = Actor("tom", frozenset(rights), "s-tom")
+            if may:
+                await desk.call("parameters.write", values | {"save": save}, tuner)
+                continue
+            with pytest.raises(PermissionDenied):
+                await desk.call("parameters.write", values | {"save": save}, tuner)
+
+    at_a_desk(story, parameters_write={})
+
+
+def test_an_operator_may_not_what_an_engineer_may() -> None:
+    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+        with pytest.raises(PermissionDenied):
+            await desk.call("drive.waiver", FAN | {"reason": "because"}, remote_actor())
+
+    at_a_desk(story, drive_waiver={})

@@ -1,0 +1,143 @@
+"""Wrong parameters are told in the reader's language, each with its path (S08, T19)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from drivebus import i18n
+from drivebus.errors import InvalidParameters
+from drivebus.service.api.errors import error_from_json, error_to_json
+from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.api.param_errors import FAULT_MESSAGES, param_fault, params_error, pydantic_faults
+from drivebus.service.historian.queries import check_time_order
+from drivebus.testing.virtual_time import run
+from drivebus.web.routes import schemas
+from fixtures.service import running_service
+
+Json = dict[str, Any]
+MODELS: list[type[BaseModel]] = [
+    *dict.fromkeys(operation.params for operation in OPERATIONS.values()),
+    *(one for one in vars(schemas).values() if isinstance(one, type) and issubclass(one, schemas.RequestBody)),
+]
+OF_FRAMEWORK = {"model_attributes_type"}
+"""What FastAPI says of JSON that is no object; what is no JSON at all the door refuses."""
+BAD: list[Any] = [
+    None,
+    True,
+    1,
+    1.5,
+    10**400,
+    -1,
+    float("nan"),
+    float("inf"),
+    "",
+    "A B",
+    "x" * 300,
+    "x" * 1_000_001,
+    "\ud800",
+    b"x",
+    [],
+    [1],
+    ["x"] * 70,
+    {},
+    {"x": "y"},
+    {"": 1.0},
+    {1: 2},
+    {"x": float("nan")},
+    {str(n): 1.0 for n in range(70)},
+]
+
+
+def refused(model: type[BaseModel], value: Any) -> list[Any]:
+    try:
+        model.model_validate(value)
+    except ValidationError as error:
+        return error.errors(include_url=False)
+    return []
+
+
+def every() -> Iterator[Any]:
+    """Each fault that each bad value brings, alone and as each field, of each model."""
+    for model in MODELS:
+        for bad in BAD:
+            yield from refused(model, bad)
+            for name in [*model.model_fields, "no_such_field"]:
+                yield from refused(model, {name: bad})
+
+
+FOUND = [*every()]
+
+
+def test_every_kind_of_fault_that_our_models_raise_has_its_sentence_and_no_other_is_listed() -> None:
+    kinds = {one["type"] for one in FOUND}
+    assert len(kinds) > 15
+    assert kinds | OF_FRAMEWORK == FAULT_MESSAGES.keys()
+    for key in FAULT_MESSAGES.values():
+        assert i18n.known(f"params.{key}")
+
+
+def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
+    for told, found in zip(pydantic_faults(FOUND), FOUND, strict=True):
+        assert told["path"] == ".".join(map(str, found["loc"]))
+        chinese = told["expected"]["zh"]
+        assert any("一" <= letter <= "鿿" for letter in chinese) and "{" not in chinese.replace("{0,63}", "")
+        assert found["msg"] not in chinese and not {"should", "expected", "character"} & {*chinese.split()}
+        assert "{" not in told["expected"]["en"].replace("{0,63}", "")
+
+
+@pytest.mark.parametrize(
+    ("params", "path", "english", "chinese"),
+    [
+        ({"drive": "fan-1", "frequency_hz": 1000.5}, "frequency_hz", "expected 1000 or less", "应不大于 1000"),
+        ({"drive": "fan-1"}, "frequency_hz", "must be given", "必须给出"),
+        (
+            {"drive": "fan-1", "frequency_hz": 1.0, "direction": "up"},
+            "direction",
+            "expected one of 'forward', 'reverse'",
+            "应为以下之一：'forward', 'reverse'",
+        ),
+    ],
+)
+def test_a_refusal_says_it_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
+    error = params_error("drive.run", pydantic_faults(refused(OPERATIONS["drive.run"].params, params)))
+    told = error_to_json(error)
+    assert told["text"] == {"en": f"drive.run: {path}: {english}", "zh": f"drive.run：{path}: {chinese}"}
+    assert [one["expected"] for one in told["params"]["faults"]] == [{"en": english, "zh": chinese}]
+
+
+def test_a_time_is_told_whole_and_a_list_by_its_entry() -> None:
+    bounds = pydantic_faults(refused(OPERATIONS["history.trend"].params, {"from_ms": 10**15}))
+    assert {"en": "expected 253402300799999 or less", "zh": "应不大于 253402300799999"} in [
+        one["expected"] for one in bounds
+    ]
+    entries = pydantic_faults(refused(OPERATIONS["history.trend"].params, {"tags": ["a", 1]}))
+    assert entries[0]["path"] == "tags.1" and entries[0]["found"] == "1"
+
+
+def test_what_nobody_foresaw_is_told_too() -> None:
+    told = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
+    assert told == [param_fault("x", "1", "other")] and told[0]["expected"]["zh"] != told[0]["expected"]["en"]
+
+
+def test_a_room_that_finds_a_fault_itself_says_it_in_both_languages() -> None:
+    """A span that ends before it begins is refused by the history, not by the model."""
+    with pytest.raises(InvalidParameters) as caught:
+        check_time_order(5, 4)
+    told = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]
+    assert told["en"] == "history.trend: to_ms: expected 5 (from_ms) or more"
+    assert told["zh"] == "history.trend：to_ms: 应不小于 5（from_ms）"
+
+
+def test_over_the_plants_own_door_too() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            with pytest.raises(InvalidParameters) as caught:
+                await kit.call("drive.run", drive="fan-1", frequency_hz="5")
+            assert "应为数值" in error_to_json(caught.value)["text"]["zh"]
+            assert error_to_json(error_from_json(error_to_json(caught.value))) == error_to_json(caught.value)
+
+    run(story())

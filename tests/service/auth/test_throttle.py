@@ -1,0 +1,167 @@
+"""S05: guessing is slow, whoever guesses and from wherever; nobody is locked out for ever."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+
+from drivebus.service.auth.errors import NotAuthenticated, TooManyAttempts
+from drivebus.service.auth.throttle import (
+    FREE_ATTEMPTS,
+    MAX_LOGIN_DELAY_S,
+    MAX_THROTTLED_KEYS,
+    MIN_LOGIN_DELAY_S,
+    THROTTLE_WINDOW_S,
+    LoginThrottle,
+)
+from drivebus.testing.virtual_time import run
+from fixtures.auth import auth_service, login
+
+HOUR_S = 3600.0
+
+
+def guesses(throttle: LoginThrottle, keys: list[tuple[str, ...]], hours: float, step_s: float) -> int:
+    """How many passwords are looked at when somebody tries again as soon as possible."""
+    now, done, at = 0.0, 0, 0
+    while now < hours * HOUR_S:
+        at += 1
+        if throttle.wait_s(keys[at % len(keys)], now) == 0.0:
+            throttle.record_attempt(keys[at % len(keys)], now)
+            done += 1
+        now += step_s
+    return done
+
+
+def test_s05_the_numbers_are_those_of_the_rulings() -> None:
+    assert (FREE_ATTEMPTS, THROTTLE_WINDOW_S) == (10, 15 * 60)
+
+
+def test_s05_ten_failures_cost_nothing_and_the_next_waits() -> None:
+    throttle = LoginThrottle()
+    for n in range(FREE_ATTEMPTS):
+        assert throttle.wait_s(("user:li",), float(n)) == 0.0
+        throttle.record_attempt(("user:li",), float(n))
+    assert throttle.wait_s(("user:li",), FREE_ATTEMPTS - 1.0) == MIN_LOGIN_DELAY_S
+    assert throttle.wait_s(("user:wang",), FREE_ATTEMPTS - 1.0) == 0.0
+
+
+def test_s05_whoever_waits_for_one_of_several_reasons_waits() -> None:
+    """A user who is guessed at from many addresses, and an address that guesses at many users."""
+    throttle = LoginThrottle()
+    for n in range(FREE_ATTEMPTS):
+        throttle.record_attempt(("user:li", f"address:{n}"), 0.0)
+        throttle.record_attempt((f"user:{n}", "address:9"), 0.0)
+    throttle.record_attempt(("user:li", "address:new"), 0.0)
+    for keys in (("user:li", "address:new"), ("address:new", "user:li"), ("user:new", "address:9")):
+        assert throttle.wait_s(keys, 0.0) >= MIN_LOGIN_DELAY_S
+        assert throttle.wait_s(keys, 2 * MIN_LOGIN_DELAY_S) == 0.0
+
+
+def test_s05_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
+    throttle, now, waits = LoginThrottle(), 0.0, []
+    for _ in range(FREE_ATTEMPTS + 8):
+        wait = throttle.wait_s(("a",), now)
+        waits.append(wait)
+        now += wait
+        throttle.record_attempt(("a",), now)
+    assert waits[FREE_ATTEMPTS:] == [2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 120.0, 120.0]
+    assert max(waits) == MAX_LOGIN_DELAY_S
+
+
+@pytest.mark.parametrize("step_s", [0.36, 1.0, 7.0])
+def test_s05_ten_thousand_tries_at_one_user_are_under_a_hundred_guesses_an_hour(step_s: float) -> None:
+    """From ten thousand addresses: only the user's own count holds them."""
+    throttle = LoginThrottle()
+    keys = [("user:li", f"address:{n}") for n in range(10_000)]
+    assert FREE_ATTEMPTS < guesses(throttle, keys, 1, step_s) <= 100
+    assert guesses(LoginThrottle(), keys, 6, 3.0) <= 600
+
+
+def test_s05_ten_thousand_users_from_one_address_are_under_a_hundred_guesses_an_hour() -> None:
+    keys = [(f"user:{n}", "address:10.0.0.9") for n in range(10_000)]
+    assert FREE_ATTEMPTS < guesses(LoginThrottle(), keys, 1, 0.36) <= 100
+
+
+def test_s05_nobody_is_locked_out_for_ever() -> None:
+    """After a whole night of guesses the right user waits two minutes at most."""
+    throttle = LoginThrottle()
+    guesses(throttle, [("user:li",)], 8, 1.0)
+    assert throttle.wait_s(("user:li",), 8 * HOUR_S) <= MAX_LOGIN_DELAY_S
+    assert throttle.wait_s(("user:li",), 8 * HOUR_S + THROTTLE_WINDOW_S) == 0.0
+
+
+def test_s05_a_failure_counts_for_a_quarter_of_an_hour() -> None:
+    throttle = LoginThrottle()
+    for _ in range(FREE_ATTEMPTS):
+        throttle.record_attempt(("a",), 100.0)
+    throttle.record_attempt(("a",), 999.0)
+    assert throttle.wait_s(("a",), 999.5) > 0.0
+    assert throttle.wait_s(("a",), 100.0 + THROTTLE_WINDOW_S) == 0.0
+
+
+def test_s05_a_right_password_does_not_wipe_the_guesses_of_others() -> None:
+    throttle = LoginThrottle()
+    for n in range(FREE_ATTEMPTS):
+        throttle.record_attempt(("a",), float(n))
+    throttle.record_attempt(("a",), 20.0)
+    for _ in range(2):
+        throttle.record_success(("a", "never heard of"), 20.0)
+    assert throttle.wait_s(("a",), 20.0 - 11.0) == MIN_LOGIN_DELAY_S
+
+
+def test_s14_what_is_remembered_has_an_end() -> None:
+    assert MAX_THROTTLED_KEYS == 10_000
+    throttle, chance = LoginThrottle(), random.Random(1)
+    for _ in range(FREE_ATTEMPTS):
+        throttle.record_attempt(("user:li",), 0.0)
+    for n in range(MAX_THROTTLED_KEYS - 1):
+        throttle.record_attempt((f"address:{chance.random()}",), float(n) / MAX_THROTTLED_KEYS)
+    assert throttle.wait_s(("user:li",), 1.0) > 0.0
+    throttle.record_attempt(("one more",), 1.0)
+    assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the one that was heard of longest ago"
+
+
+def test_s14_who_is_guessed_at_now_is_not_forgotten_for_others() -> None:
+    throttle = LoginThrottle()
+    for n in range(MAX_THROTTLED_KEYS):
+        throttle.record_attempt((f"user:{n}",), 0.0)
+    for _ in range(FREE_ATTEMPTS):
+        throttle.record_attempt(("user:0",), 1.0)
+    throttle.record_attempt(("one more",), 1.0)
+    assert throttle.wait_s(("user:0",), 1.0) > 0.0 and len(throttle._attempts) == MAX_THROTTLED_KEYS
+
+
+HOSTS = [
+    ("10.0.0.1", "10.0.0.2", False),
+    ("2001:db8::1", "2001:db8::ffff:1:2:3", True),
+    ("2001:db8::1", "2001:db8:0:0:8000::1", True),
+    ("2001:db8::1", "2001:db8:0:1::1", False),
+    ("::ffff:10.0.0.1", "::ffff:10.0.0.2", False),
+    ("::ffff:10.0.0.1", "::1", False),
+    ("fe80::1%eth0", "fe80::2%eth1", True),
+    ("local", "elsewhere", False),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "same"), HOSTS)
+def test_s05_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
+    """Whoever has an IPv6 network has 2**64 addresses."""
+    access, clock = auth_service(tmp_path)
+    for n in range(FREE_ATTEMPTS):
+        with pytest.raises(NotAuthenticated):
+            run(access.login(f"user{n}", "wrong password", one))
+    clock.now += 0.25
+    with pytest.raises(TooManyAttempts) as refused:
+        run(access.login("user", "wrong password", one))
+    assert (refused.value.key, refused.value.params) == ("access.too_many", {"retry_s": 1.8})
+    clock.now += 1.25
+    with pytest.raises(TooManyAttempts if same else NotAuthenticated):
+        run(access.login("operator", "wrong password", other))
+
+
+def test_s05_a_right_password_does_not_count(tmp_path: Path) -> None:
+    access, _ = auth_service(tmp_path)
+    for _ in range(FREE_ATTEMPTS + 2):
+        login(access)

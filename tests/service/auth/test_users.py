@@ -1,0 +1,275 @@
+"""Users, tokens and codes as values, and the file that keeps them."""
+
+from __future__ import annotations
+
+import json
+import stat
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import ConfigurationError
+from drivebus.service.api.errors import error_to_json
+from drivebus.service.auth.errors import (
+    AccessDenied,
+    AuthError,
+    AuthUnavailable,
+    Conflict,
+    InvalidInput,
+    NotAuthenticated,
+    ResourceNotFound,
+    TooManyAttempts,
+    retry_after,
+)
+from drivebus.service.auth.rights import Right, Role
+from drivebus.service.auth.user_file import UserFile
+from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase
+
+ADMIN = User("ann", Role.ADMINISTRATOR, "$hash", 1)
+TOKEN = Token("t1", "scada", "ann", (Right.VIEW,), "d" * 64, 1, 2)
+
+
+def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled() -> None:
+    register = UserDatabase().with_user(ADMIN)
+    for change in (
+        lambda: register.without_user("ann"),
+        lambda: register.with_changed_user(replace(ADMIN, role=Role.ENGINEER)),
+        lambda: register.with_changed_user(replace(ADMIN, disabled=True)),
+        lambda: register.with_changed_user(replace(ADMIN, password=None)),
+    ):
+        with pytest.raises(Conflict) as refused:
+            change()
+        assert refused.value.key == "access.last_administrator"
+    two = register.with_user(replace(ADMIN, name="bob"))
+    assert two.without_user("ann").has_administrator
+
+
+def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
+    """Somebody has written the file by hand."""
+    vera = User("vera", Role.VIEWER, "$", 1)
+    register = UserDatabase((vera,)).with_changed_user(replace(vera, role=Role.OPERATOR))
+    assert register.user("vera").role is Role.OPERATOR and register.without_user("vera").users == ()
+    with pytest.raises(ResourceNotFound) as refused:
+        register.with_changed_user(replace(vera, name="nobody"))
+    assert refused.value.key == "access.no_such_user"
+
+
+MAY = {
+    Role.VIEWER: {"view"},
+    Role.OPERATOR: {"view", "stop", "operate"},
+    Role.ENGINEER: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit"},
+    Role.ADMINISTRATOR: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"},
+}
+
+
+@pytest.mark.parametrize("role", list(Role))
+def test_s08_a_role_may_what_the_page_on_security_says(role: Role) -> None:
+    """Tokens and files hold these words: none changes its meaning or its spelling."""
+    user = User("ann", role, "$", 1)
+    assert {str(right) for right in user.rights} == MAY[role]
+    assert replace(user, disabled=True).rights == frozenset()
+    assert [str(one) for one in Role] == ["viewer", "operator", "engineer", "administrator"]
+    assert UserDatabase((user,)).rights_of("ANN") == user.rights and UserDatabase().rights_of("ann") == frozenset()
+
+
+def test_a_right_is_told_to_people_in_their_words_and_as_it_is_written() -> None:
+    assert (Right.STOP.en, Right.STOP.zh) == ("stop", "停止（stop）")
+
+
+def test_names_that_look_alike_are_one_user() -> None:
+    register = UserDatabase().with_user(ADMIN)
+    assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
+    with pytest.raises(Conflict) as refused:
+        register.with_user(replace(ADMIN, role=Role.VIEWER))
+    assert refused.value.key == "access.name_taken"
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
+def test_s13_a_name_that_would_write_more_than_a_name_is_refused(name: str) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
+    assert refused.value.key == "access.bad_name"
+
+
+@pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
+def test_a_name_in_any_script_is_taken(name: str) -> None:
+    user = User(name, Role.VIEWER, None, 1)
+    assert UserDatabase().with_user(user).find(name) == user
+
+
+def test_a_token_can_not_do_more_than_its_user() -> None:
+    register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
+    with pytest.raises(InvalidInput) as refused:
+        register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
+    assert (refused.value.key, refused.value.params) == ("access.beyond_role", {"rights": "operate, stop"})
+    with pytest.raises(InvalidInput):
+        register.with_token(replace(TOKEN, rights=()))
+    with pytest.raises(ResourceNotFound):
+        register.with_token(replace(TOKEN, user="nobody"))
+
+
+def test_with_a_user_go_the_users_tokens_and_codes() -> None:
+    register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
+    register = register.with_token(replace(TOKEN, user="vera")).with_code(OneTimeCode("c", "vera", 9), 0)
+    after = register.with_token(TOKEN).without_user("vera")
+    assert (after.users, after.tokens, after.codes) == ((ADMIN,), (TOKEN,), ())
+    with pytest.raises(ResourceNotFound) as refused:
+        after.without_token("t2")
+    assert refused.value.key == "access.no_such_token"
+    assert after.without_token("t1").tokens == ()
+
+
+def test_a_token_or_a_code_that_goes_leaves_the_others() -> None:
+    other, codes = replace(TOKEN, id="t2"), (OneTimeCode("c1", "ann", 9), OneTimeCode("c2", "ann", 9))
+    register = replace(UserDatabase().with_user(ADMIN).with_token(TOKEN).with_token(other), codes=codes)
+    assert register.without_token("t1").tokens == (other,)
+    assert register.without_code("c1").codes == codes[1:]
+    with pytest.raises(ResourceNotFound):
+        register.with_code(OneTimeCode("c3", "nobody", 9), 0)
+
+
+def test_codes_that_are_too_old_go_with_the_next_one() -> None:
+    register = (
+        UserDatabase()
+        .with_user(ADMIN)
+        .with_code(OneTimeCode("old", "ann", 5), 0)
+        .with_code(OneTimeCode("new", "ann", 50), 5)
+    )
+    assert [code.digest for code in register.codes] == ["new"]
+
+
+def test_the_file_is_readable_by_its_owner_only_and_says_what_was_put(tmp_path: Path) -> None:
+    path = tmp_path / "state" / "access.json"
+    UserFile(path).change(lambda register: register.with_user(ADMIN).with_token(TOKEN))
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.with_suffix(".lock").stat().st_mode) == 0o600
+    assert UserFile(path).read() == UserDatabase((ADMIN,), (TOKEN,))
+    assert json.loads(path.read_text())["users"][0]["role"] == "administrator"
+
+
+def test_a_change_that_fails_changes_nothing(tmp_path: Path) -> None:
+    file = UserFile(tmp_path / "access.json")
+    file.change(lambda register: register.with_user(ADMIN))
+    before = file.path.read_bytes()
+    with pytest.raises(Conflict):
+        file.change(lambda register: register.without_user("ann"))
+    assert file.path.read_bytes() == before
+
+
+def test_what_another_program_changed_is_seen_at_the_next_look(tmp_path: Path) -> None:
+    one, other = UserFile(tmp_path / "access.json"), UserFile(tmp_path / "access.json")
+    one.change(lambda register: register.with_user(ADMIN))
+    assert other.read().users == (ADMIN,)
+    assert other.read() is other.read(), "read once while it does not change"
+    one.change(lambda register: register.with_token(TOKEN))
+    assert other.read().tokens == (TOKEN,)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"users": [{"name": 1}]}', '{"users": [{"name": "a"}]}'])
+def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "access.json"
+    path.write_text(content)
+    with pytest.raises(ConfigurationError) as raised:
+        UserFile(path).read()
+    assert raised.value.params["file"] == str(path) and raised.value.params["problem"]
+    assert raised.value.key == "access.store_unusable"
+    with pytest.raises(ConfigurationError):
+        UserFile(path).change(lambda register: register.with_user(ADMIN))
+    assert path.read_text() == content
+
+
+def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp_path: Path) -> None:
+    file = UserFile(tmp_path / "access.json")
+    file.change(lambda register: register.with_user(ADMIN))
+    file.read()
+    file.path.write_text("{ oops")
+    assert file.read().users == (ADMIN,)
+    with pytest.raises(ConfigurationError):
+        file.change(lambda register: register.with_token(TOKEN))
+    assert file.path.read_text() == "{ oops"
+    mended = UserFile(tmp_path / "other.json").change(lambda register: register.with_user(replace(ADMIN, name="bob")))
+    (tmp_path / "other.json").replace(file.path)
+    assert file.read() == mended
+
+
+def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> None:
+    def add(n: int) -> None:
+        UserFile(tmp_path / "access.json").change(lambda register: register.with_user(replace(ADMIN, name=f"u{n}")))
+
+    threads = [threading.Thread(target=add, args=(n,)) for n in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(UserFile(tmp_path / "access.json").read().users) == 8
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("No space left on device")])
+def test_g12_a_disk_that_is_full_leaves_the_old_file(
+    error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = UserFile(tmp_path / "access.json")
+    file.change(lambda register: register.with_user(ADMIN))
+
+    def full(_: int) -> None:
+        raise error
+
+    with monkeypatch.context() as context:
+        context.setattr("os.fsync", full)
+        with pytest.raises(ConfigurationError) as raised:
+            file.change(lambda register: register.with_token(TOKEN))
+    assert raised.value.params["problem"] == "No space left on device"
+    assert UserFile(file.path).read() == UserDatabase((ADMIN,))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["access.json", "access.lock"]
+
+
+def test_what_a_killed_program_left_is_in_nobodys_way(tmp_path: Path) -> None:
+    """Nor is a file that somebody else put there: it is not written into, and no link is followed."""
+    for left in (".access.json.new", "access.lock"):
+        (tmp_path / left).touch(0o644)
+    (tmp_path / ".access.json.new").unlink()
+    (tmp_path / ".access.json.new").symlink_to(tmp_path / "elsewhere")
+    UserFile(tmp_path / "access.json").change(lambda register: register.with_user(ADMIN))
+    assert UserFile(tmp_path / "access.json").read().users == (ADMIN,)
+    assert not (tmp_path / "elsewhere").exists()
+    (tmp_path / "access.lock").unlink()
+    (tmp_path / "access.lock").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ConfigurationError):
+        UserFile(tmp_path / "access.json").change(lambda register: register.without_user("ann"))
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_the_directory_of_the_file_is_the_plants_users_own(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "state" / "access.json"
+    UserFile(path).change(lambda register: register.with_user(ADMIN))
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    loop = tmp_path / "loop.json"
+    loop.symlink_to(loop)
+    with pytest.raises(ConfigurationError) as raised:
+        UserFile(loop).read()
+    assert raised.value.params["file"] == str(loop)
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [
+        (AuthError, 403),
+        (NotAuthenticated, 401),
+        (AccessDenied, 403),
+        (Conflict, 409),
+        (ResourceNotFound, 404),
+        (InvalidInput, 422),
+        (TooManyAttempts, 429),
+        (AuthUnavailable, 503),
+    ],
+)
+def test_each_refusal_has_its_status(kind: type[AuthError], status: int) -> None:
+    assert error_to_json(kind("access.forbidden", right="view"))["status"] == status
+
+
+def test_s05_nobody_is_told_to_come_again_too_early() -> None:
+    waits = [retry_after(TooManyAttempts("access.too_many", retry_s=retry_s)) for retry_s in (0.1, 1.9, 2.0)]
+    assert waits == [{"Retry-After": "1"}, {"Retry-After": "2"}, {"Retry-After": "3"}]
+    assert retry_after(AccessDenied("access.csrf")) == {}

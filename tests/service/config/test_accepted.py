@@ -1,0 +1,271 @@
+"""What is unusual and right is not refused: each check's near side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import ConfigurationError
+from drivebus.ports.url import parse_port_url
+from drivebus.service import config
+from drivebus.service.config.check_buses import device_of
+from drivebus.service.config.check_paths import redact_url
+from drivebus.service.config.model import AlarmKind, AlarmPriority, PlantConfig
+from drivebus.service.interlocks.expression import STATE_WORDS
+from fixtures.service import FAN_FILE
+
+HEAD = (
+    FAN_FILE
+    + """[bus.b]
+link = "tcp://127.0.0.1:2"
+[drive.pump]
+bus = "b"
+address = 1
+model = "vc660"
+[bus.c]
+link = "tcp://127.0.0.1:3"
+[drive.raw]
+bus = "c"
+address = 1
+model = "df800"
+"""
+)
+
+
+def kinds(text: str) -> list[str]:
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text)
+    return [one.kind for one in caught.value.params["complaints"]]
+
+
+def plant(more: str = "", **edits: str) -> PlantConfig:
+    text = HEAD
+    for drive, keys in edits.items():
+        text = text.replace(f"[drive.{drive}]\n", f"[drive.{drive}]\n{keys}\n")
+    return config.loads(text + more)
+
+
+@pytest.mark.parametrize("address", [0, 30])
+def test_the_first_and_the_last_address_of_a_model(address: int) -> None:
+    text = HEAD.replace('bus = "a"\naddress = 1', f'bus = "a"\naddress = {address}')
+    assert config.loads(text).drive("fan").address == address
+
+
+def test_limits_as_wide_as_the_models_own_and_one_direction() -> None:
+    limits = plant(fan="limits = { minimum_hz = 0.0, maximum_hz = 50.0, reverse = false }").drive("fan").limits
+    assert (limits.minimum_hz, limits.maximum_hz, limits.forward, limits.reverse) == (0.0, 50.0, True, False)
+    assert plant(fan="limits = { minimum_hz = 49.9 }").drive("fan").limits.maximum_hz is None
+    assert kinds(HEAD.replace("[drive.fan]", "[drive.fan]\nlimits = { minimum_hz = 50.0 }")) == ["limits"]
+
+
+def test_open_questions_take_their_choices_and_their_spans() -> None:
+    settings = "settings = { monitor_index = 'bcd', nibble = true, class4_item = 255 }"
+    assert plant(fan=settings).drive("fan").settings == {"monitor_index": "bcd", "nibble": True, "class4_item": 255}
+    assert plant(fan="settings = { class4_item = 'unknown' }").drive("fan").settings == {"class4_item": "unknown"}
+    for wrong in ("nibble = 1", "class4_item = 256", "class4_item = -1", "class4_item = true", "class4_item = 1.0"):
+        assert kinds(HEAD.replace("[drive.fan]", f"[drive.fan]\nsettings = {{ {wrong} }}")) == ["choice"], wrong
+
+
+def test_the_other_encoding_on_a_line_of_its_own() -> None:
+    assert plant(fan="encoding = 'hex'").drive("fan").encoding == "hex"
+
+
+def test_every_key_of_a_drive_and_of_the_plant_arrives() -> None:
+    found = plant(
+        pump="title = { en = 'Pump', zh = '泵' }\non_client_lost = 'stop'\non_service_stop = 'hold'\n"
+        "on_restart = 'stop'\nfastest_s = 2.5\nsignals = { output_current = 4.0 }",
+        raw="limits = { saves_per_day = 3, forward = false }",
+    )
+    pump = found.drive("pump")
+    assert (pump.title.en, pump.title.zh, pump.fastest_s, pump.signals) == ("Pump", "泵", 2.5, {"output_current": 4.0})
+    assert (pump.on_client_lost, pump.on_service_stop, pump.on_restart) == ("stop", "hold", "stop")
+    assert (found.drive("raw").limits.saves_per_day, found.drive("raw").limits.forward) == (3, False)
+    with pytest.raises(KeyError):
+        found.drive("nobody")
+
+
+def test_a_model_of_ones_own_by_a_path_from_the_file(tmp_path: Path) -> None:
+    (tmp_path / "spindle.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nmaximum_hz = 400.0\n')
+    (tmp_path / "plant.toml").write_text(
+        HEAD.replace('model = "vc660"', 'model = "spindle.toml"\nlimits = { maximum_hz = 300.0 }'), encoding="utf-8"
+    )
+    found = config.load(tmp_path / "plant.toml").drive("pump")
+    assert found.model == str(tmp_path / "spindle.toml") and found.limits.maximum_hz == 300.0
+    assert config.profile_of(found).limits.maximum_hz == 400.0
+
+
+# --- lines --------------------------------------------------------------------------------------------------------
+
+
+def test_a_simulated_line_may_be_written_twice_but_not_a_shared_one() -> None:
+    two = 'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://c320@1{0}"\n[bus.b]\nlink = "sim://c320@1{0}"\n'
+    assert len(config.loads(two.format("")).buses) == 2
+    assert kinds(two.format("?name=x")) == ["one_device"]
+
+
+def test_one_device_by_two_names_is_one_device(tmp_path: Path) -> None:
+    device, other = tmp_path / "ttyUSB0", tmp_path / "by-id"
+    device.touch()
+    other.symlink_to(device)
+    assert device_of(parse_port_url(str(device))) == device_of(parse_port_url(f"serial://{other}?baud=19200"))
+    assert (
+        device_of(parse_port_url("tcp://h:1"))
+        == device_of(parse_port_url("rfc2217://h:1"))
+        != device_of(parse_port_url("tcp://h:2"))
+    )
+    assert (
+        device_of(parse_port_url("memory://x"))
+        == device_of(parse_port_url("memory://x"))
+        != device_of(parse_port_url("sim://x"))
+    )
+
+
+def test_the_line_is_the_files_then_the_links_then_the_factorys() -> None:
+    text = HEAD.replace("[drive.fan]", "baud = 19200\n[drive.fan]")
+    found = config.loads(text)
+    assert [str(config.serial_settings_in(found, bus)) for bus in "abc"] == ["19200 8E1", "9600 8N1", "9600 8N1"]
+    with pytest.raises(KeyError):
+        config.serial_settings_in(found, "d")
+    empty = config.loads(HEAD + '[bus.d]\nlink = "tcp://127.0.0.1:4?baud=1200"\n')
+    assert str(config.serial_settings_in(empty, "d")) == "1200 8N1"
+
+
+def test_sisters_that_speak_alike_share_a_line() -> None:
+    more = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c300"\n'
+    assert plant(more).drive("fan-2").model == "c300"
+
+
+def test_a_period_just_as_long_as_the_question_takes_is_not_too_often() -> None:
+    once_s = config.bus_loads(plant(fan="signals = { output_frequency = 1.0 }"))[0].cycle_s
+    edge = f"signals = {{ output_frequency = {once_s + 1e-6:.6f} }}"
+    assert plant(fan=edge).drive("fan").signals["output_frequency"] == pytest.approx(once_s, abs=1e-5)
+    fast = HEAD.replace("[drive.fan]", f"[drive.fan]\nsignals = {{ output_frequency = {once_s - 1e-3:.6f} }}")
+    assert kinds(fast) == ["too_often"]
+    slowed = plant(fan=f"fastest_s = 1.0\nsignals = {{ output_frequency = {once_s - 1e-3:.6f} }}")
+    assert config.bus_loads(slowed)[0].drives[0].periods == {"output_frequency": 1.0}
+
+
+# --- rules --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("drives", "require"),
+    [
+        ('["pump"]', "pump.temperature < 80 °C"),  # of itself, and not a matter of running
+        ('["fan", "pump"]', "fan.output_frequency < 45 Hz and pump.output_frequency < 45 Hz"),
+        ('["fan"]', "pump.state == running or pump.temperature < 80 °C"),
+        ('["fan"]', "not pump.state == fault"),
+        ('["fan"]', "pump.output_frequency >= fan.output_frequency"),
+        ('["fan"]', "pump.output_current < 12000 mA"),
+        ('["fan"]', "pump.output_terminals == 0"),
+        ('["fan"]', " and ".join(f"pump.state != {word}" for word in STATE_WORDS if word != "running")),
+    ],
+)
+def test_interlocks_that_can_hold(drives: str, require: str) -> None:
+    found = plant(f'[interlock.i]\ndrives = {drives}\nrequire = "{require}"\naction = "block_start"\ndelay_s = 1.5\n')
+    lock = found.interlocks[0]
+    assert (lock.require, lock.action, lock.delay_s, lock.title.en) == (require, "block_start", 1.5, "i")
+
+
+def test_a_chain_that_ends_is_no_cycle_and_a_longer_one_is_named() -> None:
+    def lock(id: str, drive: str, first: str) -> str:
+        return f'[interlock.{id}]\ndrives = ["{drive}"]\nrequire = "{first}.output_frequency > 5 Hz"\n'
+
+    more = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
+    chain = more + lock("x", "fan", "pump") + lock("y", "fan-2", "fan")
+    assert len(plant(chain).interlocks) == 2
+    assert kinds(HEAD + chain + lock("z", "pump", "fan-2")) == ["cycle"]
+
+
+def test_an_alarm_without_drives_is_over_all_that_have_the_signal() -> None:
+    more = '[alarm.x]\nkind = "above"\nsignal = "output_frequency"\nthreshold = 45.0\n'
+    found = plant(more).alarms[0]
+    assert (found.kind, found.drives, found.priority) == (AlarmKind.ABOVE, ("fan", "pump"), AlarmPriority.HIGH)
+    assert (found.title.en, found.title.zh) == ("", ""), "its kind says what it is"
+    every = plant('[alarm.y]\nkind = "stale"\npriority = "low"\ntitle = "Old"\n').alarms[0]
+    assert (every.drives, every.signal, every.title.zh) == ((), None, "Old")
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        'kind = "above"\nthreshold = 200.0',
+        'kind = "below"\nthreshold = -40.0',
+        'kind = "above"\nthreshold = 0.0\nhysteresis = 40.0',
+        'kind = "below"\nthreshold = 100.0\nhysteresis = 100.0',
+        'kind = "stale"',
+    ],
+)
+def test_thresholds_at_the_edge_of_a_signals_range(keys: str) -> None:
+    assert plant(f'[alarm.x]\ndrives = ["pump"]\nsignal = "temperature"\n{keys}\n').alarms[0].drives == ("pump",)
+
+
+def test_a_raw_word_may_have_an_alarm_of_its_own() -> None:
+    more = (
+        '[alarm.x]\nkind = "above"\ndrives = ["raw"]\nsignal = "output_current"\nthreshold = 5000.0\nhysteresis = 1e6\n'
+    )
+    assert plant(more).alarms[0].threshold == 5000.0
+
+
+def test_a_group_with_everything() -> None:
+    more = (
+        '[group.g]\ndrives = ["fan", "pump"]\nleader = "pump"\nratios = { fan = 0.5 }\nstagger_s = 2.0\nat_once = 2\n'
+        'title = "Both"\n'
+    )
+    group = plant(more).groups[0]
+    assert (group.drives, group.leader, group.ratios) == (("fan", "pump"), "pump", {"fan": 0.5})
+    assert (group.stagger_s, group.at_once, group.title.zh) == (2.0, 2, "Both")
+
+
+# --- places -------------------------------------------------------------------------------------------------------
+
+
+def test_a_page_for_the_network_with_its_certificate(tmp_path: Path) -> None:
+    for name in ("plant.crt", "plant.key"):
+        (tmp_path / name).touch()
+    more = '[web]\nhost = "0.0.0.0"\nport = 0\ncertificate = "plant.crt"\nkey = "plant.key"\norigins = ["https://a.b:8443"]\n'
+    web = config.loads(HEAD + more, base=tmp_path).web
+    assert (web.host, web.port, web.origins) == ("0.0.0.0", 0, ("https://a.b:8443",))
+    assert (web.certificate, web.key) == (tmp_path / "plant.crt", tmp_path / "plant.key")
+
+
+@pytest.mark.parametrize(
+    "url", ["postgresql://u@127.0.0.1/plant", "postgres://u:p@[::1]:5432/plant", "postgresql:///plant?host=/run/pg"]
+)
+def test_databases(url: str) -> None:
+    assert plant(f'[history]\nurl = "{url}"\n').history.url == url
+
+
+def test_retention_may_be_equal_and_every_figure_arrives() -> None:
+    more = "[history]\nraw_days = 7.0\nsecond_days = 7.0\nminute_days = 8.0\nhour_days = 9.0\nlargest_mb = 50.0\n"
+    found = plant(more).history
+    assert (found.raw_days, found.second_days, found.minute_days, found.hour_days, found.largest_mb) == (7, 7, 8, 9, 50)
+
+
+def test_folders_that_are_there_and_that_are_not(tmp_path: Path) -> None:
+    for name in (".", "new/state"):
+        keys = f'id = "p"\ndirectory = "{name}"\nusers = "access.json"'
+        found = config.loads(HEAD.replace('id = "p"', keys), base=tmp_path)
+        assert (found.directory, found.users) == ((tmp_path / name).resolve(), tmp_path / "access.json")
+
+
+def test_passwords_are_hidden_and_users_are_not() -> None:
+    assert redact_url("postgresql://u:p%40w@h/d") == "postgresql://u:…@h/d"
+    assert redact_url("postgresql://u@h/d") == "postgresql://u@h/d"
+
+
+def test_an_expression_may_stand_on_several_lines_and_names_may_be_chinese() -> None:
+    require = '"""\npump.state == running and\n\tpump.temperature < 80 ℃"""'
+    more = f'[interlock.i]\ndrives = ["fan"]\nrequire = {require}\ntitle = "水泵先行 №1"\n'
+    assert plant(more).interlocks[0].title.en == "水泵先行 №1"
+
+
+def test_a_lower_limit_below_the_models_own_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "slow.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nminimum_hz = 10.0\n')
+    text = HEAD.replace('model = "vc660"', 'model = "slow.toml"\nlimits = { minimum_hz = 10.0 }')
+    assert config.loads(text, base=tmp_path).drive("pump").limits.minimum_hz == 10.0
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace("{ minimum_hz = 10.0", "{ minimum_hz = 9.9"), base=tmp_path)
+    found = caught.value.params["complaints"]
+    assert [(one.kind, one.expected.en) for one in found] == [("limit_wide", ">= 10 for vc660")]

@@ -1,0 +1,127 @@
+"""``drivebus check``: complaints or arithmetic, demands, exit codes; nothing is opened."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from drivebus.cli.root import cli
+from drivebus.service import config
+from drivebus.service.config import requirements
+from drivebus.service.config.bus_load import bus_loads
+from fixtures.service import FAN_FILE
+
+REFUSED = Path(__file__).parents[1] / "refused"
+PLANT = (
+    FAN_FILE
+    + """signals = { output_frequency = 0.5, output_voltage = 2.0 }
+[bus.b]
+link = "tcp://127.0.0.1:2"
+[drive.conveyor]
+bus = "b"
+address = 1
+model = "dzb100"
+"""
+)
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Path:
+    path = tmp_path / "plant.toml"
+    path.write_text(PLANT)
+    return path
+
+
+def check(*words: Any) -> Result:
+    return CliRunner().invoke(cli, ["check", *(str(word) for word in words)])
+
+
+def test_a_good_plant_is_answered_with_its_arithmetic(plant: Path) -> None:
+    result = check(plant)
+    assert result.exit_code == 0
+    assert "Buses: 2, drives: 2" in result.output
+    assert "500 ms (≤ 643 ms): output_frequency · 2 s (≤ 2.14 s): output_voltage" in result.output
+    assert "conveyor is asked nothing more often than every 750 ms" in result.output
+
+
+def test_a_bad_plant_is_refused_with_every_complaint_and_exit_code_2() -> None:
+    result = check(REFUSED / "many-faults.toml", "--json")
+    assert result.exit_code == 2
+    found = json.loads(result.stdout)
+    assert (found["exit"], found["error"]["params"]["count"]) == (2, 8)
+    first = found["error"]["params"]["complaints"][0]
+    assert (first["line"], first["key"], first["found"]) == (6, "bus.a.speed", '"speed"')
+    assert all(first[name] for name in ("expected", "remedy"))
+
+
+def test_demands_that_are_kept_change_nothing(plant: Path) -> None:
+    result = check(plant, "--assert", "stop<250ms", "--assert", "refresh <= 63 s", "--assert", "load<100%")
+    assert result.exit_code == 0
+    assert result.output.count("Kept: ") == 3
+
+
+def test_a_demand_that_is_not_kept_names_the_drive_and_both_numbers(plant: Path) -> None:
+    result = check(plant, "--assert", "stop<95ms", "--assert", "refresh<2s")
+    assert result.exit_code == 1
+    assert "drive conveyor: stop within 204 ms, < 95 ms demanded" in result.output
+    assert "drive fan: stop" not in result.output
+    assert "drive fan: output_voltage refreshed every 2.14 s, < 2 s demanded" in result.output
+
+
+def test_demands_and_figures_as_json(plant: Path) -> None:
+    result = check(plant, "--json", "--assert", "load<=30%")
+    found = json.loads(result.stdout)
+    assert (result.exit_code, found["exit"], found["valid"]) == (1, 1, True)
+    assert [(one["bus"], one["line"]) for one in found["buses"]] == [("a", "9600 8E1"), ("b", "4800 8E1")]
+    demand = found["demands"][0]
+    assert (demand["demand"], demand["kept"]) == ("load<=30%", False)
+    assert [(one["name"], one["found"]) for one in demand["shortfalls"]] == [
+        ("b", pytest.approx(found["buses"][1]["load_percent"], abs=0.001))
+    ]
+
+
+@pytest.mark.parametrize("text", ["stop<250", "stop>250ms", "load<2s", "stop<5%", "speed<2s", "", "stop<ms"])
+def test_a_demand_that_means_nothing_is_a_usage_error(plant: Path, text: str) -> None:
+    result = check(plant, "--assert", text)
+    assert result.exit_code == 2
+    assert "stop<250ms, refresh<2s or load<80%" in result.output
+
+
+def test_a_demand_is_read_in_seconds_and_percent() -> None:
+    assert requirements.parse_requirement("stop<250ms").limit == 0.25
+    assert (
+        requirements.parse_requirement(" load <= 80 % ").limit,
+        requirements.parse_requirement("load<=80%").sign,
+    ) == (
+        80.0,
+        "<=",
+    )
+
+
+def test_the_stop_bound_is_the_longest_question_its_deadline_the_gap_and_the_stop() -> None:
+    """5.1, for one C320 at 9600 8E1: 18 characters asked, 18 answered."""
+    bus = bus_loads(config.loads(PLANT))[0]
+    assert bus.stop_bound_s == bus.drives[0].stop_bound_s == pytest.approx(0.0933, abs=1e-3)
+    assert bus.load_percent == pytest.approx(sum(one.load_percent for one in bus.drives))
+
+
+def test_a_line_that_is_asked_for_nothing_special_is_never_overloaded() -> None:
+    """Every drive of the model's whole range of addresses, each with all its signals, on one line."""
+    drives = "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "c320"\n' for n in range(31))
+    text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "tcp://127.0.0.1:1"\n{drives}'
+    bus = bus_loads(config.loads(text))[0]
+    assert 50 < bus.load_percent <= 100
+    assert {one.min_poll_interval_s for one in bus.drives} == {10.0}
+    assert bus.drives[0].periods["output_frequency"] == 10.0
+    assert bus.drives[0].periods["last_fault_temperature"] == 60.0
+    assert bus.drives[0].refresh["output_frequency"] == pytest.approx(10.0 + bus.cycle_s)
+
+
+def test_what_a_file_asks_for_is_never_slowed_down_behind_its_back() -> None:
+    asked = PLANT.replace('model = "dzb100"', 'model = "dzb100"\nfastest_s = 2.0')
+    drives = {one.drive: one.min_poll_interval_s for bus in bus_loads(config.loads(asked)) for one in bus.drives}
+    assert drives == {"fan": 0.0, "conveyor": 2.0}

@@ -1,0 +1,167 @@
+"""A reload does what differs and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivebus.drives.context import DriveLimits
+from drivebus.profiles.model import Text
+from drivebus.service import config
+from drivebus.service.config import ReloadAction, apply_diff, config_diff
+from drivebus.service.config.model import (
+    AlarmConfig,
+    AlarmKind,
+    BusConfig,
+    DriveConfig,
+    GroupConfig,
+    HistoryConfig,
+    InterlockConfig,
+    OnRestart,
+    PlantConfig,
+    WebConfig,
+)
+
+titles = st.sampled_from([Text("", ""), Text("Fan", "风机")])
+
+
+def named(make: Any, ids: str) -> st.SearchStrategy[Any]:
+    """Some of these ids in any order, each with a thing of its own."""
+
+    def of(chosen: list[str]) -> st.SearchStrategy[Any]:
+        return st.tuples(*(make(id) for id in chosen))
+
+    return st.lists(st.sampled_from(list(ids)), unique=True).flatmap(of)
+
+
+def a_drive(id: str) -> st.SearchStrategy[DriveConfig]:
+    return st.builds(
+        DriveConfig,
+        st.just(id),
+        st.sampled_from("ab"),
+        st.integers(1, 2),
+        st.sampled_from(["c320", "vc660"]),
+        titles,
+        settings=st.sampled_from([{}, {"nibble": True}]),
+        limits=st.sampled_from([DriveLimits(), DriveLimits(5.0)]),
+        signals=st.sampled_from([{}, {"output_frequency": 0.5}]),
+        fastest_s=st.sampled_from([0.0, 1.0]),
+        on_restart=st.sampled_from(OnRestart),
+    )
+
+
+def a_bus(id: str) -> st.SearchStrategy[BusConfig]:
+    return st.builds(BusConfig, st.just(id), st.sampled_from(["/dev/x", "/dev/y"]), title=titles)
+
+
+plants = st.builds(
+    PlantConfig,
+    st.just("p"),
+    titles,
+    st.just(Path("/state")),
+    named(a_bus, "ab"),
+    named(a_drive, "uvwxy"),
+    named(lambda id: st.builds(GroupConfig, st.just(id), st.sampled_from([("u",), ("u", "v")])), "gh"),
+    named(lambda id: st.builds(InterlockConfig, st.just(id), st.just(("u",)), st.sampled_from(["a", "b"])), "ij"),
+    named(lambda id: st.builds(AlarmConfig, st.just(id), st.sampled_from(AlarmKind), st.just(())), "kl"),
+    st.sampled_from([HistoryConfig(), HistoryConfig(raw_days=3.0)]),
+    st.sampled_from([WebConfig(), WebConfig(port=9000)]),
+    source=st.sampled_from(["plant.toml", "other.toml"]),
+)
+
+
+@settings(deadline=None, max_examples=50)
+@given(plants, plants)
+def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantConfig, new: PlantConfig) -> None:
+    change = config_diff(old, new)
+    assert apply_diff(change, old) == new
+    same = replace(new, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+    assert bool(change) is (
+        same != replace(old, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+        or any(
+            {one.id: one for one in getattr(old, part)} != {one.id: one for one in getattr(new, part)}
+            for part in ("buses", "drives", "groups", "interlocks", "alarms")
+        )
+    )
+
+
+@settings(deadline=None, max_examples=50)
+@given(plants)
+def test_nothing_differs_from_itself(plant: PlantConfig) -> None:
+    change = config_diff(plant, plant)
+    assert not change and not change.reopened
+    assert change.unchanged == tuple(drive.id for drive in plant.drives)
+
+
+@settings(deadline=None, max_examples=50)
+@given(plants, plants)
+def test_an_untouched_drive_is_the_same_on_the_same_line(old: PlantConfig, new: PlantConfig) -> None:
+    change = config_diff(old, new)
+    buses = {bus.id: bus for bus in old.buses}
+    for id in change.unchanged:
+        assert old.drive(id) == new.drive(id)
+        bus = next((one for one in new.buses if one.id == new.drive(id).bus), None)
+        if bus is not None and bus.id in buses:
+            assert bus.link == buses[bus.id].link
+    assert set(change.actions) == {one.id for one in old.drives} & {one.id for one in new.drives}
+
+
+TEXT = """
+format = 1
+[plant]
+id = "p"
+[bus.a]
+link = "tcp://127.0.0.1:1"
+[drive.fan]
+bus = "a"
+address = 1
+model = "c320"
+[drive.fan-2]
+bus = "a"
+address = 2
+model = "c320"
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fate"),
+    [
+        ("address = 2", "address = 3", ReloadAction.RECREATE),
+        ('address = 2\nmodel = "c320"', 'address = 2\nmodel = "c300"', ReloadAction.RECREATE),
+        ("address = 2", "address = 2\nsettings = { nibble = true }", ReloadAction.RECREATE),
+        ("address = 2", "address = 2\nsignals = { output_frequency = 1.0 }", ReloadAction.REPOLL),
+        ("address = 2", "address = 2\nfastest_s = 1.0", ReloadAction.REPOLL),
+        ("address = 2", "address = 2\nlimits = { maximum_hz = 40.0 }", ReloadAction.UPDATE),
+        ("address = 2", "address = 2\ntitle = 'Fan'", ReloadAction.UPDATE),
+        ("address = 2", "address = 2\non_client_lost = 'stop'", ReloadAction.UPDATE),
+        ("address = 2", "address = 2\non_service_stop = 'hold'", ReloadAction.UPDATE),
+        ("address = 2", "address = 2\non_restart = 'stop'", ReloadAction.UPDATE),
+        ('id = "p"', 'id = "p"\ntitle = "Plant"', ReloadAction.UNCHANGED),
+    ],
+)
+def test_what_becomes_of_a_drive_and_that_its_neighbour_is_left_alone(
+    before: str, after: str, fate: ReloadAction
+) -> None:
+    change = config_diff(config.loads(TEXT), config.loads(TEXT.replace(before, after)))
+    assert change.actions == {"fan": ReloadAction.UNCHANGED, "fan-2": fate}
+
+
+def test_another_link_takes_all_its_drives_anew_and_another_title_none() -> None:
+    old = config.loads(TEXT)
+    other = config_diff(old, config.loads(TEXT.replace(":1", ":2")))
+    assert other.reopened == ("a",) and set(other.actions.values()) == {ReloadAction.RECREATE}
+    titled = config_diff(old, config.loads(TEXT.replace('link = "', 'title = "Line"\nlink = "')))
+    assert titled.buses.changed and not titled.reopened and titled.unchanged == ("fan", "fan-2")
+
+
+def test_one_more_drive_on_a_line_with_room_touches_nobody() -> None:
+    more = TEXT + '[drive.fan-3]\nbus = "a"\naddress = 3\nmodel = "c320"\n'
+    change = config_diff(config.loads(TEXT), config.loads(more))
+    assert change.unchanged == ("fan", "fan-2") and list(change.drives.added) == ["fan-3"]
+    back = config_diff(config.loads(more), config.loads(TEXT))
+    assert back.unchanged == ("fan", "fan-2") and back.drives.removed == ("fan-3",)

@@ -1,0 +1,54 @@
+"""A ``plant.toml`` becomes values; what it does not say has a default that is told in the reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivebus.service import config
+from drivebus.service.config.model import OnClientLost, OnRestart, OnServiceStop
+
+SAMPLES = sorted(Path(config.__file__).parent.glob("sample.*.toml"))
+SMALL = """
+format = 1
+[plant]
+id = "small"
+[bus.a]
+link = "sim://c320@1"
+[drive.fan]
+bus = "a"
+address = 1
+model = "c320"
+"""
+
+
+@pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name)
+def test_the_sample_loads(path: Path) -> None:
+    plant = config.load(path)
+    assert (plant.id, plant.source) == ("boiler-house", str(path))
+    assert [drive.id for drive in plant.drives] == ["fan-1", "fan-2", "pump-1"]
+    assert plant.groups[0].ratios == {"fan-2": 0.9}
+    assert plant.drive("fan-1").limits.maximum_hz == 45.0
+
+
+def test_a_running_drive_is_left_alone_by_a_restart_and_stopped_by_an_end_unless_the_file_says_otherwise() -> None:
+    """Ruling 7, 6.6."""
+    drive = config.loads(SMALL).drive("fan")
+    policies = (drive.on_client_lost, drive.on_service_stop, drive.on_restart)
+    assert policies == (OnClientLost.HOLD, OnServiceStop.STOP, OnRestart.ADOPT)
+
+
+def test_the_state_directory_is_the_users_own_unless_the_file_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert config.loads(SMALL).directory == tmp_path / "drivebus" / "plants" / "small"
+    named = SMALL.replace('id = "small"', 'id = "small"\ndirectory = "state"')
+    assert config.loads(named, base=tmp_path).directory == tmp_path / "state"
+
+
+def test_a_title_may_be_one_name_for_both_languages() -> None:
+    plant = config.loads(SMALL.replace('id = "small"', 'id = "small"\ntitle = "Line 3"'))
+    assert (plant.title.en, plant.title.zh) == ("Line 3", "Line 3")
+    assert plant.drive("fan").title.zh == "fan"

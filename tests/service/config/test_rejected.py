@@ -1,0 +1,111 @@
+"""Every file in ``refused/`` is refused, for exactly the faults beside it: file, line, key, found, expected, remedy."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drivebus import i18n
+from drivebus.errors import ConfigurationError
+from drivebus.service import config
+from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
+
+REFUSED = Path(__file__).parents[1] / "refused"
+FILES = sorted(REFUSED.glob("*.toml"))
+
+
+def refusal(path: Path) -> ConfigurationError:
+    with pytest.raises(ConfigurationError) as caught:
+        config.load(path)
+    return caught.value
+
+
+def test_there_are_at_least_twenty_five_refused_files_each_with_its_expectation() -> None:
+    assert len(FILES) >= 25
+    check_pairs(FILES)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_bad_plant_is_refused_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
+    check_complaints(path, refusal(path))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_refusal_is_said_in_both_languages_without_an_empty_place(path: Path) -> None:
+    for complaint in refusal(path).params["complaints"]:
+        english, chinese = complaint.text("en"), complaint.text("zh")
+        assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
+        assert not re.search(r"(plant_config|profiles|expression)\.[a-z]", english + chinese)
+        shown = (english + chinese).replace(complaint.found, "").replace(complaint.expected.en, "")
+        assert not ({"{", "}"} & set(shown.replace(complaint.expected.zh, "")))
+        assert any("一" <= character <= "鿿" for character in chinese)
+
+
+def test_every_mistake_of_a_file_is_named_in_one_go() -> None:
+    """Wrong types and missing keys do not hide what is wrong elsewhere, and what they spoil is not called unknown."""
+    found = refusal(REFUSED / "many-faults.toml").params
+    assert found["count"] == 8
+    assert [one.line for one in found["complaints"]] == [6, 9, 12, 14, 16, 17, 19, 19]
+
+
+def test_t18_two_families_on_one_line_are_refused_when_the_file_is_read() -> None:
+    assert [one.kind for one in refusal(REFUSED / "mixed-families.toml").params["complaints"]] == ["mixed"]
+
+
+def test_s15_no_page_for_the_network_without_a_certificate() -> None:
+    kinds = [one.kind for one in refusal(REFUSED / "web-for-everybody.toml").params["complaints"]]
+    assert kinds == ["tls"]
+    for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
+        text = (REFUSED / "web-for-everybody.toml").read_text().replace("0.0.0.0", host)
+        assert config.loads(text).web.host == host
+    closed = (REFUSED / "web-for-everybody.toml").read_text() + "enabled = false\n"
+    assert config.loads(closed).web.enabled is False
+
+
+def test_s13_no_complaint_carries_a_control_character_into_a_log() -> None:
+    text = (REFUSED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace('"aa"', '"a\\nb"'))
+    kinds = [one.kind for one in caught.value.params["complaints"]]
+    assert kinds == ["control", "link", "pattern", "control"]
+    for language in ("en", "zh"):
+        said = caught.value.text(language)
+        assert said.count("\n") == len(kinds), "a line each"
+        assert not set(said) & {"\x1b", "\u202e"}
+
+
+def test_a_password_in_a_database_url_is_not_repeated() -> None:
+    said = refusal(REFUSED / "history-url.toml").text("en")
+    assert "secret" not in said and "root" in said
+
+
+def test_a_file_that_is_not_there_or_can_not_be_read_is_said_so(tmp_path: Path) -> None:
+    assert refusal(tmp_path / "none.toml").params["complaints"][0].kind == "no_file"
+    assert refusal(tmp_path).params["complaints"][0].kind == "unreadable"
+    large = tmp_path / "large.toml"
+    large.write_bytes(b"#" * 1_000_001)
+    assert refusal(large).params["complaints"][0].kind == "too_large"
+
+
+def test_a_hundred_complaints_are_enough() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads('format = 1\n[plant]\nid = "p"\n' + "".join(f"x{n} = 1\n" for n in range(5000)))
+    assert caught.value.params["count"] == 100
+
+
+def test_brackets_without_end_are_refused_like_any_other_nonsense() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads("format = 1\nx = " + "[" * 100_000)
+    assert caught.value.params["complaints"][0].kind == "toml"
+
+
+def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
+    source = "".join(path.read_text() for path in Path(config.__file__).parent.glob("*.py"))
+    kinds = set(re.findall(r'problem\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
+    known = i18n.catalogue("en").keys()
+    for kind in kinds:
+        for part in ("kind", "expected", "remedy"):
+            assert f"plant_config.{part}.{kind}" in known or f"profiles.{part}.{kind}" in known
+    assert kinds - all_expected_kinds(FILES) == {"too_large", "unreadable"}

@@ -1,0 +1,197 @@
+"""``drivebus init``: what it writes loads, in both languages, examples included; it overwrites nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivebus.cli.commands import init as verb
+from drivebus.cli.root import cli
+from drivebus.commissioning.scan import DetectedDrive
+from drivebus.serial_settings import SerialSettings
+from drivebus.service import config
+from drivebus.service.config.generate import plant_toml
+from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers, read_answers
+
+ANSWERS = """
+title = "Boiler house 锅炉房"
+[[line]]
+link = "/dev/ttyUSB0"
+model = "c320"
+addresses = "1-2,7"
+names = ["Supply fan", "Supply fan"]
+baud = 19200
+[[line]]
+link = "tcp://127.0.0.1:4001"
+model = "vc660"
+addresses = "1"
+"""
+
+
+def init(*words: Any, input: str | None = None) -> Result:
+    return CliRunner().invoke(cli, ["init", *(str(word) for word in words)], input=input)
+
+
+@pytest.fixture
+def answers(tmp_path: Path) -> Path:
+    path = tmp_path / "answers.toml"
+    path.write_text(ANSWERS, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_answers_become_a_plant_that_passes_check(answers: Path, tmp_path: Path, language: str) -> None:
+    path = tmp_path / "plant.toml"
+    result = init("--answers", answers, "-o", path, "--lang", language)
+    assert result.exit_code == 0 and str(path) in result.output
+    plant = config.load(path)
+    assert (plant.id, plant.title.zh) == ("boiler-house", "Boiler house 锅炉房")
+    assert [(one.id, one.bus, one.address) for one in plant.drives] == [
+        ("supply-fan", "a", 1),
+        ("supply-fan-2", "a", 2),
+        ("c320-7", "a", 7),
+        ("vc660-1", "b", 1),
+    ]
+    assert plant.buses[0].baud == 19200
+    comments = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+    assert any("一" <= character <= "鿿" for character in "".join(comments)) is (language == "zh")
+    assert CliRunner().invoke(cli, ["check", str(path)]).exit_code == 0
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("addresses", [(1,), (1, 2)])
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "e300"])
+def test_every_example_in_the_comments_is_good_as_well(model: str, addresses: tuple[int, ...], language: str) -> None:
+    """But for paths, which are not there."""
+    drives = tuple(DriveAnswer(address, model) for address in addresses)
+    text = plant_toml(PlantAnswers("P", (BusAnswer("tcp://127.0.0.1:1", drives),)), language)
+    paths = r"# (directory|certificate|key) = "
+    lines = [line for line in text.splitlines() if not re.match(paths, line)]
+    plain = "\n".join(re.sub(r"^# (?=\[[a-z]|[a-z_]+ = )", "", line) for line in lines)
+    plant = config.loads(plain)
+    assert plant.drives[0].limits.maximum_hz == 45.0
+    assert plant.groups and plant.alarms and plant.history.raw_days == 2.0
+    assert len(plant.interlocks) == (model != "df800")
+
+
+def test_nothing_is_overwritten_without_force(answers: Path, tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text("mine")
+    result = init("--answers", answers, "-o", path)
+    assert (result.exit_code, path.read_text()) == (2, "mine")
+    assert "--force" in result.output
+    assert init("--answers", answers, "-o", path, "--force").exit_code == 0
+    assert config.load(path).id == "boiler-house"
+
+
+def test_it_can_go_to_standard_output(answers: Path) -> None:
+    result = init("--answers", answers, "-o", "-")
+    assert result.exit_code == 0 and tomllib.loads(result.stdout)["plant"]["id"] == "boiler-house"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('"1-2,7"', '"1-2;7"', "addresses"),
+        ('"1-2,7"', '"7-2"', "7-2"),
+        ('"c320"', '"c999"', "c999"),
+        ('addresses = "1"', 'addresses = "300"', "<= 255"),
+        ('link = "/dev/ttyUSB0"', "", "link"),
+        ("[[line]]", "[[lines]]", "lines"),
+        ('"1-2,7"', '"1-2,7', "TOML"),
+    ],
+)
+def test_answers_that_make_no_plant_are_refused_and_nothing_is_written(
+    answers: Path, tmp_path: Path, before: str, after: str, said: str
+) -> None:
+    answers.write_text(ANSWERS.replace(before, after), encoding="utf-8")
+    result = init("--answers", answers, "-o", tmp_path / "plant.toml")
+    assert result.exit_code == 2 and said in result.output
+    assert not (tmp_path / "plant.toml").exists()
+
+
+def test_without_a_terminal_nobody_is_asked(tmp_path: Path) -> None:
+    result = init("/dev/ttyUSB0", "-o", tmp_path / "plant.toml")
+    assert result.exit_code == 2 and "--answers" in result.output
+
+
+def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    path = tmp_path / "plant.toml"
+    told = "Pump station\nttyUSB0\ntpc://10.0.0.7:4001\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n0-2\n1-2\nMain pump\n\nn\n"
+    result = init("-o", path, "--lang", "en", input=told)
+    assert result.exit_code == 0, result.output
+    plant = config.load(path)
+    assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
+    for wrong in ("ttyUSB0 is no LINK", "scheme tpc", "there is no model vc66", "found 1-x", "address 0 is broadcast"):
+        assert wrong in result.output, "asked again, with the reason"
+    assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
+        ("main-pump", 1, "Main pump"),
+        ("vc660-2", 2, "vc660 2"),
+    ]
+
+
+def test_a_scan_writes_what_answered(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    words = ["--scan", "--models", "vc660,df800", "--addresses", "1-3", "--listen", "0", "-o", path]
+    result = init("sim://vc660@1,3", *words, "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["drives"] == ["vc660-1", "vc660-3"]
+    bus = config.load(path).buses[0]
+    assert (bus.baud, bus.format) == (9600, "8N1")
+
+
+def test_a_scan_that_finds_nobody_writes_nothing(tmp_path: Path) -> None:
+    words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen", "0", "-o", tmp_path / "plant.toml"]
+    result = init("sim://vc660@1?drives=1200-8N1&baud=38400&format=8N1", *words)
+    assert result.exit_code == 1 and "nothing is written" in result.output
+    assert not (tmp_path / "plant.toml").exists()
+    assert init("--scan", "-o", tmp_path / "plant.toml").exit_code == 2
+
+
+def found(address: int, model: str, encoding: str = "ascii", family: str = "c320", baud: int = 9600) -> DetectedDrive:
+    return DetectedDrive((model, "sister"), family, encoding, address, SerialSettings(baud), (b"", b""))
+
+
+def test_t18_whoever_speaks_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
+    line = verb._answer("/dev/x", everybody)
+    assert [(one.address, one.encoding, one.others) for one in line.drives] == [
+        (1, "ascii", ("sister",)),
+        (2, "ascii", ("sister",)),
+    ]
+    said = capsys.readouterr().err
+    assert said.count("address") == 1 and "address 5 (vc660/sister)" in said
+
+
+titles = st.text(max_size=30)
+
+
+@settings(deadline=None, max_examples=25)
+@given(titles, st.lists(titles, min_size=1, max_size=4), st.sampled_from(["en", "zh"]))
+def test_any_names_become_a_file_that_says_them(title: str, names: list[str], language: str) -> None:
+    """Quotes, backslashes, control characters, other scripts: a TOML string all the same."""
+    drives = tuple(DriveAnswer(address, "vc660", name) for address, name in enumerate(names, 1))
+    raw = tomllib.loads(plant_toml(PlantAnswers(title, (BusAnswer("tcp://127.0.0.1:1", drives),)), language))
+    assert raw["plant"]["title"] == title
+    assert [one.get("title", "") for one in raw["drive"].values()] == names
+    assert all(re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", id) for id in raw["drive"])
+
+
+def test_a_file_of_answers_that_is_not_there_is_said_so(tmp_path: Path) -> None:
+    assert init("--answers", tmp_path / "none.toml", "-o", tmp_path / "p.toml").exit_code == 2
+    (tmp_path / "gbk.toml").write_bytes('title = "锅炉"'.encode("gbk"))
+    assert init("--answers", tmp_path / "gbk.toml", "-o", tmp_path / "p.toml").exit_code == 2
+
+
+def test_answers_are_read_in_order(answers: Path) -> None:
+    first = read_answers(str(answers)).buses[0]
+    assert [(one.address, one.title) for one in first.drives] == [(1, "Supply fan"), (2, "Supply fan"), (7, "")]

@@ -1,0 +1,131 @@
+"""Leases and arms, by themselves: time is an argument (S16, S20)."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.errors import ArmRequired, ControlNotHeld
+from drivebus.service.auth.rights import Role
+from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S, MAX_ARM_TOKENS, ArmTokens, ControlLeases
+from drivebus.service.live.views import LeaseView
+from fixtures.service import LOCAL, remote_actor
+
+ANN, BOB, EVE = remote_actor("ann"), remote_actor("bob"), remote_actor("eve", Role.ENGINEER)
+ANN_AGAIN = remote_actor("ann", session="another")
+
+
+def test_the_times_are_those_of_the_rulings() -> None:
+    """6.5, 6.6."""
+    assert (LEASE_TTL_S, ARM_TTL_S, MAX_ARM_TOKENS) == (10, 10, 100)
+
+
+def test_a_lease_ends_to_the_tick_unless_it_is_renewed() -> None:
+    leases = ControlLeases()
+    leases.take("a", ANN, 100.0)
+    assert leases.get("a", 100.0 + LEASE_TTL_S - 0.001) is not None
+    assert leases.get("a", 100.0 + LEASE_TTL_S) is None
+    with pytest.raises(ControlNotHeld) as refused:
+        leases.renew("a", ANN, 100.0 + LEASE_TTL_S)
+    assert (refused.value.key, refused.value.params) == ("plant.no_lease", {"drive": "a"})
+    assert leases.renew("a", ANN, 109.0).expires_at == 109.0 + LEASE_TTL_S
+    assert leases.pop_expired(109.0 + LEASE_TTL_S - 0.001) == []
+    assert [lease.drive for lease in leases.pop_expired(109.0 + LEASE_TTL_S)] == ["a"]
+    assert leases.pop_expired(200.0) == []
+
+
+def test_a_lease_shows_who_has_it_and_for_how_long() -> None:
+    leases = ControlLeases()
+    leases.take("a", ANN, 100.0)
+    lease = leases.get("a", 103.0)
+    assert lease is not None and lease.view(103.0) == LeaseView("ann", "session-ann", LEASE_TTL_S - 3.0)
+    assert lease.view(200.0).expires_in_s == 0.0
+
+
+def test_only_who_has_lost_a_lease_is_told_as_gone() -> None:
+    """6.6: not an owner who took it again in time, and not one from whom an engineer took it."""
+    leases = ControlLeases()
+    leases.take("a", ANN, 0.0)
+    leases.take("a", ANN, LEASE_TTL_S)
+    leases.take("b", ANN, 0.0)
+    leases.take("b", EVE, 1.0)
+    assert leases.pop_expired(LEASE_TTL_S) == []
+    leases.remove_drive("a"), leases.remove_drive("a"), leases.remove_drive("never heard of")
+    assert leases.get("a", LEASE_TTL_S) is None
+    assert [lease.drive for lease in leases.pop_expired(100.0)] == ["b"]
+
+
+def test_a_lease_that_ran_out_is_told_even_when_somebody_was_quicker() -> None:
+    """6.6: another's release or taking before the next look must not swallow the lost owner's policy."""
+    leases = ControlLeases()
+    leases.take("a", ANN, 0.0)
+    leases.release("a", BOB, LEASE_TTL_S)
+    assert [lease.actor for lease in leases.pop_expired(LEASE_TTL_S)] == [ANN]
+    leases.take("a", ANN, 20.0)
+    leases.take("a", BOB, 20.0 + LEASE_TTL_S)
+    assert [lease.actor for lease in leases.pop_expired(20.0 + LEASE_TTL_S)] == [ANN]
+    assert leases.pop_expired(20.0 + LEASE_TTL_S) == [] and leases.get("a", 21.0 + LEASE_TTL_S) is not None
+
+
+def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:
+    leases = ControlLeases()
+    leases.take("a", ANN, 0.0)
+    for other in (BOB, ANN_AGAIN, LOCAL):
+        with pytest.raises(ControlNotHeld):
+            leases.require("a", other, 1.0)
+        with pytest.raises(ControlNotHeld):
+            leases.renew("a", other, 1.0)
+        with pytest.raises(ControlNotHeld):
+            leases.release("a", other, 1.0)
+    with pytest.raises(ControlNotHeld) as refused:
+        leases.take("a", BOB, 1.0)
+    assert (refused.value.key, refused.value.params) == ("plant.not_owner", {"drive": "a", "owner": "ann"})
+    assert leases.take("a", ANN, 1.0) is None
+    taken = leases.take("a", EVE, 1.0)
+    assert taken is not None and taken.actor is ANN
+    leases.release("a", EVE, 2.0)
+    leases.release("a", BOB, 2.0)
+    leases.require("a", LOCAL, 2.0)
+    assert leases.get("a", 2.0).actor is LOCAL  # type: ignore[union-attr]
+
+
+def test_a_remote_actor_needs_a_lease_of_its_own_before_it_commands() -> None:
+    with pytest.raises(ControlNotHeld) as refused:
+        ControlLeases().require("a", ANN, 0.0)
+    assert refused.value.key == "plant.no_lease"
+
+
+def test_an_arm_serves_once_in_time_for_one_thing_and_one_session() -> None:
+    arms = ArmTokens()
+    word = arms.issue("a", ANN, 0.0)
+    assert len(word) == 22, "128 bits of chance"
+    arms.consume(word, "a", ANN, ARM_TTL_S)
+    for what, actor, now, given in (
+        ("a", ANN, ARM_TTL_S, word),
+        ("b", ANN, 0.0, arms.issue("a", ANN, 0.0)),
+        ("a", ANN_AGAIN, 0.0, arms.issue("a", ANN, 0.0)),
+        ("a", ANN, ARM_TTL_S + 0.001, arms.issue("a", ANN, 0.0)),
+        ("a", ANN, 0.0, "made up"),
+        ("a", ANN, 0.0, None),
+    ):
+        with pytest.raises(ArmRequired) as refused:
+            arms.consume(given, what, actor, now)
+        void = ("plant.arm_void", {"what": what, "limit_s": ARM_TTL_S})
+        assert (refused.value.key, refused.value.params) == (void if given else ("plant.arm_needed", {"what": what}))
+    arms.consume(None, "a", LOCAL, 0.0)
+
+
+def test_a_stop_voids_the_arms_of_its_drive_and_of_no_other() -> None:
+    arms = ArmTokens()
+    one, other = arms.issue("a", ANN, 0.0), arms.issue("b", ANN, 0.0)
+    arms.revoke("a", "group:x")
+    with pytest.raises(ArmRequired):
+        arms.consume(one, "a", ANN, 0.0)
+    arms.consume(other, "b", ANN, 0.0)
+
+
+def test_arms_are_bounded_and_no_two_are_alike() -> None:
+    """I12."""
+    arms = ArmTokens()
+    words = [arms.issue("a", ANN, 0.0) for _ in range(2 * MAX_ARM_TOKENS)]
+    assert len(set(words)) == 2 * MAX_ARM_TOKENS and len(arms._tokens) == MAX_ARM_TOKENS
+    arms.consume(words[-1], "a", ANN, 0.0)

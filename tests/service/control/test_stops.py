@@ -1,0 +1,626 @@
+"""A stop beats everything: leases, arms, queued starts, a trail that can't be written; and ends are told (6.5, 6.6)."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from drivebus.drives.state import DriveState
+from drivebus.errors import (
+    ArmRequired,
+    AuditUnavailable,
+    DrivebusError,
+    LimitError,
+    NotFound,
+    ServiceUnavailable,
+    StartInhibited,
+    StopUnconfirmed,
+    Superseded,
+)
+from drivebus.ports import open_port
+from drivebus.service.auth.rights import Role
+from drivebus.service.config.model import BusConfig, GroupConfig, OnClientLost, OnServiceStop
+from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
+from drivebus.simulator.motor import OutputPhase
+from drivebus.testing.virtual_time import run
+from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, remote_actor, running_service
+
+
+async def ready(kit: ServiceKit, *drives: str) -> None:
+    """Everybody has answered and may start."""
+    await asyncio.sleep(5)
+    await kit.grant_waivers()
+    for drive in drives:
+        await kit.call("drive.run", drive=drive, frequency_hz=20.0)
+
+
+def state(kit: ServiceKit, drive: str) -> DriveState:
+    return kit.service.plant.drives[drive].status().state
+
+
+async def commanded_hz(kit: ServiceKit, *drives: str) -> list[float | None]:
+    return [(await kit.call("drives.get", drive=drive))["commanded_hz"] for drive in drives]
+
+
+def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
+    """G14: the trail can't be written; somebody else owns the drive."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            kit.trail.broken = True
+            found = await kit.call("drive.stop", remote_actor("bob"), drive="fan-1")
+            assert found["outcome"]["word"] == "confirmed"
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert [one.params["what"] for one in kit.trail.entries if one.what == "audit.refused"] == ["drive.run"]
+            assert "plant.audit_unavailable" in [one["key"] for one in await blocked(kit, "fan-1")]
+            kit.trail.broken = False
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+
+    run(story())
+
+
+def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None:
+    """Polled every 20 s: the tile beside "confirmed" said for so long that it runs."""
+
+    async def story() -> None:
+        slow = tuple(replace(one, fastest_s=20.0) for one in DRIVES)
+        async with running_service(plant_config(drives=slow)) as kit:
+            await asyncio.sleep(45)
+            await ready(kit, "fan-1", "pump-1")
+            for drive in ("fan-1", "pump-1"):
+                assert state(kit, drive).turning
+                found = await kit.call("drive.stop", drive=drive)
+                assert found["outcome"]["word"] == "confirmed"
+                assert state(kit, drive) is DriveState.STOPPED
+
+    run(story())
+
+
+def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> None:
+    """The gate's own reasons, all of them: three spoilt replies of 5 minutes, above 1 % (RELIABILITY 4)."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            assert not await blocked(kit, "fan-1")
+            bench = kit.service.plant.drives["fan-1"].bus.port.bench
+            for weather in ("flip=0.02", "clean"):
+                bench.weather = weather
+                await asyncio.sleep(20)
+            assert [one["key"] for one in await blocked(kit, "fan-1")] == ["drives.bad_link"]
+            with pytest.raises(StartInhibited):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+async def blocked(kit: ServiceKit, drive: str) -> list[dict[str, object]]:
+    found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["blocked"]
+    return found
+
+
+def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
+    """G14: nobody knew before."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            kit.trail.fails_silently = True
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            with pytest.raises(AuditUnavailable):
+                await kit.call("drive.jog", drive="fan-1")
+            assert kit.station("fan-1").motor.starts == 0
+            await kit.call("drive.stop", drive="fan-1")
+
+    run(story())
+
+
+def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
+    """G14: a setpoint and a reset are no start."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            kit.trail.broken = True
+            found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
+            assert found["outcome"]["word"] == "acknowledged"  # what a C320 can show of it
+            assert [one.what for one in kit.trail.entries[-1:]] == ["drive.set_frequency"], (
+                "its end; nothing was refused"
+            )
+            assert "audit.refused" not in [one.what for one in kit.trail.entries]
+            assert [alarm.about for alarm in kit.service.plant.parts.alarms.active() if alarm.kind == "store"]
+
+    run(story())
+
+
+def test_a_stop_while_a_start_is_being_recorded_takes_the_start_away() -> None:
+    """6.5: the wish is older than the stop, whatever the disk does meanwhile."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            kit.trail.delay_s = 0.5
+            start = asyncio.create_task(kit.call("drive.run", drive="fan-1", frequency_hz=20.0))
+            await asyncio.sleep(0.1)
+            await kit.call("drive.stop", drive="fan-1")
+            with pytest.raises(Superseded):
+                await start
+            await asyncio.sleep(2)
+            assert state(kit, "fan-1") is DriveState.STOPPED
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_start_whose_record_takes_too_long_is_another_wish() -> None:
+    """I1."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            kit.trail.delay_s = 3.0
+            with pytest.raises(DrivebusError, match="recording the command"):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_stop_of_anyone_voids_what_was_armed() -> None:
+    """6.5, S16."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            ann = remote_actor()
+            await kit.call("lease.take", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.stop", remote_actor("bob"), drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+
+    run(story())
+
+
+def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_session() -> None:
+    """S16, S20: monotonic time of the plant only."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            ann, twin = remote_actor(), remote_actor("ann", session="another")
+            for drive in ("fan-1", "fan-2"):
+                await kit.call("lease.take", ann, drive=drive)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ann, drive="fan-2", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            for _ in range(3):
+                await asyncio.sleep(3.4)
+                await kit.call("lease.renew", ann, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("lease.release", ann, drive="fan-1")
+            await kit.call("lease.take", twin, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", twin, drive="fan-1", frequency_hz=20.0, arm=arm)
+
+    run(story())
+
+
+def test_the_whole_plant_is_stopped_and_stays_latched_until_it_is_released() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1", "pump-1")
+            assert await commanded_hz(kit, "fan-1", "pump-1") == [20.0, 20.0]
+            found = await kit.call("plant.stop", remote_actor(role=Role.OPERATOR))
+            assert await commanded_hz(kit, "fan-1", "pump-1") == [None, None]
+            assert {bus: one["confirmed"] for bus, one in found["buses"].items()} == {"a": True, "b": True}
+            assert found["outcomes"]["pump-1"]["word"] == "confirmed"
+            with pytest.raises(StartInhibited):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert "drives.latched" in [one["key"] for one in await blocked(kit, "fan-1")]
+            await kit.call("drive.release", drive="fan-1")
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+
+    run(story())
+
+
+def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1", "pump-1")
+            kit.service.plant.drives["fan-1"].bus.port.bench.unplug()  # type: ignore[attr-defined]
+            found = await kit.call("plant.stop")
+            assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"]
+            assert found["buses"]["b"]["confirmed"]
+            kinds = {(alarm.kind, alarm.drive) for alarm in kit.service.plant.parts.alarms.active()}
+            assert ("stop_unconfirmed", "fan-1") in kinds
+
+    run(story())
+
+
+def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_good_stop() -> None:
+    """G07."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            bench = kit.service.plant.drives["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            bench.unplug()
+            with pytest.raises(StopUnconfirmed):
+                await kit.call("drive.stop", drive="fan-1")
+            assert "stop_unconfirmed" in kinds(kit)
+            bench.replug()
+            await asyncio.sleep(5)
+            await kit.call("drive.stop", drive="fan-1")
+            assert "stop_unconfirmed" not in kinds(kit)
+
+    run(story())
+
+
+def kinds(kit: ServiceKit) -> set[str]:
+    return {alarm.kind for alarm in kit.service.plant.parts.alarms.active() if alarm.cleared_ms is None}
+
+
+@pytest.mark.parametrize("policy", list(OnClientLost))
+def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> None:
+    """6.6: hold with an alarm, or stop."""
+
+    async def story() -> None:
+        drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            await ready(kit)
+            ann = remote_actor()
+            await kit.call("lease.take", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            for _ in range(5):
+                await asyncio.sleep(3)
+                await kit.call("lease.renew", ann, drive="fan-1")
+            assert state(kit, "fan-1").turning
+            await asyncio.sleep(15)
+            held = policy is OnClientLost.HOLD
+            assert state(kit, "fan-1").turning is held
+            assert ("lease_lost" in kinds(kit)) is held
+
+    run(story())
+
+
+def test_a_lease_is_taken_from_nobody_but_by_an_engineer() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            await kit.call("lease.take", remote_actor("ann"), drive="fan-1")
+            with pytest.raises(DrivebusError, match="commanded by ann"):
+                await kit.call("lease.take", remote_actor("bob"), drive="fan-1")
+            taken = await kit.call("lease.take", remote_actor("eve", Role.ENGINEER), drive="fan-1")
+            assert taken["lease"]["owner"] == "eve"
+
+    run(story())
+
+
+@pytest.mark.parametrize("policy", list(OnServiceStop))
+def test_an_ending_service_stops_what_it_started_as_its_policy_says(policy: OnServiceStop) -> None:
+    """6.6; what somebody else started goes on."""
+
+    async def story() -> None:
+        drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            await ready(kit, "fan-1")
+            kit.station("fan-2").motor.run(20.0)
+            await asyncio.sleep(3)
+            stations = kit.station("fan-1"), kit.station("fan-2")
+            told = await kit.service.stop()
+            stopped = policy is OnServiceStop.STOP
+            assert [*told] == (["fan-1"] if stopped else [])
+            assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
+
+    run(story())
+
+
+def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            kit.service.plant.drives["fan-1"].bus.port.bench.unplug()  # type: ignore[attr-defined]
+            begun = kit.service.plant.now()
+            told = await kit.service.stop()
+            assert kit.service.plant.now() - begun <= 3.0
+            assert told["fan-1"]["kind"] == "StopUnconfirmed" and "word" not in told["fan-1"]
+
+    run(story())
+
+
+GROUP = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=3.0, at_once=2)
+
+
+def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(groups=(GROUP,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(4.5)
+            await kit.call("drive.stop", drive="fan-1")
+            found = (await start)["outcomes"]
+            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
+            assert found["pump-1"]["kind"] == "Superseded"
+            assert kit.station("pump-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_group_whose_owner_is_gone_starts_no_further_drive() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(groups=(replace(GROUP, stagger_s=7.0),))) as kit:
+            await ready(kit)
+            ann = remote_actor()
+            for drive in GROUP.drives:
+                await kit.call("lease.take", ann, drive=drive)
+            arm = (await kit.call("group.arm", ann, group="fans"))["arm"]
+            found = (await kit.call("group.start", ann, group="fans", frequency_hz=20.0, arm=arm))["outcomes"]
+            assert [found[drive].get("kind") for drive in GROUP.drives] == [None, None, "ControlNotHeld"]
+            assert kit.station("pump-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_group_is_stopped_together() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(groups=(replace(GROUP, stagger_s=0.0),))) as kit:
+            await ready(kit)
+            found = await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+            found = await kit.call("group.stop", remote_actor("bob"), group="fans")
+            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+
+    run(story())
+
+
+@pytest.mark.parametrize("stagger_s", [0.0, 1.0])
+def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(stagger_s: float) -> None:
+    async def story() -> None:
+        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
+        group = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=stagger_s, at_once=1)
+        async with running_service(plant_config(buses=buses, groups=(group,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            most = 0
+            while not start.done():
+                await asyncio.sleep(0.05)
+                phases = [kit.station(drive).motor.phase.value for drive in group.drives]
+                most = max(most, phases.count("accelerating"))
+            assert most == 1
+            assert {one["word"] for one in (await start)["outcomes"].values()} == {"confirmed"}
+
+    run(story())
+
+
+def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
+    async def story() -> None:
+        group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
+        async with running_service(plant_config(groups=(group,))) as kit:
+            await ready(kit)
+            await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert kit.station("fan-2").motor.target_hz == 10.0
+            found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
+            assert found["followers"]["fan-2"]["word"] == "acknowledged"
+            assert kit.station("fan-2").motor.target_hz == 15.0
+            await kit.call("group.set_frequency", group="fans", frequency_hz=24.0)
+            assert kit.station("fan-2").motor.target_hz == 12.0
+
+    run(story())
+
+
+def test_a_group_of_which_one_may_not_run_at_its_share_does_not_start_at_all() -> None:
+    async def story() -> None:
+        group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 30.0})
+        async with running_service(plant_config(groups=(group,))) as kit:
+            await ready(kit)
+            with pytest.raises(LimitError) as caught:
+                await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert caught.value.params["frequency_hz"] == 600.0
+            assert kit.station("fan-1").motor.starts == 0
+
+    run(story())
+
+
+def test_a_jog_from_afar_ends_half_a_second_after_the_hand() -> None:
+    """T13."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            ann = remote_actor()
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.jog", ann, drive="fan-1")
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            jog = (await kit.call("drive.jog", ann, drive="fan-1", frequency_hz=5.0, arm=arm))["jog"]
+            for _ in range(5):
+                await asyncio.sleep(0.15)
+                await kit.call("drive.jog_renew", ann, drive="fan-1", jog=jog)
+            await asyncio.sleep(4)
+            with pytest.raises(NotFound):
+                await kit.call("drive.jog_renew", ann, drive="fan-1", jog=jog)
+            assert kit.station("fan-1").motor.phase is OutputPhase.OFF
+            assert not kit.service.plant.drives["fan-1"].started_by_service
+
+    run(story())
+
+
+def test_a_jog_is_ended_by_letting_go() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
+            found = await kit.call("drive.jog_end", drive="fan-1", jog=jog)
+            assert found["outcome"]["word"] == "confirmed"
+            assert LOCAL.name == kit.service.plant.leases.get("fan-1", kit.service.plant.now()).actor.name  # type: ignore[union-attr]
+
+    run(story())
+
+
+def test_a_jog_is_held_and_ended_under_its_own_drive_only() -> None:
+    """Who may do what is asked of the drive that is named."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
+            for operation in ("drive.jog_renew", "drive.jog_end"):
+                with pytest.raises(NotFound):
+                    await kit.call(operation, drive="fan-2", jog=jog)
+            assert kit.station("fan-1").running
+            await kit.call("drive.jog_renew", drive="fan-1", jog=jog)
+
+    run(story())
+
+
+def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
+    """Started there again, it is not stopped when the service ends (6.6: what *we* started)."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            motor = kit.station("fan-1").motor
+            motor.stop()
+            await asyncio.sleep(8)
+            kit.station("fan-1").motor.run(20.0)
+            await asyncio.sleep(3)
+            assert state(kit, "fan-1").turning
+            assert await kit.service.stop() == {}
+
+    run(story())
+
+
+def test_a_drive_that_has_not_begun_yet_is_ours_for_as_long_as_it_may_take() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            unit = kit.service.plant.drives["fan-1"]
+            for after_s, ours in ((STANDSTILL_CONFIRM_S, True), (STANDSTILL_CONFIRM_S + 0.1, False)):
+                seen = replace(unit.status(), state=DriveState.STOPPED, at=unit.last_motion_at + after_s)
+                kit.service.policies.on_status(unit, seen)
+                assert unit.started_by_service is ours
+
+    run(story())
+
+
+def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(groups=(GROUP,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(2)
+            ending = asyncio.create_task(kit.service.stop())
+            await asyncio.sleep(0.1)
+            with pytest.raises(ServiceUnavailable):
+                await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
+            await asyncio.sleep(0.1)
+            assert (await kit.call("drive.stop", drive="fan-2"))["outcome"]["word"] == "confirmed"
+            found = (await start)["outcomes"]
+            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", None, None]
+            assert [*(await ending)] == ["fan-1"]
+
+    run(story())
+
+
+def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_can_be() -> None:
+    """F12: said once, tried for ever; a stop of everything names its drives."""
+
+    async def story() -> None:
+        buses = (BusConfig("a", "sim://c320@1,2?name=later"), BUSES[1])
+        bench = open_port(buses[0].link).bench  # type: ignore[attr-defined]
+        bench.unplug()
+        async with running_service(plant_config(buses=buses)) as kit:
+            await asyncio.sleep(20)
+            views = {view["id"]: view["presence"] for view in (await kit.call("drives.list"))["drives"]}
+            assert views == {"fan-1": "never_seen", "fan-2": "never_seen", "pump-1": "online", "pump-2": "online"}
+            assert (await kit.call("buses.get", bus="a"))["problem"]["en"]
+            found = await kit.call("plant.stop")
+            assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"] and found["buses"]["b"]["confirmed"]
+            assert "port" in kinds(kit)
+            bench.replug()
+            await asyncio.sleep(20)
+            assert (await kit.call("drives.get", drive="fan-1"))["presence"] == "online"
+            assert "port" not in kinds(kit)
+            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert sum("can't be opened" in text for text in told) == 1
+            assert sum("bus a is open" in text for text in told) == 1
+
+    run(story())
+
+
+def test_whoever_takes_the_lease_of_a_drive_without_an_owner_ends_that_alarm() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(12)
+            assert "lease_lost" in kinds(kit)
+            await kit.call("lease.take", remote_actor(), drive="fan-1")
+            await asyncio.sleep(1)
+            assert "lease_lost" not in kinds(kit)
+
+    run(story())
+
+
+def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> None:
+    """G14."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            kit.history.problem = "database or disk is full"
+            await asyncio.sleep(1)
+            (alarm,) = [one for one in kit.service.plant.parts.alarms.active() if one.kind == "store"]
+            assert alarm.text.en.startswith("history can't be written: database or disk is full;")
+            assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+            kit.history.problem = None
+            await asyncio.sleep(1)
+            assert "store" not in kinds(kit)
+
+    run(story())
+
+
+def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -> None:
+    """No stop of theirs takes the rest of the group away, and its buses are closed before its turn comes."""
+
+    async def story() -> None:
+        drives = tuple(replace(one, on_service_stop=OnServiceStop.HOLD) for one in DRIVES)
+        drives = (*drives[:3], replace(drives[3], on_service_stop=OnServiceStop.STOP))
+        async with running_service(plant_config(drives=drives, groups=(GROUP,))) as kit:
+            await ready(kit, "pump-2")
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(2)
+            pump, held = kit.station("pump-1"), []
+            kit.service.plant.parts.on_event = lambda event: held.append((event["drive"], event["text"]["en"]))
+            ending = asyncio.create_task(kit.service.stop())
+            found = (await start)["outcomes"]
+            assert [found[drive].get("code") for drive in GROUP.drives] == [None, "plant.stopping", "plant.stopping"]
+            assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
+            assert [drive for drive, text in held if "on_service_stop says hold" in text] == [GROUP.drives[0]]
+
+    run(story())
+
+
+def test_an_ending_service_does_not_wait_for_a_long_ramp() -> None:
+    """6.6: confirmed or told within three seconds; the drive goes on slowing down by itself."""
+
+    async def story() -> None:
+        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=30"), BUSES[1])
+        async with running_service(plant_config(buses=buses)) as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(15)
+            begun = kit.service.plant.now()
+            assert await kit.service.stop() == {"fan-1": None}
+            assert kit.service.plant.now() - begun <= 3.0
+
+    run(story())

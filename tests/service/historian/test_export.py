@@ -1,0 +1,139 @@
+"""Files for other programs: every value with its quality, nothing a spreadsheet would run (S17), in parts that fit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from base64 import b64decode
+from typing import Any
+
+import pytest
+
+from drivebus.errors import InvalidParameters
+from drivebus.profiles.model import Text
+from drivebus.service.api.operations import ExportParams
+from drivebus.service.historian import Historian, export
+from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples
+from peers import need_module
+
+TAGS = ["fan-1.output_frequency", "fan-2.temperature"]
+
+
+def asked(**more: Any) -> ExportParams:
+    return ExportParams(**{"tags": TAGS, "from_ms": NOON_MS - 1000, "to_ms": NOON_MS + 2 * 3_600_000, **more})
+
+
+async def parts(historian: Historian, **more: Any) -> list[dict[str, Any]]:
+    found = [await historian.export(asked(**more))]
+    while found[-1]["next"] is not None:
+        found.append(await historian.export(asked(cursor=found[-1]["next"], **more)))
+    return found
+
+
+async def rows(historian: Historian, **more: Any) -> list[dict[str, str]]:
+    text = "".join(part["text"] for part in await parts(historian, **more))
+    return list(csv.DictReader(io.StringIO(text, newline="")))
+
+
+async def filled(historian: Historian) -> None:
+    """An hour in blocks, then some that are only in the journal."""
+    historian.set_labels({TAGS[1]: ("=cmd|'/C calc'!A0", Text("", ""))})
+    historian.append(samples([-1.5, None, 3.25]))
+    historian.append(samples([20.0, 21.0], TAGS[1], NOON_MS + 500))
+    await compact_all(historian)
+    historian.append(samples([9.0], TAGS[0], NOON_MS + 3_600_000))
+    await historian.flush()
+
+
+async def test_csv_tells_time_value_unit_and_quality(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        await filled(historian)
+        found = await rows(historian)
+    told = [(row["time"], row["tag"], row["value"], row["quality"], row["number"]) for row in found]
+    assert told == [
+        ("2026-01-01T12:00:00.000Z", TAGS[0], "-1.5", "good", "0"),
+        ("2026-01-01T12:00:00.500Z", TAGS[1], "20.0", "good", "0"),
+        ("2026-01-01T12:00:01.000Z", TAGS[0], "", "bad", "1"),
+        ("2026-01-01T12:00:01.500Z", TAGS[1], "21.0", "good", "1"),
+        ("2026-01-01T12:00:02.000Z", TAGS[0], "3.25", "good", "2"),
+        ("2026-01-01T13:00:00.000Z", TAGS[0], "9.0", "good", "3"),
+    ]
+
+
+async def test_no_text_of_a_drive_becomes_a_formula(database: HistoryDatabase) -> None:
+    """S17: a negative number stays a number."""
+    async with database.historian() as historian:
+        await filled(historian)
+        found = await rows(historian)
+    assert {row["unit"] for row in found} == {"", "'=cmd|'/C calc'!A0"}
+    assert export.escape_formula("+1") == "'+1"
+    assert export.escape_formula("＝1") == "'＝1"
+    assert export.escape_formula("Hz") == "Hz"
+
+
+async def test_rollups_are_exported_with_how_many_values_they_stand_for(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        await filled(historian)
+        found = await rows(historian, resolution="1min", tags=TAGS[:1])
+    told = [(row["time"], row["minimum"], row["mean"], row["maximum"], row["quality"], row["values"]) for row in found]
+    assert told == [
+        ("2026-01-01T12:00:00.000Z", "-1.5", "0.875", "3.25", "uncertain", "2"),
+        ("2026-01-01T13:00:00.000Z", "9.0", "9.0", "9.0", "good", "1"),
+    ]
+
+
+async def test_parts_after_one_another_are_the_whole_file(
+    database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with database.historian() as historian:
+        await filled(historian)
+        whole = await rows(historian)
+        monkeypatch.setattr(export, "CSV_ROWS_PER_PART", 2)
+        found = await parts(historian)
+        assert len(found) == 3
+        assert {part["file"] for part in found} == {"history-raw-2026-01-01.csv"}
+        assert await rows(historian) == whole
+
+
+async def test_a_range_without_history_is_a_header_alone(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        await filled(historian)
+        assert await rows(historian, from_ms=NOON_MS - 10_000, to_ms=NOON_MS - 1) == []
+        assert len(await parts(historian, from_ms=0, to_ms=253_402_300_799_999)) == 1
+
+
+async def test_parquet_holds_the_same(database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch) -> None:
+    need_module("pyarrow")
+    import pyarrow.parquet as pq
+
+    from drivebus.service.historian import parquet
+
+    monkeypatch.setattr(parquet, "PARQUET_ROWS_PER_GROUP", 2)
+    async with database.historian() as historian:
+        await filled(historian)
+        found = await parts(historian, format="parquet")
+        minutes = await parts(historian, format="parquet", resolution="1min")
+    table = pq.read_table(io.BytesIO(b"".join(b64decode(part["base64"]) for part in found))).to_pydict()
+    assert table["value"] == [-1.5, 20.0, None, 21.0, 3.25, 9.0]
+    assert [time.isoformat() for time in table["time"]][:2] == [
+        "2026-01-01T12:00:00+00:00",
+        "2026-01-01T12:00:00.500000+00:00",
+    ]
+    assert (table["tag"][1], table["quality"][2], table["number"][5]) == (TAGS[1], "bad", 3)
+    rolled = pq.read_table(io.BytesIO(b"".join(b64decode(part["base64"]) for part in minutes))).to_pydict()
+    assert (rolled["mean"], rolled["values"]) == ([0.875, 20.5, 9.0], [2, 2, 1])
+
+
+async def test_a_parquet_export_goes_on_only_where_it_was(database: HistoryDatabase) -> None:
+    need_module("pyarrow")
+    async with database.historian() as historian:
+        await filled(historian)
+        first = await historian.export(asked(format="parquet"))
+        await historian.export(asked(format="parquet", cursor=first["next"]))
+        for cursor in (first["next"], "OS4x"):
+            with pytest.raises(InvalidParameters):
+                await historian.export(asked(format="parquet", cursor=cursor))
+        begun = [await historian.export(asked(format="parquet")) for _ in range(export.MAX_PARQUET_EXPORTS + 1)]
+        with pytest.raises(InvalidParameters):
+            await historian.export(asked(format="parquet", cursor=begun[0]["next"]))
+        await historian.export(asked(format="parquet", cursor=begun[-1]["next"]))

@@ -1,0 +1,231 @@
+"""A database that fails, at any call, before or after it was done (G12, G14): what was acknowledged stays, nothing
+counts twice, what is lost is counted and marked, and nobody waits.
+"""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.errors import ServiceUnavailable
+from drivebus.service.api.operations import TimeRangeParams
+from drivebus.service.config.model import HistoryConfig
+from drivebus.service.historian import historian as room
+from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
+from drivebus.service.historian.write_queue import WriteQueue
+from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, trend
+
+HOUR = 3_600_000
+
+
+class Failing:
+    """A store whose ``n``-th call fails: before it is done, or after."""
+
+    def __init__(self, store: HistoryStore, n: int, *, done: bool) -> None:
+        self._store, self._left, self._done = store, n, done
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        method: Callable[..., Any] = getattr(self._store, name)
+        if name == "close":
+            return method
+
+        def called(*args: Any, **kwargs: Any) -> Any:
+            self._left -= 1
+            if self._left == 0 and not self._done:
+                raise StoreError("as the test wishes")
+            found = method(*args, **kwargs)
+            if self._left == 0:
+                raise StoreError("as the test wishes, but it was done")
+            return found
+
+        return called
+
+    @property
+    def had_its_turn(self) -> bool:
+        return self._left <= 0
+
+
+@pytest.mark.parametrize("done", [False, True], ids=["before", "after"])
+async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database: HistoryDatabase, done: bool) -> None:
+    """G12: the sweep goes on until the story passes without the failure's turn; one tag for each n."""
+    n, failing = 0, True
+    while failing:
+        n += 1
+        tag, stores = f"drive-{n}.speed", []
+
+        def made(setting: HistoryConfig, directory: Path, n: int = n, stores: list[Failing] = stores) -> Any:
+            writing, reading = room.open_stores(setting, directory)
+            stores.append(Failing(writing, n, done=done))
+            return stores[0], reading
+
+        async with database.historian(made=made) as historian:
+            for turn in range(4):
+                historian.append(samples(range(10 * turn, 10 * turn + 10), tag, NOON_MS + turn * 10_000))
+                historian.put_event({"id": f"{n}-{turn}", "time_ms": NOON_MS, "kind": "command"})
+                for patience in range(3):
+                    try:
+                        await (compact_all(historian) if turn % 2 else historian.flush())
+                        break
+                    except (ServiceUnavailable, StoreError):
+                        assert patience < 2
+            assert historian.ok
+            assert historian.status()["lost_samples"] == 0
+            found = await trend(historian, NOON_MS, NOON_MS + HOUR // 10, tag=tag)
+            hours = await trend(historian, NOON_MS, NOON_MS + 48 * HOUR, points=40, tag=tag)
+            failing = stores[0].had_its_turn
+        assert found["mean"] == list(range(40)), n
+        assert (hours["min"], hours["mean"], hours["max"]) == ([0.0], [19.5], [39.0]), n
+    assert n > 15
+    async with database.historian() as historian:
+        told = [item["id"] for item in (await historian.events(TimeRangeParams(limit=1000)))["items"]]
+        assert sorted(told) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
+
+
+async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() -> None:
+    """G14: whoever appends never waits and never fails."""
+    intake = WriteQueue(max_samples=5)
+    intake.append(samples([1.0, 2.0, 3.0]))
+    intake.append(samples([4.0, 5.0, 6.0], start_ms=NOON_MS + 3000))
+    intake.append(samples([7.0], start_ms=NOON_MS + 6000))
+    assert (intake.queued, intake.lost_samples) == (5, 3)
+    taken = intake.take(100).samples
+    assert [(one.time_ms - NOON_MS, one.value, str(one.quality)) for one in taken] == [
+        (0, 1.0, "good"),
+        (1000, 2.0, "good"),
+        (2000, 3.0, "good"),
+        (3000, None, "bad"),
+        (6000, 7.0, "good"),
+    ]
+
+
+async def test_events_and_documents_are_bounded_too() -> None:
+    intake = WriteQueue(max_notes=2)
+    for n in range(3):
+        intake.put_event(EventRow(0, n, "command", None, "{}"))
+    assert (len(intake.take(1).events), intake.lost_notes) == (2, 1)
+
+
+async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """G14. A limit of pages is SQLite's own full disk."""
+    stores: list[Any] = []
+
+    def made(setting: HistoryConfig, directory: Path) -> Any:
+        stores.extend(room.open_stores(setting, directory))
+        connect = stores[0].door.connect
+
+        def limited() -> None:
+            connect()
+            if stores[0].door.is_full:
+                stores[0].door.rows("PRAGMA max_page_count = 1")
+
+        stores[0].door.is_full, stores[0].door.connect = False, limited
+        return stores[0], stores[1]
+
+    async with room.Historian(HistoryConfig(), tmp_path, made=made) as historian:
+        historian.append(samples(range(1000)))
+        await historian.flush()
+        stores[0].door.is_full = True
+        await historian._on_writer_thread(lambda: stores[0].door.rows("PRAGMA max_page_count = 1"))
+        with caplog.at_level(logging.WARNING, "drivebus.history"):
+            for turn in range(1, 40):
+                historian.append(samples(range(1000), start_ms=NOON_MS + turn * 1_000_000))
+                await historian._on_writer_thread(historian.writer.run_cycle)
+            assert not historian.ok
+            assert "full" in historian.status()["problem"]
+            with pytest.raises(ServiceUnavailable):
+                await historian.flush()
+            assert (await trend(historian, NOON_MS, NOON_MS + 2000))["mean"] == [0, 1, 2]
+            stores[0].door.is_full = False
+            await historian.flush()
+        assert historian.ok
+        assert [record.levelname for record in caplog.records] == ["ERROR", "WARNING"]
+        far = await trend(historian, NOON_MS + 39 * 1_000_000, NOON_MS + 40 * 1_000_000 - 1)
+        assert (far["min"][0], far["max"][-1]) == (0, 999)
+
+
+async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """G14: the service starts, drives run, and history begins when the disk can be written again."""
+    stores: list[Any] = []
+
+    def made(setting: HistoryConfig, directory: Path) -> Any:
+        stores.extend(room.open_stores(setting, directory))
+        return stores[0], stores[1]
+
+    async with room.Historian(HistoryConfig(), tmp_path):
+        pass
+    historian = room.Historian(HistoryConfig(), tmp_path, made=made)
+    stores[0].door.connect = lambda: _read_only(stores[0].door)
+    async with historian:
+        historian.append(samples([1.0, 2.0]))
+        with pytest.raises(ServiceUnavailable):
+            await historian.flush()
+        assert "readonly" in historian.status()["problem"]
+        del stores[0].door.connect
+        await historian.flush()
+        assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0]
+
+
+def _read_only(door: Any) -> None:
+    door._open = sqlite3.connect(f"{door.path.as_uri()}?mode=ro", uri=True, isolation_level=None)
+
+
+async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "history.db").write_bytes(b"somebody's letter" * 100)
+    async with room.Historian(HistoryConfig(), tmp_path) as historian:
+        historian.append(samples([1.0]))
+        assert not historian.ok
+        with pytest.raises(ServiceUnavailable):
+            await historian.documents("statistics")
+    assert (tmp_path / "history.db").read_bytes() == b"somebody's letter" * 100
+
+
+async def test_tables_of_a_later_version_are_left_alone(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        door = historian.writer._store.door  # type: ignore[attr-defined]
+        await historian._on_writer_thread(lambda: door.run("UPDATE meta SET value = 99 WHERE key = 'schema'"))
+    async with database.historian() as historian:
+        assert not historian.ok
+        assert "later version" in historian.status()["problem"]
+
+
+async def test_a_server_that_restarts_loses_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """The connection ends under the writer and the reader; both come back."""
+    server = request.getfixturevalue("postgres")
+    server.create("restarting")
+    async with room.Historian(HistoryConfig(url=server.url("restarting")), tmp_path) as historian:
+        historian.append(samples([1.0, 2.0]))
+        await historian.flush()
+        await trend(historian, NOON_MS, NOON_MS + 5000)
+        server.stop()
+        historian.append(samples([3.0], start_ms=NOON_MS + 2000))
+        for asked in (historian.flush, lambda: trend(historian, NOON_MS, NOON_MS + 5000)):
+            with pytest.raises(ServiceUnavailable):
+                await asked()
+        server.start()
+        await historian.flush()
+        assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0, 3.0]
+
+
+async def test_a_second_service_may_not_write_to_the_same_tables(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    server = request.getfixturevalue("postgres")
+    server.create("shared")
+    setting = HistoryConfig(url=server.url("shared"))
+    async with room.Historian(setting, tmp_path) as first, room.Historian(setting, tmp_path) as second:
+        assert (first.ok, second.ok) == (True, False)
+        asked = "SELECT to_regclass('drivebus.block') IS NOT NULL"
+        assert await first._on_writer_thread(lambda: first.writer._store.door.rows(asked)) == [(True,)]  # type: ignore[attr-defined]
+        assert "another service" in second.status()["problem"]
+        apart = HistoryConfig(url=server.url("shared") + "&search_path=north")
+        async with room.Historian(apart, tmp_path) as third:
+            third.append(samples([5.0]))
+            await third.flush()
+            assert (first.tags(), len(third.tags()["tags"])) == ({"tags": []}, 1)

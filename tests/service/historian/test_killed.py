@@ -1,0 +1,92 @@
+"""A writer killed at random moments (G10): what was flushed is there once, and the file is whole. Some 10 s.
+
+DRIVEBUS_KILLS=1000 makes the long run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from drivebus.service.api.operations import TimeRangeParams
+from drivebus.service.config.model import HistoryConfig
+from drivebus.service.historian import Historian
+from drivebus.service.historian.resolution import DAY_MS
+from fixtures.historian import NOON_MS, samples_of, trend
+
+KILLS = int(os.environ.get("DRIVEBUS_KILLS", "20"))
+CRASHER = Path(__file__).with_name("crasher.py")
+LIFE_MS = 10_000_000
+"""Between the beginnings of two lives, so that each one's samples can be told apart."""
+
+
+class Nursery:
+    """Lives, one after another."""
+
+    def __init__(self, folder: Path) -> None:
+        command = [sys.executable, str(CRASHER), str(folder)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdin
+        assert self._process.stdout
+        self._to, self._from = self._process.stdin, self._process.stdout
+
+    def killed(self, life: int, after_s: float) -> int:
+        """How many samples a tag were acknowledged when it was killed."""
+        print(NOON_MS + life * LIFE_MS, file=self._to, flush=True)
+        pid = json.loads(self._from.readline())["ready"]
+        time.sleep(after_s)
+        os.kill(pid, signal.SIGKILL)
+        acknowledged = 0
+        while said := json.loads(self._from.readline()):
+            acknowledged = said["flushed"]
+        return acknowledged
+
+    def close(self) -> None:
+        self._process.communicate()
+        assert self._process.returncode == 0
+
+
+async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]:
+    found: list[str] = []
+    page: dict[str, Any] = {"next": None}
+    while page["next"] is not None or not found:
+        asked = TimeRangeParams(from_ms=from_ms, to_ms=to_ms, cursor=page["next"], limit=1000)
+        page = await historian.events(asked)
+        found += [item["id"] for item in page["items"]]
+        if not found:
+            break
+    return found
+
+
+async def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> None:
+    """G10: the file is whole, and every life's acknowledged samples and events are there exactly once."""
+    chance = random.Random(20)
+    nursery = Nursery(tmp_path)
+    acknowledged = [nursery.killed(life, chance.uniform(0.0, 0.25)) for life in range(KILLS)]
+    nursery.close()
+    database = sqlite3.connect(tmp_path / "history.db")
+    assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+    database.close()
+    assert sum(acknowledged) > KILLS
+    async with Historian(HistoryConfig(), tmp_path) as historian:
+        for life, count in enumerate(acknowledged):
+            start = NOON_MS + life * LIFE_MS
+            for tag in ("drive-0.speed", "drive-4.speed"):
+                values = (await samples_of(historian, tag, start, start + LIFE_MS - 1)).samples[1]
+                assert values == [float(n) for n in range(len(values))]
+                assert len(values) >= count
+            told = await events_of(historian, start, start + LIFE_MS - 1)
+            assert len(told) == len(set(told))
+            assert {f"{start}-{n}" for n in range(count)} <= set(told)
+        everything = await samples_of(historian, "drive-0.speed", 0, 2**60)
+        hours = await trend(historian, NOON_MS, NOON_MS + KILLS * LIFE_MS + 60 * DAY_MS, tag="drive-0.speed")
+    assert everything.number == list(range(len(everything.number)))
+    assert max(hours["max"]) == max(everything.samples[1])

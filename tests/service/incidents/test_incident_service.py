@@ -1,0 +1,158 @@
+"""A whole plant that trips: the alarm, its case, and what people do with them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.capture.dbcap import read_capture
+from drivebus.drives import MemoryStore
+from drivebus.errors import NotFound
+from drivebus.service.alarms import AlarmEngine
+from drivebus.service.alarms.log import AlarmLog
+from drivebus.service.app import Service
+from drivebus.service.incidents import IncidentStore
+from drivebus.service.incidents.service import AlarmIncidentService
+from drivebus.service.interlocks.engine import InterlockEngine
+from drivebus.service.live.views import Sample
+from drivebus.service.parts import ServiceParts
+from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.port import clear_simulated_buses
+from drivebus.testing.virtual_time import run
+from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, plant_config, remote_actor
+
+
+class Tee(FakeHistory):
+    """A history that the recorder listens to."""
+
+    keeping: AlarmIncidentService
+    events: list[dict[str, Any]]
+
+    def event(self, event: dict[str, Any]) -> None:
+        self.events.append(event)
+        self.keeping.on_event(event)
+
+    def append(self, samples: list[Sample]) -> None:  # type: ignore[override]
+        super().append(samples)
+        self.keeping.on_samples(samples)
+
+
+@asynccontextmanager
+async def plant(folder: Path) -> AsyncIterator[ServiceKit]:
+    chosen = plant_config()
+    log = AlarmLog(folder / "alarms.jsonl")
+    keeping = AlarmIncidentService(log, IncidentStore(folder / "cases"), asyncio.get_running_loop().time)
+    alarms = AlarmEngine((), chosen.drives, keeping, log.load(), first_number=log.next_number)
+    trail, history = FakeAuditTrail(), Tee()
+    history.keeping, history.events = keeping, []
+    parts = ServiceParts(
+        trail,
+        history,
+        alarms,
+        InterlockEngine(()),
+        keeping.handlers(),
+        on_event=history.event,
+        on_view=keeping.on_view,
+        on_plant=keeping.bind,
+    )
+    service = Service(chosen, parts, store=MemoryStore(), drive_store=MemoryStore())
+    try:
+        async with service:
+            yield ServiceKit(service, trail, history, MemoryStore())
+        await keeping.close()
+        await log.close()
+    finally:
+        clear_simulated_buses()
+
+
+async def trip(kit: ServiceKit) -> dict[str, Any]:
+    await asyncio.sleep(5)
+    await kit.grant_waivers("fan-1")
+    await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+    await asyncio.sleep(20)
+    kit.station("fan-1").trip(Trip.UNDERVOLTAGE)
+    await asyncio.sleep(4)
+    (alarm,) = await faults(kit)
+    return alarm
+
+
+async def faults(kit: ServiceKit) -> list[dict[str, Any]]:
+    return [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "fault"]
+
+
+def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with plant(tmp_path) as kit:
+            alarm = await trip(kit)
+            assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "urgent", 5)
+            told = [
+                one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
+            ]
+            assert told == ["raised"], "once, though it got its case afterwards"
+            (listed,) = (await kit.call("cases.list"))["items"]
+            assert listed["id"] == alarm["case"] == "000001-fan-1"
+            case = await kit.call("cases.get", case=alarm["case"])
+            assert case["view"]["fault"]["code"] == 5 and case["view"]["state"] == "fault"
+            states = [one["state"] for one in case["states"]]
+            assert states[-1] == "fault" and "running" in states
+            frequencies = case["signals"]["output_frequency"]
+            assert max(value or 0.0 for value in frequencies["v"]) == 20.0
+            assert len(frequencies["t"]) > 20 and frequencies["t"][-1] <= 0.0
+            assert 20 < len(case["frames"]) <= 200
+            assert [one["text"]["en"] for one in case["events"] if one["kind"] == "command"]
+            assert {"F0.1", "F9.3", "F9.4"} <= case["parameters"].keys()
+            (tmp_path / "x.dbcap").write_text(case["capture"]["text"])
+            assert len(read_capture(tmp_path / "x.dbcap").records) > 20
+
+    run(story())
+
+
+def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with plant(tmp_path) as kit:
+            alarm = await trip(kit)
+            found = await kit.call("alarm.shelve", remote_actor(), alarm=alarm["id"], minutes=5, reason="known trouble")
+            assert found["shelved_until_ms"] > alarm["raised_ms"]
+            await kit.call("alarm.unshelve", remote_actor(), alarm=alarm["id"])
+            await kit.call("alarm.acknowledge", remote_actor(), alarm=alarm["id"])
+            with pytest.raises(NotFound):
+                await kit.call("alarm.acknowledge", remote_actor(), alarm="a99")
+            assert kit.trail.outcomes("alarm.acknowledge") == ["asked", "done", "asked", "alarms.unknown"]
+        async with plant(tmp_path) as kit:
+            (again,) = await faults(kit)
+            assert (again["id"], again["by"], again["case"]) == (alarm["id"], "ann", alarm["case"])
+            await asyncio.sleep(5)
+            assert await faults(kit) == []
+            kept = [one for one in (await kit.call("alarms.history", drive="fan-1"))["items"] if one["kind"] == "fault"]
+            assert [(one["id"], one["cleared_ms"] is None) for one in kept] == [(alarm["id"], False)]
+            assert (await kit.call("alarms.history", drive="fan-2"))["items"] == []
+            with pytest.raises(NotFound):
+                await kit.call("cases.get", case="000009-fan-1")
+
+    run(story())
+
+
+def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with plant(tmp_path) as kit:
+            (tmp_path / "cases").write_text("a file where the folder should be")
+            alarm = await trip(kit)
+            await asyncio.sleep(6)
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
+            assert (store["about"], store["cleared_ms"], alarm["case"]) == ("cases", None, None)
+            (tmp_path / "cases").unlink()
+            await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
+            await asyncio.sleep(1)
+            assert (await kit.call("cases.list"))["items"] == [], "a shelf is no trip"
+            kit.station("fan-2").trip(Trip.OVERLOAD)
+            await asyncio.sleep(12)
+            assert [one["drive"] for one in (await kit.call("cases.list"))["items"]] == ["fan-2"]
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
+            assert store["cleared_ms"] is not None
+
+    run(story())

@@ -1,0 +1,280 @@
+"""A trip freezes what was known: the last minute, the last frames, the parameters that matter; whole or not at all."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from threading import Barrier, BrokenBarrierError
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.capture.dbcap import CaptureHeader, read_capture
+from drivebus.errors import NoReply, NotFound
+from drivebus.serial_settings import SerialSettings
+from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
+from drivebus.service.incidents import IncidentRecorder, IncidentStore
+from drivebus.service.incidents.parameters import incident_parameters
+from drivebus.service.incidents.recorder import INCIDENT_REPEAT_S, TRIP_ALARM_KINDS, BusSnapshot
+from drivebus.service.incidents.ring_buffer import MAX_BUFFERED_SAMPLES, RingBuffer
+from drivebus.service.live.views import Sample
+from drivebus.testing.virtual_time import run
+from drivebus.values import Quality
+from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, view
+
+EVER = (0, 10**14)
+LINE = SerialSettings.parse(19200, "8E1")
+SENT = TraceEvent(99.0, TraceKind.SENT, b"\x01\x06\x20\x00", 1)
+HEARD = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
+
+
+def tripped(drive: str = "fan-1") -> Alarm:
+    book = AlarmEngine([], [FAN], FakeAlarmLog())
+    return book.raise_alarm(SystemAlarm.INTERLOCK_TRIP, drive, 100_000)[0].alarm
+
+
+def seen(*events: TraceEvent) -> BusSnapshot:
+    return BusSnapshot(
+        "line-1", "sim://c320@1", LINE, [({"n": n, "hex": e.data.hex()}, e) for n, e in enumerate(events)]
+    )
+
+
+def sample(value: float | None, quality: Quality = Quality.GOOD) -> Sample:
+    return Sample("fan-1.output_current", 0, value, quality)
+
+
+async def frozen(recorder: IncidentRecorder, alarm: Alarm | None = None, now: float = 100.0) -> str | None:
+    return await recorder.capture(
+        alarm or tripped(), view(fault=OVERCURRENT), seen(HEARD, SENT), now, 1_795_219_200_000
+    )
+
+
+def test_a_case_holds_the_last_minute_and_the_last_frames(tmp_path: Path) -> None:
+    async def go() -> dict[str, Any]:
+        recorder = IncidentRecorder(IncidentStore(tmp_path / "cases"))
+        recorder.record_view(view(state="stopped"), 20.0)
+        recorder.record_view(view(), 30.0)
+        recorder.record_view(view(), 31.0)
+        recorder.record_view(view(state="fault", fault=OVERCURRENT), 99.9)
+        for at, value in ((39.0, 1.0), (40.0, 2.0), (99.0, 9.5)):
+            recorder.record_samples("fan-1", [sample(value)], at)
+        recorder.record_samples("fan-1", [sample(None, Quality.BAD)], 99.7)
+        recorder.record_event({"drive": "fan-1", "kind": "command", "text": {"en": "run", "zh": "启动"}})
+        recorder.record_event({"drive": None, "kind": "stop"})
+        id = await frozen(recorder)
+        await recorder.close()
+        assert id == "000001-fan-1"
+        return IncidentStore(tmp_path / "cases").get(id)
+
+    case = run(go())
+    assert case["signals"] == {"output_current": {"t": [-60.0, -1.0, -0.3], "v": [2.0, 9.5, None], "q": [0, 0, 2]}}
+    assert [(one["t"], one["state"]) for one in case["states"]] == [(-70.0, "running"), (-0.1, "fault")]
+    assert [one["kind"] for one in case["events"]] == ["command"]
+    assert [(one["n"], one["t"]) for one in case["frames"]] == [(0, -0.5), (1, -1.0)]
+    assert (case["why"], case["raised"]["id"], case["view"]["fault"]) == ("interlock", "a1", OVERCURRENT)
+    assert case["parameters"] is None
+
+
+def test_the_line_of_a_case_is_a_capture_that_every_tool_opens(tmp_path: Path) -> None:
+    async def go() -> str:
+        recorder = IncidentRecorder(IncidentStore(tmp_path))
+        return str(await frozen(recorder))
+
+    case = IncidentStore(tmp_path).get(run(go()))
+    path = tmp_path / case["capture"]["name"]
+    path.write_text(case["capture"]["text"])
+    capture = read_capture(path)
+    assert (capture.header.settings, capture.header.port) == (LINE, "sim://c320@1")
+    assert capture.header.started == "2026-11-20T23:59:59.000+00:00"
+    assert [(one.time_s, one.direction, one.data) for one in capture.records] == [  # type: ignore[union-attr]
+        (0.0, "tx", SENT.data),
+        (0.5, "rx", HEARD.data),
+    ]
+
+
+def test_the_parameters_that_matter_are_read_afterwards_and_a_drive_that_does_not_answer_spoils_nothing(
+    tmp_path: Path,
+) -> None:
+    async def go(read: Any) -> dict[str, Any]:
+        recorder = IncidentRecorder(IncidentStore(tmp_path), read)
+        id = await frozen(recorder)
+        await asyncio.sleep(1)
+        await recorder.close()
+        return IncidentStore(tmp_path).get(str(id))
+
+    async def read(drive: str) -> dict[str, Any]:
+        return {"F0.1": {"drive": drive, "raw": 2}}
+
+    async def silent(drive: str) -> dict[str, Any]:
+        raise NoReply("bus.no_reply", station=1)
+
+    assert run(go(read))["parameters"] == {"F0.1": {"drive": "fan-1", "raw": 2}}
+    assert run(go(silent))["parameters"] is None
+
+
+def test_every_family_has_parameters_that_matter_and_all_are_its_own() -> None:
+    for model in ("c320", "dzb100", "vc660", "df800"):
+        profile = profiles.load(model)
+        names = incident_parameters(profile)
+        assert len(names) == len(set(names)) > 0
+        assert {one.notation for one in profile.preconditions if one.unreadable is None} <= set(names)
+    assert {"F9.3", "F9.4", "F0.1"} <= set(incident_parameters(profiles.load("c320")))
+
+
+def test_a_drive_that_chatters_has_one_case(tmp_path: Path) -> None:
+    async def go() -> list[str | None]:
+        recorder = IncidentRecorder(IncidentStore(tmp_path))
+        return [
+            await frozen(recorder, now=at) for at in (100.0, 100.0 + INCIDENT_REPEAT_S - 0.1, 100.0 + INCIDENT_REPEAT_S)
+        ]
+
+    assert run(go()) == ["000001-fan-1", "000001-fan-1", "000002-fan-1"]
+
+
+def test_a_trip_of_no_drive_and_of_one_that_nobody_heard_has_a_case_too(tmp_path: Path) -> None:
+    async def go() -> str | None:
+        return await IncidentRecorder(IncidentStore(tmp_path)).capture(tripped(""), None, None, 5.0, 5)
+
+    case = IncidentStore(tmp_path).get(str(run(go())))
+    assert (case["id"], case["bus"], case["frames"], case["signals"]) == ("000001-plant", None, [], {})
+
+
+@pytest.mark.parametrize("nth", range(1, 40))
+def test_g12_a_disk_that_fails_at_any_call_leaves_a_whole_case_or_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nth: int
+) -> None:
+    calls = 0
+
+    def failing(real: Any) -> Any:
+        def call(*arguments: Any, **named: Any) -> Any:
+            nonlocal calls
+            calls += 1
+            if calls == nth:
+                raise OSError(28, "No space left on device")
+            return real(*arguments, **named)
+
+        return call
+
+    store = IncidentStore(tmp_path / "cases")
+    with monkeypatch.context() as context:
+        for name in ("write", "fsync", "open", "mkdir", "rename", "replace"):
+            context.setattr(os, name, failing(getattr(os, name)))
+        with suppress(OSError):
+            store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [(1.0, True, b"\x01")])
+    listed = store.list(*EVER)["items"]
+    assert [one["id"] for one in listed] in ([], ["000001-fan-1"])
+    for one in listed:
+        store.get(one["id"])
+    assert store.write("fan-1", {"time_ms": 2, "drive": "fan-1"}, {}, CaptureHeader(LINE), []).endswith("-fan-1")
+    assert [one for one in (tmp_path / "cases").iterdir() if one.name.startswith(".")] == []
+
+
+def test_a_disk_that_fails_is_told_and_stops_nothing(tmp_path: Path) -> None:
+    async def go() -> None:
+        (tmp_path / "cases").write_text("a file where the folder should be")
+        recorder = IncidentRecorder(IncidentStore(tmp_path / "cases"))
+        assert await frozen(recorder) is None
+        assert recorder.error is not None
+        (tmp_path / "cases").unlink()
+        assert await frozen(recorder, now=200.0) == "000001-fan-1"
+        assert recorder.error is None
+
+    run(go())
+
+
+def test_what_a_killed_writer_left_half_is_never_listed(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path)
+    (tmp_path / ".000001-fan-1").mkdir()
+    (tmp_path / ".000001-fan-1" / "summary.json").write_text('{"id": "000001-fan-1"}')
+    assert store.list(*EVER)["items"] == []
+    with pytest.raises(NotFound):
+        store.get("000001-fan-1")
+
+
+def test_the_oldest_go_when_there_are_too_many_or_too_much(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path, max_incidents=3)
+    for n in range(5):
+        store.write("fan-1", {"time_ms": n, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
+    assert [one["id"][:6] for one in store.list(*EVER)["items"]] == ["000005", "000004", "000003"]
+    small = IncidentStore(tmp_path, max_bytes=10)
+    small.write("fan-1", {"time_ms": 9, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
+    assert [one["id"][:6] for one in store.list(*EVER)["items"]] == ["000006"]
+
+
+def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever tidies up must not take another writer's half for a dead one's."""
+    store, together, real = IncidentStore(tmp_path), Barrier(2, timeout=0.2), os.fsync
+
+    def slow(fd: int) -> None:
+        with suppress(BrokenBarrierError):
+            together.wait()
+        real(fd)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    with ThreadPoolExecutor(2) as threads:
+        summaries = [(drive, {"time_ms": 1, "drive": drive}) for drive in ("fan-1", "pump-1")]
+        done = [
+            threads.submit(store.write, drive, summary, {}, CaptureHeader(LINE), []) for drive, summary in summaries
+        ]
+        assert sorted(one.result()[:6] for one in done) == ["000001", "000002"]
+    assert len(store.list(*EVER)["items"]) == 2
+
+
+def test_cases_come_in_pages_by_span_and_drive(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path)
+    for n, drive in enumerate(("fan-1", "fan-1", "pump-1", "fan-1")):
+        store.write(drive, {"time_ms": n, "drive": drive}, {}, CaptureHeader(LINE), [])
+    first = store.list(*EVER, "fan-1", limit=2)
+    second = store.list(*EVER, "fan-1", first["next"], 2)
+    assert [one["time_ms"] for one in first["items"] + second["items"]] == [3, 1, 0]
+    assert second["next"] is None
+    assert [one["time_ms"] for one in store.list(1, 3)["items"]] == [2, 1]
+
+
+@pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])
+def test_s19_no_name_reaches_out_of_the_folder(tmp_path: Path, id: str) -> None:
+    store = IncidentStore(tmp_path / "cases")
+    store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
+    (tmp_path / "secret").mkdir()
+    (tmp_path / "secret" / "case.json").write_text("{}")
+    with pytest.raises(NotFound):
+        store.get(id)
+
+
+def test_i12_memory_is_bounded() -> None:
+    ring = RingBuffer()
+    for n in range(MAX_BUFFERED_SAMPLES + 10):
+        ring.add_samples([sample(1.0)], 1.0)
+        ring.add_event({"n": n})
+        ring.add_view(view(fault={"code": n}), 1.0)
+    found = ring.as_json(1.0)
+    assert (len(found["signals"]["output_current"]["t"]), len(found["events"]), len(found["states"])) == (
+        20_000,
+        50,
+        1_000,
+    )
+    ring.add_samples([sample(1.0)], 62.0)
+    assert len(ring._samples) == 1
+
+
+def test_what_a_silent_drive_said_more_than_a_minute_ago_is_not_in_its_case() -> None:
+    ring = RingBuffer()
+    ring.add_samples([sample(1.0)], 39.0)
+    assert ring.as_json(100.0)["signals"] == {}
+
+
+def test_faults_interlocks_and_unconfirmed_stops_are_trips() -> None:
+    assert {"fault", "interlock", "stop_unconfirmed"} == TRIP_ALARM_KINDS
+
+
+def test_a_case_is_json_all_through(tmp_path: Path) -> None:
+    async def go() -> str:
+        return str(await frozen(IncidentRecorder(IncidentStore(tmp_path))))
+
+    assert json.loads(json.dumps(IncidentStore(tmp_path).get(run(go()))))["view"]["title"]["zh"] == "风机"

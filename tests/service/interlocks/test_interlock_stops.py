@@ -1,0 +1,143 @@
+"""Interlocks in a whole running plant over simulated drives, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.errors import Interlocked
+from drivebus.profiles.model import Text
+from drivebus.service.alarms import SystemAlarm
+from drivebus.service.config.model import InterlockAction, InterlockConfig
+from drivebus.simulator.motor import OutputPhase
+from drivebus.testing.virtual_time import run
+from fixtures.service import plant_config, running_service
+
+AIR = InterlockConfig(
+    "air",
+    ("pump-1",),
+    "fan-1.state == running and fan-1.output_frequency > 5 Hz",
+    delay_s=1.0,
+    title=Text("Air", "送风"),
+)
+
+
+async def both_run(kit: Any) -> None:
+    await kit.grant_waivers()
+    await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+    await asyncio.sleep(6)
+    await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+    await asyncio.sleep(6)
+
+
+def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_it_is_tried() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await kit.grant_waivers()
+            await asyncio.sleep(1)
+            blocked = (await kit.call("drives.get", drive="pump-1"))["blocked"]
+            assert [one["key"] for one in blocked] == ["interlocks.violated"]
+            assert blocked[0]["params"]["interlock"] == "air"
+            assert "fan-1.state is stopped" in blocked[0]["text"]["en"] and "送风" in blocked[0]["text"]["zh"]
+            with pytest.raises(Interlocked, match=r"fan-1\.output_frequency is 0 Hz"):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+            assert (await kit.call("drives.get", drive="fan-1"))["blocked"] == []
+
+    run(story())
+
+
+def test_g17_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
+    """Stale after max(3 × 0.5 s, 1 s) and the timeout, then the delay of 1 s, then the stop."""
+
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            assert kit.station("pump-1").running
+            kit.station("fan-1").faults.silent = True
+            await asyncio.sleep(1.4)
+            assert kit.service.plant.drives["pump-1"].drive.stop_pending is False and kit.station("pump-1").running
+            await asyncio.sleep(6.0)
+            assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+
+    run(story())
+
+
+def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            for drive in ("fan-1", "pump-1"):
+                kit.station(drive).faults.silent = True
+            await asyncio.sleep(20)
+            assert kit.service.plant.drives["pump-1"].drive.stop_pending
+            events = [event for _, event in kit.service.plant.hub.items("events") if event["kind"] == "stop"]
+            assert [event["drive"] for event in events] == ["pump-1"]
+            kit.station("pump-1").faults.silent = False
+            await asyncio.sleep(5)
+            assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+
+    run(story())
+
+
+def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
+    """Drive, interlock, and whether it is still raised."""
+    active = kit.service.plant.parts.alarms.active()
+    return [(one.drive, one.about, one.cleared_ms is None) for one in active if one.kind == SystemAlarm.INTERLOCK_TRIP]
+
+
+def test_an_alarm_is_raised_for_what_was_stopped_and_not_for_what_stands() -> None:
+    """At rest nothing runs, and no interlock that wants something running holds: that is no trip."""
+    block = replace(AIR, id="block", drives=("pump-2",), action=InterlockAction.BLOCK_START)
+
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR, block))) as kit:
+            await asyncio.sleep(15)
+            assert interlock_alarms(kit) == []
+            await both_run(kit)
+            await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
+            await asyncio.sleep(6)
+            await kit.call("drive.stop", drive="fan-1")
+            await asyncio.sleep(6)
+            assert interlock_alarms(kit) == [("pump-1", "air", True)]
+            assert kit.station("pump-1").motor.phase is OutputPhase.OFF and kit.station("pump-2").running
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            await asyncio.sleep(6)
+            assert interlock_alarms(kit) == [("pump-1", "air", False)], "it holds again"
+
+    run(story())
+
+
+def test_a_short_lapse_is_forgiven() -> None:
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            kit.station("fan-1").faults.silent = True
+            await asyncio.sleep(0.4)
+            kit.station("fan-1").faults.silent = False
+            await asyncio.sleep(5.0)
+            assert kit.station("pump-1").running
+
+    run(story())
+
+
+def test_another_setpoint_trips_nothing_that_requires_running() -> None:
+    """A C320 reports its ramps as states of their own."""
+
+    async def story() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await both_run(kit)
+            for frequency_hz in (45.0, 10.0):
+                await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=frequency_hz)
+                await asyncio.sleep(5.0)
+                assert kit.station("pump-1").running
+
+    run(story())

@@ -1,0 +1,34 @@
+"""What is seen of a bus."""
+
+from __future__ import annotations
+
+import asyncio
+
+from drivebus.service.config.model import BusConfig
+from drivebus.testing.virtual_time import run
+from fixtures.service import plant_config, running_service
+
+
+def test_a_bus_that_opens_with_its_plant_is_no_news() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(10)
+            assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
+            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert not [text for text in told if text.startswith("bus ")]
+
+    run(story())
+
+
+def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
+    async def story() -> None:
+        buses = (BusConfig("a", "sim://c320@1"), BusConfig("b", "sim://vc660@1,2"))
+        async with running_service(plant_config(buses=buses)) as kit:
+            await asyncio.sleep(10)
+            bus = await kit.call("buses.get", bus="a")
+            silent = next(station for station in bus["stations"] if station["address"] == 2)
+            assert silent["errors"]["NoReply"] > 1
+            assert bus["errors"] == silent["errors"]
+            assert [station["error_rate"] for station in bus["stations"]] == [0.0, 1.0] and 0 < bus["error_rate"] < 1
+
+    run(story())

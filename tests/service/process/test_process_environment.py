@@ -1,0 +1,215 @@
+"""Around the plant process: its log, its watchdog, its web child, its lock."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import io
+import itertools
+import json
+import logging
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivebus.cli.commands import serve
+from drivebus.cli.errors import ExitCode
+from drivebus.errors import ConfigurationError
+from drivebus.service.process import child as supervisor
+from drivebus.service.process import logging_setup
+from drivebus.service.process.child import ChildProcess
+from drivebus.service.process.lock import single_instance
+from drivebus.service.process.systemd import MAX_BUS_LATENESS_S, SystemdNotifier, is_bus_alive
+from drivebus.testing.virtual_time import run
+from fixtures.service import plant_config, running_service
+
+
+def line(text: str, drive: str | None = None) -> logging.LogRecord:
+    record = logging.LogRecord("drivebus.service", logging.WARNING, "", 0, text, (), None)
+    record.event = {"kind": "presence", "drive": drive, "actor": None, "outcome": None}
+    return record
+
+
+def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> None:
+    """S13."""
+    evil = "gone\n2026-01-01T00:00:00+00:00 INFO pump-1: all is well\x1b[2J\r"
+    plain = logging_setup.PlainFormatter().format(line(evil, "fan-1"))
+    assert "\n" not in plain and "\r" not in plain and "\x1b" not in plain and "fan-1: gone" in plain
+    found = json.loads(logging_setup.JsonFormatter().format(line(evil, "fan-1")))
+    assert found["text"] == evil and found["drive"] == "fan-1" and found["level"] == "warning"
+    assert "\n" not in logging_setup.JsonFormatter().format(line(evil))
+
+
+def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6.6: in the form that was asked for, like every other line."""
+
+    async def ended(setting: Any, *, web: bool, announce: str, ready: Any) -> dict[str, Any]:
+        return {"fan-1": None, "fan-2": {"word": "confirmed"}}
+
+    lines: list[str] = []
+    monkeypatch.setattr("drivebus.service.process.main.run_service", ended)
+    monkeypatch.setattr(
+        logging_setup.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}")
+    )
+    assert asyncio.run(serve._run(plant_config(), web=False)) is ExitCode.UNKNOWN
+    assert len(lines) == 1 and lines[0].startswith("fan-1 ")
+
+
+def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """G14: lines are dropped, control goes on."""
+    ending: list[Any] = []
+    monkeypatch.setattr(logging_setup.atexit, "register", lambda *what: ending.append(partial(*what)))
+    monkeypatch.setattr(logging_setup, "FLUSH_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(logging_setup, "MAX_QUEUED_RECORDS", 3)
+    root = logging.getLogger("drivebus")
+    before = root.handlers, root.level, root.propagate
+    reader, writer = socket.socketpair()
+    event = {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
+
+    class Hanging(io.StringIO):
+        def write(self, text: str) -> int:
+            reader.recv(1)  # until the test lets it go
+            return len(text)
+
+    try:
+        logging_setup.configure_logging("text", Hanging())
+        for _ in range(50):
+            logging_setup.log_event(event)
+        assert root.handlers[0].queue.qsize() <= 3  # type: ignore[attr-defined]
+        ending[0]()
+    finally:
+        writer.close()
+        ending[0]()
+        reader.close()
+        root.handlers, root.propagate = before[0], before[2]
+        root.setLevel(before[1])
+
+
+def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Path) -> None:
+    manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    manager.bind(str(tmp_path / "notify"))
+    manager.setblocking(False)
+    notify = SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
+
+    def bus(late_s: float, is_open: bool = True) -> Any:
+        return SimpleNamespace(bus=SimpleNamespace(late_s=late_s, is_open=is_open, is_closed=False))
+
+    notify.feed_watchdog([bus(0.0), bus(0.1)], 10.0)
+    assert manager.recv(100) == b"WATCHDOG=1"
+    for lines, now in (([bus(0.0)], 10.5), ([bus(0.0), bus(MAX_BUS_LATENESS_S)], 12.0)):
+        notify.feed_watchdog(lines, now)
+        with pytest.raises(BlockingIOError):
+            manager.recv(100)
+    notify.feed_watchdog([bus(0.0), bus(99.0, is_open=False)], 12.5)  # known to be lost, and being opened again
+    assert manager.recv(100) == b"WATCHDOG=1"
+    manager.close()
+    notify.send("READY=1")  # the manager is gone: nobody's problem
+    SystemdNotifier({}).send("READY=1")
+
+
+def test_a_bus_that_does_not_do_what_is_due_is_not_alive() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            line = kit.service.plant.buses["a"]
+            assert is_bus_alive(line)
+            line.bus._timer.set(None)  # type: ignore[union-attr]
+            line.bus._arm_timer = lambda: None  # type: ignore[method-assign]
+            await asyncio.sleep(10)
+            assert not is_bus_alive(line)
+
+    run(story())
+
+
+def test_a_web_part_that_ends_is_started_again_with_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        begun: list[float] = []
+        codes: list[int] = []
+        runs_s = iter([0.0, 0.0, 0.0, supervisor.STEADY_RUN_S, 0.0, 1000.0])
+
+        class Child:
+            returncode: int | None = 3
+
+            async def wait(self) -> int:
+                await asyncio.sleep(next(runs_s))
+                return 3
+
+        async def started(*command: str, **how: Any) -> Child:
+            begun.append(loop.time())
+            return Child()
+
+        monkeypatch.setattr(asyncio, "create_subprocess_exec", started)
+        child = ChildProcess(["web"], loop.time, codes.append)
+        child.start()
+        await asyncio.sleep(100)
+        pauses = [round(later - earlier, 3) for earlier, later in itertools.pairwise(begun)]
+        assert pauses == [0.5, 1.0, 2.0, supervisor.STEADY_RUN_S + 0.5, 1.0]
+        assert codes == [3] * 5
+        await child.close()
+
+    run(story())
+
+
+def ignores(pid: int, number: signal.Signals) -> bool:
+    """Has it begun to ignore the signal? (proc_pid_status(5))"""
+    found = re.search(r"SigIgn:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    return found is not None and bool(int(found[1], 16) >> number - 1 & 1)
+
+
+def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor, "TERMINATE_TIMEOUT_S", 0.1)
+    stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        child = ChildProcess([sys.executable, "-c", stubborn], loop.time, lambda code: None)
+        child.start()
+        while child.starts == 0:  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+        assert child.process is not None
+        while not ignores(child.process.pid, signal.SIGTERM):  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+        assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
+        assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares (G06)"
+        await child.close()
+        assert child.process.returncode == -signal.SIGKILL
+
+    asyncio.run(story())
+
+
+def test_a_state_directory_serves_one_plant_and_is_its_users_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder = tmp_path / "a" / "state"
+    with single_instance(folder):
+        assert folder.stat().st_mode & 0o777 == 0o700
+        with pytest.raises(ConfigurationError, match="runs already"), single_instance(folder):
+            raise AssertionError
+    with monkeypatch.context() as context:
+        context.setattr(os, "write", full)
+        with single_instance(folder):  # G14: a plant that crashed on a full disk comes back
+            pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="can't be used"), single_instance(tmp_path / "file"):
+        raise AssertionError
+
+
+def test_the_plant_process_imports_nothing_of_web_or_gateways() -> None:
+    """6.6: a small process without web code."""
+    code = "import sys, drivebus.service.process.main; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()} | {*done.stdout.split()}
+    assert not loaded & {"fastapi", "uvicorn", "starlette", "drivebus.web", "drivebus.gateways"}

@@ -1,0 +1,50 @@
+"""The systemd unit says what the plant process does."""
+
+from __future__ import annotations
+
+import configparser
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import drivebus.service
+from drivebus.service.control.stops import SERVICE_STOP_TIMEOUT_S
+from drivebus.service.process.systemd import MAX_BUS_LATENESS_S
+from drivebus.service.process.tuning import NICE_WEB
+
+UNIT = Path(drivebus.service.__file__).parent / "systemd" / "drivebus.service"
+
+
+def service() -> configparser.SectionProxy:
+    found = configparser.ConfigParser(strict=False, interpolation=None)
+    found.optionxform = str  # type: ignore[assignment,method-assign]
+    found.read(UNIT)
+    return found["Service"]
+
+
+def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_motors() -> None:
+    unit = service()
+    assert (unit["Type"], unit["NotifyAccess"]) == ("notify", "main")
+    assert float(unit["WatchdogSec"]) >= 2 * MAX_BUS_LATENESS_S
+    assert unit["KillMode"] == "mixed"  # SIGTERM to the plant only: it ends its web process itself
+    assert float(unit["TimeoutStopSec"]) > 2 * SERVICE_STOP_TIMEOUT_S
+    assert unit["ExecReload"].endswith("-HUP $MAINPID")
+    assert unit["StateDirectoryMode"] == "0700"
+
+
+def test_the_plant_comes_before_other_work_of_the_machine_and_of_its_web_process() -> None:
+    """G06: a stop does not wait for somebody's compiler."""
+    precedence = int(service()["Nice"])
+    assert precedence < precedence + NICE_WEB < 0  # the page, too, before a compiler: it stops drives
+
+
+def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:
+    """Only where systemd is."""
+    if (analyze := shutil.which("systemd-analyze")) is None:
+        return
+    copy = tmp_path / UNIT.name
+    copy.write_text(UNIT.read_text().replace("/usr/local/bin/drivebus", sys.executable))
+    done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True, check=False)
+    told = [line for line in done.stderr.splitlines() if UNIT.name in line]
+    assert not told, told

@@ -1,0 +1,112 @@
+"""What a drive does when its host dies, as its badge says: believed until something is written to it (F18)."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from drivebus.errors import WaiverRequired
+from drivebus.profiles.model import Text
+from drivebus.service.auth.rights import Role
+from drivebus.service.config.model import BusConfig, DriveConfig
+from drivebus.service.runtime.drive import COMM_LOSS_NOT_READ
+from drivebus.testing.virtual_time import run
+from fixtures.service import ServiceKit, plant_config, remote_actor, running_service
+
+ENGINEER = remote_actor("eve", Role.ENGINEER)
+BUS = BusConfig("s", "sim://e300@1?ramp=1")
+SMALL = DriveConfig("small", "s", 1, "e300", Text("Small", "小风机"))
+
+
+async def trips(kit: ServiceKit) -> None:
+    """The drive is set to trip, and has been read to be; its manual does not publish how, so that is told here."""
+    await asyncio.sleep(2)
+    dialect = kit.service.plant.drives["fan-1"].drive.dialect
+    rule = replace(dialect.profile.comm_loss, trips_values=(0,))
+    dialect.profile = replace(dialect.profile, comm_loss=rule)
+    await kit.call("lease.take", ENGINEER, drive="fan-1")
+    await write(kit, **{"F9.3": 0.0, "F9.4": 5.0})
+    await asyncio.sleep(5)
+    assert await badge(kit) == "trips"
+
+
+async def write(kit: ServiceKit, **values: float) -> None:
+    await kit.call("lease.renew", ENGINEER, drive="fan-1")
+    await kit.call("parameters.write", ENGINEER, drive="fan-1", values=values)
+
+
+async def badge(kit: ServiceKit) -> str:
+    found: str = (await kit.call("drives.get", drive="fan-1"))["host_dies"]["kind"]
+    return found
+
+
+def test_after_a_write_the_badge_is_doubted_and_forbids_a_start_until_it_is_read_again() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await trips(kit)
+            await write(kit, **{"F9.4": 0.0})
+            assert await badge(kit) == "unknown"
+            assert kit.service.plant.drives["fan-1"].comm_loss.text == COMM_LOSS_NOT_READ
+            await kit.call("lease.release", ENGINEER, drive="fan-1")
+            with pytest.raises(WaiverRequired):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.station("fan-1").motor.starts == 0
+            await asyncio.sleep(5)
+            assert await badge(kit) == "runs_on"
+
+    run(story())
+
+
+@pytest.mark.parametrize("during", [True, False])
+def test_what_was_read_before_or_while_something_was_written_is_not_believed(during: bool) -> None:
+    """The read began before the write ended: it may have seen the old value, and the next one is an hour away."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await trips(kit)
+            unit = kit.service.plant.drives["fan-1"]
+            doubts, report = unit.comm_loss_writes, await unit.drive.comm_loss_behaviour()
+            change = asyncio.create_task(write(kit, **{"F9.4": 0.0}))
+            await asyncio.sleep(0.01)
+            if not during:
+                await change
+            unit.set_comm_loss(report, kit.service.plant.now(), doubts)
+            assert await badge(kit) == "unknown"
+            during_write = unit.comm_loss_writes
+            await change
+            unit.set_comm_loss(report, kit.service.plant.now(), during_write)
+            assert await badge(kit) == ("unknown" if during else "trips")
+
+    run(story())
+
+
+@pytest.mark.parametrize(("action", "time", "kind"), [(0x00, 50, "trips"), (0x10, 50, "runs_on"), (0x00, 0, "runs_on")])
+def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_it_stops_itself(
+    action: int, time: int, kind: str
+) -> None:
+    """The E300's F4.3 and F4.4: no test's own word here. And it does what its badge says."""
+
+    async def story() -> None:
+        async with running_service(plant_config(buses=(BUS,), drives=(SMALL,), groups=())) as kit:
+            station = kit.station("small")
+            station.press_set(0x4_03, action)
+            station.press_set(0x4_04, time)
+            await asyncio.sleep(8)
+            found = (await kit.call("drives.get", drive="small"))["host_dies"]
+            assert (found["kind"], found["after_s"]) == (kind, time / 10)
+            if kind != "trips":
+                with pytest.raises(WaiverRequired):
+                    await kit.call("drive.run", drive="small", frequency_hz=20.0)
+                return
+            await kit.call("drive.run", drive="small", frequency_hz=20.0)
+            await asyncio.sleep(4)
+            assert station.motor.energised
+            bench = kit.service.plant.drives["small"].bus.port.bench
+            await kit.service.plant.buses["s"].bus.close()
+            await asyncio.sleep(15)
+            bench.advance()
+            assert not station.motor.energised
+
+    run(story())

@@ -1,0 +1,290 @@
+"""A changed plant.toml is taken over by its difference; what did not change misses no poll (B)."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import (
+    ConfigurationError,
+    DrivebusError,
+    NotFound,
+    ServiceError,
+    StartInhibited,
+    StopUnconfirmed,
+    Superseded,
+)
+from drivebus.service.alarms import SystemAlarm
+from drivebus.service.config.load import load
+from drivebus.testing.virtual_time import run
+from fixtures.service import ServiceKit, running_service
+
+HEAD = """
+format = 1
+[plant]
+id = "hall"
+title = "Hall"
+[bus.a]
+link = "sim://c320@1-3?ramp=2&name=a"
+[bus.b]
+link = "sim://vc660@1-2?ramp=2&name=b"
+"""
+FAN_1 = '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+FAN_2 = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
+FAN_3 = '[drive.fan-3]\nbus = "a"\naddress = 3\nmodel = "c320"\n'
+PUMP = '[drive.pump-1]\nbus = "b"\naddress = 1\nmodel = "vc660"\n'
+
+
+def write(path: Path, *parts: str, head: str = HEAD) -> Path:
+    path.write_text(head + "".join(parts))
+    return path
+
+
+def polls(kit: ServiceKit, drive: str) -> int:
+    unit = kit.service.plant.drives[drive]
+    return unit.bus.statistics().stations[unit.config.address].transactions
+
+
+def test_untouched_drives_miss_no_poll(tmp_path: Path) -> None:
+    """Twenty seconds with a reload in them bring as many polls as twenty seconds without."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def counted(reload: bool) -> dict[str, int]:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(10)
+            before = {drive: polls(kit, drive) for drive in ("fan-1", "pump-1")}
+            await asyncio.sleep(10)
+            if reload:
+                await kit.call("configuration.reload")
+            await asyncio.sleep(10)
+            return {drive: polls(kit, drive) - count for drive, count in before.items()}
+
+    without = run(counted(False))
+    with_nothing = run(counted(True))
+    write(file, FAN_1, FAN_2, PUMP)
+    assert with_nothing == without
+
+    async def changed() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(10)
+            line = kit.service.plant.buses["b"]
+            unit, monitor = kit.service.plant.drives["pump-1"], kit.service.plant.drives["pump-1"].monitor
+            before = polls(kit, "pump-1")
+            await asyncio.sleep(10)
+            write(file, FAN_1, FAN_3, PUMP)
+            told: list[str] = []
+            kit.service.plant.parts.on_event = lambda event: told.append(event["text"]["en"])
+            found = await kit.call("configuration.reload")
+            assert told == ["the plant's file was taken over"]
+            assert found["difference"] == {"added": ["fan-3"], "changed": [], "removed": ["fan-2"]}
+            await asyncio.sleep(10)
+            assert polls(kit, "pump-1") - before == without["pump-1"]
+            assert kit.service.plant.buses["b"] is line
+            assert kit.service.plant.drives["pump-1"] is unit and unit.monitor is monitor
+            views = {view["id"]: view for view in (await kit.call("drives.list"))["drives"]}
+            assert list(views) == ["fan-1", "fan-3", "pump-1"]
+            assert views["fan-3"]["presence"] == "online"
+            with pytest.raises(NotFound):
+                await kit.call("drives.get", drive="fan-2")
+
+    run(changed())
+
+
+def test_other_limits_and_periods_are_taken_over_in_place(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            unit = kit.service.plant.drives["fan-1"]
+            limits = "[drive.fan-1.limits]\nmaximum_hz = 30.0\n"
+            write(file, FAN_1, limits, "[drive.fan-1.signals]\noutput_frequency = 0.2\n", PUMP)
+            await kit.call("configuration.reload")
+            assert kit.service.plant.drives["fan-1"] is unit
+            assert (await kit.call("drives.get", drive="fan-1"))["maximum_hz"] == 30.0
+            before = polls(kit, "fan-1")
+            await asyncio.sleep(10)
+            assert polls(kit, "fan-1") - before >= 45
+
+    run(story())
+
+
+def test_a_drive_that_turns_is_not_taken_from_its_bus(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            await kit.grant_waivers()
+            await kit.call("drive.run", drive="fan-2", frequency_hz=20.0)
+            write(file, FAN_1, PUMP)
+            with pytest.raises(DrivebusError, match="fan-2"):
+                await kit.call("configuration.reload")
+            assert "fan-2" in kit.service.plant.drives
+            await kit.call("drive.stop", drive="fan-2")
+            await asyncio.sleep(1)
+            await kit.call("configuration.reload")
+            assert "fan-2" not in kit.service.plant.drives
+
+    run(story())
+
+
+def test_a_latch_outlives_another_bus(tmp_path: Path) -> None:
+    """Nothing that was stopped by hand becomes free because somebody edits a file."""
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            await kit.grant_waivers()
+            await kit.call("plant.stop")
+            write(file, FAN_1, PUMP, head=HEAD.replace("ramp=2&name=a", "ramp=3&name=other"))
+            await kit.call("configuration.reload")
+            await asyncio.sleep(5)
+            with pytest.raises(StartInhibited) as refused:
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert refused.value.key == "drives.latched"
+
+    run(story())
+
+
+def test_a_wrong_file_changes_nothing_and_every_mistake_is_told(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            wrong = HEAD + FAN_1 + PUMP.replace("vc660", "nonsense") + FAN_2.replace('"a"', '"nowhere"')
+            found = await kit.call("configuration.check", text=wrong)
+            assert len(found["complaints"]) >= 2 and all(one["line"] for one in found["complaints"])
+            write(file, wrong, head="")
+            with pytest.raises(ConfigurationError):
+                await kit.call("configuration.reload")
+            assert [*kit.service.plant.drives] == ["fan-1", "pump-1"]
+            assert (await kit.call("configuration.get"))["text"] == wrong
+            good = await kit.call("configuration.check", text=HEAD + FAN_1 + FAN_2)
+            assert good == {"complaints": [], "difference": {"added": ["fan-2"], "changed": [], "removed": ["pump-1"]}}
+
+    run(story())
+
+
+def test_a_drive_that_leaves_the_plant_while_everything_is_stopped_is_in_the_answer_all_the_same(
+    tmp_path: Path,
+) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            write(file, FAN_1, PUMP)
+            stop = asyncio.create_task(kit.call("plant.stop"))
+            await asyncio.sleep(0.02)
+            await kit.call("configuration.reload")
+            found = await stop
+            assert {*found["outcomes"]} == {"fan-1", "fan-2", "pump-1"}
+            assert [*kit.service.plant.drives] == ["fan-1", "pump-1"]
+
+    run(story())
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+@pytest.mark.parametrize("operation", ["drive.run", "group.start"])
+def test_a_start_that_was_wished_before_its_drive_was_replaced_is_not_sent(
+    tmp_path: Path, operation: str, stopped: bool
+) -> None:
+    """6.5: a stop counts for the name, whatever drive has it by now; and a wish was for the drive of then."""
+    group = '[group.fans]\ndrives = ["fan-1", "fan-2"]\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP, group)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(3)
+            await kit.grant_waivers()
+            kit.trail.delay_s = 1.0
+            what = {"drive": "fan-1"} if operation == "drive.run" else {"group": "fans"}
+            start = asyncio.create_task(kit.call(operation, frequency_hz=20.0, **what))
+            await asyncio.sleep(0.1)
+            kit.trail.delay_s = 0.0
+            if stopped:
+                await kit.call("drive.stop", drive="fan-1")
+            write(file, FAN_1.replace("address = 1", "address = 3"), FAN_2, PUMP, group)
+            await kit.call("configuration.reload")
+            with pytest.raises(Superseded) as refused:
+                await start
+            assert refused.value.key == ("plant.stopped_meanwhile" if stopped else "plant.another_meanwhile")
+            assert refused.value.params["drive"] == "fan-1"
+
+    run(story())
+
+
+@pytest.mark.parametrize("rest", [(), (FAN_3.replace("c320", "c300"),)], ids=["gone", "replaced"])
+def test_a_group_of_which_a_drive_was_taken_away_starts_no_further_one(tmp_path: Path, rest: tuple[str, ...]) -> None:
+    group = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\nstagger_s = 4.0\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, FAN_3, PUMP, group)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(3)
+            await kit.grant_waivers()
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(3)
+            station = kit.station("fan-2")
+            write(file, FAN_1, FAN_2, *rest, PUMP)
+            await kit.call("configuration.reload")
+            found = (await start)["outcomes"]
+            last = "plant.another_meanwhile" if rest else "plant.lease_gone"
+            assert [one.get("code") for one in found.values()] == [None, "plant.another_meanwhile", last]
+            assert station.motor.starts == 0
+
+    run(story())
+
+
+def test_a_drive_whose_stop_is_under_way_is_not_taken_from_its_bus(tmp_path: Path) -> None:
+    """Nobody here started it and its state is not known: its stop is all that it has."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(3)
+            unit = kit.service.plant.drives["fan-2"]
+            unit.bus.port.bench.unplug()  # type: ignore[attr-defined]
+            await asyncio.sleep(5)
+            stop = asyncio.create_task(kit.call("drive.stop", drive="fan-2"))
+            await asyncio.sleep(0.1)
+            assert unit.drive.stopping and not unit.drive.stop_pending
+            write(file, FAN_1, PUMP)
+            with pytest.raises(ServiceError) as refused:
+                await kit.call("configuration.reload")
+            assert refused.value.key == "plant.reload_turning"
+            with pytest.raises(StopUnconfirmed):
+                await stop
+            assert unit.drive.stopping
+
+    run(story())
+
+
+def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: Path) -> None:
+    """An interlock that is taken out, a drive, a bus: nobody could clear their alarms any more."""
+    interlock = '[interlock.air]\ndrives = ["fan-1"]\nrequire = "fan-2.state == running"\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP, interlock)
+
+    async def story() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(2)
+            own = kit.service.plant.raise_alarm
+            own(SystemAlarm.INTERLOCK_TRIP, "fan-1", subject="air")
+            own(SystemAlarm.RUNNING_AT_START, "fan-2")
+            own(SystemAlarm.RUNNING_AT_START, "fan-1")
+            own(SystemAlarm.FOREIGN_MASTER, subject="b")
+            own(SystemAlarm.FOREIGN_MASTER, subject="a")
+            own(SystemAlarm.STORAGE_FAILURE, subject="cases")
+            head = HEAD.partition("[bus.b]")[0]
+            write(file, FAN_1, head=head)
+            await kit.call("configuration.reload")
+            active = kit.service.plant.parts.alarms.active()
+            left = {(one.kind, one.drive, one.about) for one in active if one.cleared_ms is None}
+            assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "cases")}
+
+    run(story())

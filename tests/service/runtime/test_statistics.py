@@ -1,0 +1,42 @@
+"""What the plant counts while it runs."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+from drivebus.service.config.model import BusConfig
+from drivebus.testing.virtual_time import run
+from fixtures.running_service import real_service
+from fixtures.service import DRIVES, plant_config, running_service
+
+
+def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
+    """A stop of everything is one of each drive; a DF800 can only acknowledge; who is not there confirms nothing."""
+
+    async def story() -> None:
+        buses = (BusConfig("a", "sim://c320@1,2"), BusConfig("b", "sim://df800@1"))
+        drives = (*DRIVES[:2], *(replace(drive, model="df800") for drive in DRIVES[2:]))
+        async with running_service(plant_config(buses=buses, drives=drives)) as kit:
+            await asyncio.sleep(5)
+            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 0, "confirmed": 0, "acknowledged": 0}
+            await kit.call("drive.stop", drive="fan-1")
+            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 1, "confirmed": 1, "acknowledged": 0}
+            await kit.call("plant.stop")
+            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 5, "confirmed": 3, "acknowledged": 1}
+
+    run(story())
+
+
+async def test_what_the_history_took_in_and_each_drive_did_is_told_at_once(tmp_path: Path) -> None:
+    async with real_service(tmp_path) as kit:
+        for _ in range(100):
+            found = await kit.call("plant.statistics")
+            if found["history"]["samples"] and found["drives"]["fan-1"]["running_h"] is not None:
+                break
+            await asyncio.sleep(0.05)
+        assert found["history"]["ok"] and found["history"]["lost_samples"] == 0
+        assert found["drives"].keys() == {"fan-1", "fan-2", "pump-1", "pump-2"}
+        assert found["drives"]["fan-1"] == await kit.call("drives.statistics", drive="fan-1")
+        assert found["history"]["samples"] > 0 and found["drives"]["fan-1"]["starts"] == 0

@@ -1,0 +1,191 @@
+"""The plant process: what is seen, who may command, what is recorded."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.drives.state import DriveState
+from drivebus.errors import ArmRequired, ControlNotHeld, InvalidParameters, NotFound, PermissionDenied, WaiverRequired
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.rights import Right, Role
+from drivebus.testing.virtual_time import run
+from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
+
+
+def test_every_drive_is_seen_within_seconds() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            found = (await kit.call("drives.list"))["drives"]
+            assert [view["presence"] for view in found] == ["online"] * 4
+            assert [view["state"] for view in found] == ["stopped"] * 4
+            assert found[0]["signals"]["output_frequency"]["quality"] == "good"
+
+    run(story())
+
+
+def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            await kit.grant_waivers("fan-1")
+            found = await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert found["outcome"]["word"] == "confirmed"
+            assert kit.trail.outcomes("drive.run") == ["asked", "confirmed"]
+            stopped = await kit.call("drive.stop", drive="fan-1")
+            assert stopped["outcome"]["word"] == "confirmed"
+            assert kit.trail.outcomes("drive.stop") == ["confirmed"]
+
+    run(story())
+
+
+def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
+    """S16: what was recorded and is sent again starts nothing."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            await kit.grant_waivers()
+            ann = remote_actor()
+            with pytest.raises(ControlNotHeld):
+                await kit.call("drive.arm", ann, drive="fan-1")
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            with pytest.raises(ArmRequired) as served:
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=25.0, arm=arm)
+            assert served.value.key == "plant.arm_void", "before any stop has voided it"
+            await kit.call("lease.renew", ann, drive="fan-1")
+            await kit.call("drive.stop", ann, drive="fan-1")
+            await kit.call("lease.take", ann, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            assert kit.service.plant.drives["fan-1"].status().state is not DriveState.RUNNING
+
+    run(story())
+
+
+def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            with pytest.raises(WaiverRequired):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
+            view = await kit.call("drives.get", drive="pump-1")
+            assert "plant.waiver_needed" in [one["key"] for one in view["blocked"]]
+            await kit.grant_waivers("pump-1")
+            assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("operation", "role", "params"),
+    [
+        ("drive.run", Role.VIEWER, {"drive": "fan-1", "frequency_hz": 20.0}),
+        ("drive.stop", Role.VIEWER, {"drive": "fan-1"}),
+        ("drive.limits", Role.OPERATOR, {"drive": "fan-1"}),
+        ("parameters.write", Role.OPERATOR, {"drive": "fan-1", "values": {"F0.1": 2.0}}),
+    ],
+)
+def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role: Role, params: dict[str, Any]) -> None:
+    """S01, S08, S09: whatever door the request came through."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            sent = _sent(kit)
+            with pytest.raises(PermissionDenied):
+                await kit.call(operation, remote_actor(role=role), **params)
+            assert _sent(kit) == sent
+            assert kit.trail.entries[-1].outcome == "plant.forbidden"
+
+    run(story())
+
+
+def _sent(kit: ServiceKit) -> int:
+    return sum(line.frame_count for line in kit.service.plant.buses.values())
+
+
+def test_wrong_parameters_are_all_named_and_unknown_things_are_not_found() -> None:
+    """T19: no number in a string, nothing unknown."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            with pytest.raises(InvalidParameters) as refused:
+                await kit.call("drive.run", drive="fan-1", frequency_hz="25.0", colour="red")
+            assert {fault["path"] for fault in refused.value.params["faults"]} == {"frequency_hz", "colour"}
+            for operation, params in (("drives.get", {"drive": "nobody"}), ("nothing.at_all", {})):
+                with pytest.raises(NotFound):
+                    await kit.service.call(operation, params, LOCAL)
+
+    run(story())
+
+
+def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            live = kit.service.live(["drives/fan-1", "plant"], LOCAL)
+            first = await anext(live)
+            assert first["type"] == "snapshot" and set(first["topics"]) == {"drives/fan-1", "plant"}
+            second = await anext(live)
+            assert second["type"] == "delta" and second["seq"] == first["seq"] + 1
+            assert "title" not in second["topics"].get("drives/fan-1", {})
+
+    run(story())
+
+
+def test_to_save_parameters_takes_a_right_of_its_own() -> None:
+    """S08: EEPROM is not RAM."""
+
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            tuner = Actor("tom", frozenset({Right.VIEW, Right.OPERATE, Right.WRITE_PARAMETERS}), "s-tom", remote=False)
+            values = {"F0.1": 2.0}
+            with pytest.raises(PermissionDenied):
+                await kit.call("parameters.write", tuner, drive="fan-1", values=values, save=True)
+            found = await kit.call("parameters.write", tuner, drive="fan-1", values=values)
+            assert found["outcome"]["word"] == "confirmed"
+
+    run(story())
+
+
+def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_owner() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            found = (await kit.call("parameters.read", drive="fan-1", names=["F0.1", "output_frequency"]))["parameters"]
+            assert (found["F0.1"]["value"], found["F0.1"]["address_hex"]) == (2, "0001H")
+            assert found["output_frequency"]["unit"] == "Hz"
+            with pytest.raises(ControlNotHeld):
+                await kit.call(
+                    "parameters.write", remote_actor(role=Role.ENGINEER), drive="fan-1", values={"F0.1": 2.0}
+                )
+
+    run(story())
+
+
+def test_a_profile_is_told_whole() -> None:
+    async def story() -> None:
+        async with running_service() as kit:
+            found = await kit.call("drives.profile", drive="fan-1")
+            assert found["model"] == "c320" and found["can_write_ram"] and found["can_save"]
+            profile = profiles.load("c320")
+            assert [one["name"] for one in found["signals"]] == [*profile.signals]
+            assert [one["notation"] for one in found["parameters"]] == [*profile.parameters]
+            assert [one["code"] for one in found["faults"]] == [*profile.faults]
+            assert [one["id"] for one in found["caveats"]] == [one.id for one in profile.caveats]
+            assert [one["setting"] for one in found["open_questions"]] == [
+                one.setting for one in profile.open_questions
+            ]
+            assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
+            assert all(text["en"] and text["zh"] for text in found["keypad"])
+
+    run(story())

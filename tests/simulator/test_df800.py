@@ -1,0 +1,247 @@
+"""The pretend DF800 answers, refuses and moves as the supplement of its manual says, in both readings."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from drivebus.protocols import modbus
+from drivebus.simulator.motor import Trip
+from fixtures.simulator import SimulatorClient, run_virtual
+
+ASCII = modbus.ModbusAsciiCodec("short")
+
+
+def write(register: int, value: int) -> modbus.WriteRegister:
+    return modbus.WriteRegister(1, register, value)
+
+
+async def running(desk: SimulatorClient, word: int = 0b10) -> None:
+    await desk.request(write(0x2001, 3000))
+    await desk.request(write(0x2000, word))
+    await asyncio.sleep(12.0)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
+        "3A 30 31 30 36 32 30 30 30 30 30 30 32 44 37 0D 0A",
+        "3A 30 31 30 36 32 30 30 30 30 30 30 31 44 38 0D 0A",
+        "3A 30 31 30 36 30 30 36 35 30 30 30 33 39 31 0D 0A",
+        "3A 30 31 30 36 30 30 36 35 30 30 30 35 38 46 0D 0A",
+    ],
+)
+def test_the_worked_ascii_frames_come_back_as_printed(frame: str) -> None:
+    async def told() -> bytes:
+        async with SimulatorClient("sim://df800@1?encoding=ascii") as desk:
+            return await desk.raw(bytes.fromhex(frame))
+
+    assert run_virtual(told()) == bytes.fromhex(frame)
+
+
+@pytest.mark.parametrize("encoding", ["rtu", "ascii"])
+def test_it_runs_and_stops(encoding: str) -> None:
+    async def told() -> None:
+        codec = ASCII if encoding == "ascii" else None
+        async with SimulatorClient(f"sim://df800@1?encoding={encoding}", codec) as desk:
+            await running(desk)
+            assert desk.station().motor.output_hz == pytest.approx(30.0)
+            assert (await desk.request(modbus.ReadRegisters(1, 5, 1))).values[0] in range(850, 900)
+            await desk.request(write(0x2000, 0b01))
+            await asyncio.sleep(11.0)
+            assert not desk.station().running
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize(
+    ("request_", "rtu", "ascii_"),
+    [
+        (modbus.ReadRegisters(1, 900, 1), "01 03 00 20 F0", b":010300FC\r\n"),
+        (modbus.WriteRegister(1, 900, 1), "01 06 00 23 A0", b":010600F9\r\n"),
+        (modbus.ReadRegisters(1, 100, 5), "01 03 00 20 F0", b":010300FC\r\n"),
+        (modbus.ReadRegisters(1, 0x2000, 1), "01 03 00 20 F0", b":010300FC\r\n"),
+        (modbus.WriteRegister(1, 3, 1), "01 06 00 23 A0", b":010600F9\r\n"),
+        (modbus.WriteRegister(1, 0x2001, 40001), "01 06 00 23 A0", b":010600F9\r\n"),
+    ],
+)
+def test_t15_its_error_is_the_function_unchanged_and_one_byte_00(request_: Any, rtu: str, ascii_: bytes) -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            assert await desk.raw(desk.codec.encode_request(request_)) == bytes.fromhex(rtu)
+        async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
+            assert await desk.raw(ASCII.encode_request(request_)) == ascii_
+
+    run_virtual(told())
+
+
+def test_t15_a_locked_parameter_is_refused_in_the_same_form() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            desk.station().memory.locked = True
+            assert (await desk.request(write(107, 50))).code is None
+            desk.station().memory.locked = False
+            await running(desk)
+            assert (await desk.request(write(101, 0))).code is None
+            assert isinstance(await desk.request(write(107, 50)), modbus.WriteAck)
+
+    run_virtual(told())
+
+
+def test_an_unknown_function_is_refused_in_the_same_form() -> None:
+    async def told() -> bytes:
+        async with SimulatorClient("sim://df800@1") as desk:
+            return await desk.raw(modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0, 1, function=4)))
+
+    assert run_virtual(told())[:3] == bytes.fromhex("01 04 00")
+
+
+@pytest.mark.parametrize(
+    ("reading", "field", "sign"), [("b3b2", 0b01, -1), ("b3b2", 0b10, 1), ("b2b3", 0b01, 1), ("b2b3", 0b10, -1)]
+)
+def test_the_direction_field_turns_the_motor_as_the_reading_says(reading: str, field: int, sign: int) -> None:
+    async def told() -> float:
+        async with SimulatorClient(f"sim://df800@1?direction_field={reading}") as desk:
+            await running(desk, field << 2 | 0b10)
+            return float(desk.station().motor.output_hz)
+
+    assert run_virtual(told()) == pytest.approx(sign * 30.0)
+
+
+def test_a_start_without_direction_keeps_the_last_one() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1?ramp=1") as desk:
+            await running(desk, 0b0110)
+            await desk.request(write(0x2000, 0b01))
+            await asyncio.sleep(2.0)
+            await running(desk, 0b10)
+            assert desk.station().motor.output_hz == pytest.approx(-30.0)
+
+    run_virtual(told())
+
+
+def test_t16_a_toggle_is_executed_each_time_that_it_is_sent() -> None:
+    async def told() -> list[float]:
+        async with SimulatorClient("sim://df800@1?ramp=1") as desk:
+            await running(desk)
+            seen = []
+            for _ in range(3):
+                await desk.request(write(0x2000, 0b1100))
+                await asyncio.sleep(3.0)
+                seen.append(round(desk.station().motor.output_hz, 6))
+            return seen
+
+    assert run_virtual(told()) == [-30.0, 30.0, -30.0]
+
+
+def test_t16_11b_in_the_run_field_jogs() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1?ramp=1") as desk:
+            await desk.request(write(0x2000, 0b11))
+            await asyncio.sleep(2.0)
+            assert desk.station().motor.output_hz == pytest.approx(5.0)
+
+    run_virtual(told())
+
+
+def test_deltas_12h_starts_and_resets_on_this_drive() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1?ramp=1") as desk:
+            await desk.request(write(0x2001, 1000))
+            await desk.request(write(0x2000, 0x12))
+            await asyncio.sleep(2.0)
+            assert desk.station().motor.output_hz == pytest.approx(10.0)
+
+    run_virtual(told())
+
+
+@pytest.mark.parametrize(("register", "value", "hz"), [(102, 0, 0.0), (101, 0, 12.0)])
+def test_f1_01_and_f1_02_decide_whether_the_bus_is_heard(register: int, value: int, hz: float) -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            desk.station().press_set(100, 1200)
+            desk.station().press_set(register, value)
+            reply = await desk.request(write(0x2000, 0b10))
+            assert isinstance(reply, modbus.WriteAck)  # says yes all the same
+            await running(desk)
+            assert desk.station().motor.output_hz == pytest.approx(hz)
+
+    run_virtual(told())
+
+
+def test_t17_nothing_that_can_be_read_tells_running_from_stopped_except_the_monitors() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            for register in (0x2000, 0x2100, 0x2101, 0x3000):
+                assert (await desk.request(modbus.ReadRegisters(1, register, 1))).code is None
+
+    run_virtual(told())
+
+
+def test_a_broadcast_is_not_heard_by_default() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            await running(desk)
+            await desk.raw(modbus.ModbusRtuCodec().encode_request(modbus.WriteRegister(0, 0x2000, 1)))
+            await asyncio.sleep(1.0)
+            assert not desk.station().motor.stopping
+
+    run_virtual(told())
+
+
+def test_every_write_is_saved() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            await desk.request(write(107, 200))
+            assert desk.station().memory.eeprom_writes[107] == 1
+            assert (await desk.request(modbus.ReadRegisters(1, 107, 2))).values == (200, 100)
+
+    run_virtual(told())
+
+
+def test_an_ascii_frame_begins_again_at_every_colon() -> None:
+    async def told() -> bytes:
+        async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
+            good = ASCII.encode_request(modbus.ReadRegisters(1, 100, 1))
+            return await desk.raw(b"\x00" + good[:5] + good)
+
+    assert run_virtual(told()) == b":0103021388" + b"5F\r\n"
+
+
+def test_small_letters_and_a_bad_lrc_get_no_answer() -> None:
+    async def told() -> list[bytes]:
+        async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
+            good = ASCII.encode_request(modbus.ReadRegisters(1, 107, 1))
+            return [await desk.raw(good.lower()), await desk.raw(good[:-4] + b"00\r\n")]
+
+    assert run_virtual(told()) == [b"", b""]
+
+
+def test_bit_4_resets_a_fault_and_a_fault_stops_the_motor() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1?ramp=1") as desk:
+            await running(desk)
+            desk.station().trip(Trip.OVERLOAD)
+            await running(desk)
+            assert not desk.station().running
+            await desk.request(write(0x2000, 0x10))
+            await running(desk)
+            assert desk.station().running
+
+    run_virtual(told())
+
+
+def test_a_power_cycle_forgets_the_frequency_of_the_bus() -> None:
+    async def told() -> None:
+        async with SimulatorClient("sim://df800@1") as desk:
+            await running(desk)
+            desk.station().power_cycle()
+            await asyncio.sleep(3.0)
+            await desk.request(write(0x2000, 0b10))
+            await asyncio.sleep(5.0)
+            assert desk.station().motor.output_hz == 0.0
+
+    run_virtual(told())

@@ -1,0 +1,76 @@
+"""The virtual loop is exact, instant and never hangs."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+
+from drivebus.testing.virtual_time import Deadlock, run
+
+
+def test_a_virtual_day_passes_at_once_and_exactly() -> None:
+    async def story() -> float:
+        await asyncio.sleep(86400)
+        return asyncio.get_running_loop().time()
+
+    begun = time.perf_counter()
+    assert run(story(), start=5.0) == 86405.0
+    assert time.perf_counter() - begun < 10
+
+
+def test_timers_run_in_order_and_see_their_own_time() -> None:
+    async def story() -> list[tuple[str, float]]:
+        loop = asyncio.get_running_loop()
+        seen: list[tuple[str, float]] = []
+        loop.call_at(0.3, lambda: seen.append(("late", loop.time())))
+        loop.call_at(0.1, lambda: seen.append(("early", loop.time())))
+        await asyncio.sleep(1)
+        return seen
+
+    assert run(story()) == [("early", 0.1), ("late", 0.3)]
+
+
+def test_a_timeout_is_exact() -> None:
+    async def story() -> float:
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(2.5):
+                await asyncio.Event().wait()
+        return asyncio.get_running_loop().time()
+
+    assert run(story()) == 2.5
+
+
+def test_waiting_for_what_can_never_come_is_an_error_that_names_the_task() -> None:
+    async def story() -> None:
+        asyncio.current_task().set_name("the forgotten one")  # type: ignore[union-attr]
+        await asyncio.Event().wait()
+
+    with pytest.raises(Deadlock, match="the forgotten one"):
+        run(story())
+
+
+def test_waiting_past_the_longest_time_is_an_error() -> None:
+    async def story() -> None:
+        while True:  # noqa: ASYNC110
+            await asyncio.sleep(1)
+
+    with pytest.raises(Deadlock, match="longest"):
+        run(story(), max_s=10)
+
+
+def test_a_function_for_a_thread_runs_at_once() -> None:
+    async def story() -> int:
+        return await asyncio.get_running_loop().run_in_executor(None, lambda: 7)
+
+    assert run(story()) == 7
+
+
+def test_an_error_in_the_story_comes_out() -> None:
+    async def story() -> None:
+        await asyncio.sleep(1)
+        raise KeyError("x")
+
+    with pytest.raises(KeyError):
+        run(story())

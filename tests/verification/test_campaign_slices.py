@@ -1,0 +1,64 @@
+"""Every campaign's slice, as continuous integration runs it: nothing is violated; one seed, one story."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+
+import pytest
+
+from verification.campaign import CAMPAIGN_NAMES, CampaignRun, load_campaign, run_campaign
+from verification.campaigns import soak
+
+DONE = [name for name in CAMPAIGN_NAMES if importlib.util.find_spec(f"verification.campaigns.{name}")]
+SHORT = {
+    "fuzz": 20_000,
+    "flips": 2_000,
+    "late": 400,
+    "commands": 60,
+    "stop": 60,
+    "fairness": 2,
+    "replug": 8,
+    "clock": 20,
+    "audit": 60,
+}
+"""Enough to tell whether chance, hashes or addresses leak into a run."""
+
+
+def test_every_campaign_is_there() -> None:
+    assert [*CAMPAIGN_NAMES] == DONE
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", DONE)
+def test_a_slice_violates_nothing(name: str) -> None:
+    campaign = load_campaign(name)
+    session = run_campaign(campaign, CampaignRun(name, 1, campaign.ci_budget))
+    assert session.violations == []
+    assert session.trials > 0
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> None:
+    """Determinism gate of RELIABILITY 6.1: another process, another hash seed, the same SHA-256."""
+    here = run_campaign(load_campaign(name), CampaignRun(name, 7, SHORT[name])).digest
+    told = (
+        "from verification.campaign import *; "
+        f"print(perform(find({name!r}), Session({name!r}, 7, {SHORT[name]})).digest)"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "4711"}
+    done = subprocess.run([sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [here]
+
+
+@pytest.mark.parametrize(
+    ("pages", "since_first", "since_noon"), [((100, 120, 125, 126), 26.0, 5.0), ((100,), 0.0, 0.0)]
+)
+def test_g13_memory_is_told_since_the_first_hour_and_since_noon(
+    pages: tuple[int, ...], since_first: float, since_noon: float
+) -> None:
+    found = soak._memory_growth([*pages])
+    assert found == {"rss_growth_percent": since_first, "rss_growth_since_noon_percent": since_noon}

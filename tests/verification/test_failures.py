@@ -1,0 +1,287 @@
+"""The campaign ``failures`` runs clean, repeats itself, and finds planted ways to fall over a failing call (G12)."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.bus import timer as timers
+from drivebus.bus.core import BusCore
+from drivebus.bus.shell import Shell
+from drivebus.capture.dbcap import CaptureWriter
+from drivebus.drives import store as stores
+from drivebus.drives.eeprom_budget import EepromBudget
+from verification.campaign import CampaignRun, run_campaign
+from verification.campaigns import failures
+from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
+from verification.fault_injection import file_failures as files
+from verification.fault_injection.clock_failures import fail_kernel_timers, stall_clock
+from verification.fault_injection.faulty_disk import FaultyDisk, ProgramKilled, installed_disk
+from verification.fault_injection.faulty_port import PORT_ERRORS
+from verification.fault_injection.port_failures import PortFailureScenario
+
+VC660 = VARIANTS_BY_NAME["vc660"]
+
+
+TRACE_LINES: list[str] = []
+
+
+def session(budget: int = 4) -> CampaignRun:
+    return CampaignRun("failures", 1, budget, listener=TRACE_LINES.append)
+
+
+def reported(what: str) -> bool:
+    return any(line.startswith("VIOLATION") and what in line for line in TRACE_LINES)
+
+
+def test_every_seam_bears_its_failures() -> None:
+    found = run_campaign(failures.CAMPAIGN, session(2))
+    assert found.violations == []
+    assert found.trials == 2 * len(found.figures) == 26
+
+
+def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
+    code = (
+        "from verification.campaign import Session, perform\n"
+        "from verification.campaigns.failures import CAMPAIGN\n"
+        "print(perform(CAMPAIGN, Session('failures', 5, 1)).digest)"
+    )
+    digests = {
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(digests) == 1
+
+
+# --- the port --------------------------------------------------------------------------------------------------------
+
+
+def port(kind: DriveVariant, calls: str, error: str, every: int = 1, most: int = 12) -> CampaignRun:
+    """The calls of this name fail, one in each run."""
+    found = session()
+    row = PortFailureScenario(found, kind, "clean").run_with_failure()
+    places = [nth for nth, call in enumerate(row, 1) if call == calls]
+    for nth in places[::every][:most]:
+        PortFailureScenario(found, kind, f"{nth}").run_with_failure(nth, error)
+    return found
+
+
+@pytest.mark.parametrize("error", PORT_ERRORS)
+def test_a_port_that_can_not_be_opened_or_closed_is_borne(error: str) -> None:
+    for calls in ("open", "close"):
+        assert port(VC660, calls, error).violations == []
+
+
+def test_an_error_of_the_port_that_escapes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def plainly(shell: Shell) -> None:
+        await shell.port.close()
+
+    monkeypatch.setattr(Shell, "_close_port", plainly)
+    port(VC660, "close", "EIO")
+    assert reported("close raised OSError")
+
+
+def test_a_bus_that_does_not_open_its_port_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(shell: Shell) -> None:
+        return
+
+    monkeypatch.setattr(Shell, "_reopen", never)
+    port(VC660, "write", "PortLost", every=30, most=4)
+    assert reported("G12 the bus does not work again") or reported("the motor stays on")
+
+
+def test_i6_a_frame_on_top_of_one_that_left_although_it_failed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = BusCore.on_port_open
+
+    def hasty(core: BusCore, now: float) -> Any:
+        core._silent_since = now
+        return plain(core, now)
+
+    monkeypatch.setattr(BusCore, "on_port_open", hasty)
+    found = session()
+    row = PortFailureScenario(
+        found, VC660, "clean"
+    ).run_with_failure()  # a stop is the only frame that goes at once after an opening
+    frames = [line for line in TRACE_LINES if " > " in line]
+    stop = next(place for place, line in enumerate(frames) if " stop " in line)
+    for nth in [nth for nth, call in enumerate(row, 1) if call == "write"][stop - 3 : stop + 2]:
+        PortFailureScenario(found, VC660, "late").run_with_failure(nth, "EIO", True)
+    assert reported("I6")
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def failing(play: Callable[[CampaignRun, FaultyDisk], None], folder: Path, errors: Any, every: int = 1) -> CampaignRun:
+    """Each call to files fails, in each of these ways."""
+    found = session()
+    clean = FaultyDisk(folder / "clean")
+    clean.folder.mkdir()
+    play(found, clean)
+    for nth in range(1, clean.calls + 1, every):
+        for number, how in enumerate(errors):
+            place = folder / f"{nth}-{number}"
+            place.mkdir()
+            play(found, FaultyDisk(place, nth, **how))
+    return found
+
+
+def test_a_store_that_is_written_in_place_is_found_torn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def in_place(path: Path, text: str) -> None:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(text)
+
+    monkeypatch.setattr(stores, "_replace", in_place)
+    failing(files.fail_store, tmp_path, (failures.KILL_MODE,), 2)
+    assert reported("torn")
+
+
+def test_a_store_that_is_not_synced_is_found_torn_after_a_power_cut(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def unsynced(path: Path, text: str) -> None:
+        part = path.with_name("part")
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+        part.replace(path)
+
+    monkeypatch.setattr(stores, "_replace", unsynced)
+    failing(partial(files.fail_store, power=True), tmp_path, (failures.KILL_MODE,))
+    assert reported("torn")
+
+
+def test_saves_that_are_counted_too_late_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    plain = EepromBudget.mark_saved
+
+    def charge(wear: EepromBudget, notation: str, day: str) -> Any:
+        return
+        yield
+
+    def saved(wear: EepromBudget, notation: str) -> Any:
+        yield from wear._change(notation, lambda old: type(old)("2026-01-01", old.today + 1, old.total + 1))
+        yield from plain(wear, notation)
+
+    monkeypatch.setattr(EepromBudget, "consume", charge)
+    monkeypatch.setattr(EepromBudget, "mark_saved", saved)
+    failing(files.fail_store, tmp_path, (failures.KILL_MODE,), 2)
+    assert reported("are counted")
+
+
+def recording(found: CampaignRun, disk: FaultyDisk) -> None:
+    records = RECORDED_FILES.setdefault("records", [])
+    files.fail_capture(found, disk, RECORDED_FILES.setdefault("lines", []), records)
+
+
+RECORDED_FILES: dict[str, Any] = {}
+
+
+@pytest.fixture(autouse=True)
+def _forget_failure() -> None:
+    RECORDED_FILES.clear()
+    TRACE_LINES.clear()
+
+
+def test_a_recording_that_ends_silently_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def silently(writer: CaptureWriter, line: str) -> None:
+        if not hasattr(writer, "_over"):
+            try:
+                os.write(writer._fd, line.encode())
+            except OSError:
+                writer._over = True  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(CaptureWriter, "_write_line", silently, raising=True)
+    monkeypatch.setattr(CaptureWriter, "__slots__", (), raising=False)
+    failing(recording, tmp_path, failures.CAPTURE_FAILURES[:1], 40)
+    assert reported("nobody says so")
+
+
+def test_a_recording_whose_failure_reaches_the_bus_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def put(writer: CaptureWriter, line: str) -> None:
+        os.write(writer._fd, line.encode())
+
+    monkeypatch.setattr(CaptureWriter, "_write_line", put)
+    try:
+        failing(recording, tmp_path, failures.CAPTURE_FAILURES[:1], 40)
+    except OSError:
+        return
+    assert reported("changed what the bus does")
+
+
+def test_sentences_that_fail_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(i18n, "_sentence", lambda key, language: i18n.catalogue(language).get(key))
+    found = session()
+    files.fail_catalogue(found, FaultyDisk(files.SENTENCES, 5, OSError(24, "Too many open files")))
+    assert reported("raised OSError")
+
+
+def test_models_that_are_lost_for_good_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def inside(folder: Path) -> list[Path]:
+        try:
+            return list(folder.iterdir())
+        except OSError:
+            return []
+
+    monkeypatch.setattr(files.PROFILE_LOADER, "_list_directory", inside)
+    found = session()
+    files.fail_profile(found, FaultyDisk(files.PROFILES, 1, PermissionError(13, "Permission denied")))
+    files.PROFILE_LOADER._builtin_files.cache_clear()
+    assert reported("is not there again")
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has timerfd")
+def test_a_timer_that_stays_open_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wakers(timer: timers.TimerQueue, loop: Any) -> Any:
+        try:
+            return timers._KernelTimer(loop, timer._run_due), timers._KernelTimer(loop, timer._run_due)
+        except OSError:
+            waker = timers._LoopTimer(loop, timer._run_due)
+            return waker, waker
+
+    monkeypatch.setattr(timers.TimerQueue, "_create_backends", wakers)
+    found = session()
+    for nth in range(1, fail_kernel_timers(found, 0) + 1):
+        fail_kernel_timers(found, nth)
+    assert reported("stayed open")
+
+
+def test_a_clock_that_is_spun_upon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("verification.fault_injection.clock_failures.MAX_CLOCK_READS", 1000)
+    monkeypatch.setattr(timers, "SLOW_CLOCK_RETRY_S", 1e-6)
+    found = session()
+    assert stall_clock(found, 40) > 40
+    assert reported("spun upon")
+
+
+# --- the disk itself -------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_program_leaves_half_a_write_and_touches_nothing_any_more(tmp_path: Path) -> None:
+    disk = FaultyDisk(tmp_path, 2)
+    with installed_disk(disk):
+        with pytest.raises(ProgramKilled), (tmp_path / "a").open("w") as file:
+            file.write("12345678")
+            file.flush()
+        with pytest.raises(ProgramKilled):
+            (tmp_path / "a").unlink()
+    assert (tmp_path / "a").read_text() == "1234" and disk.failed == "write"
+
+
+def test_other_files_are_left_alone(tmp_path: Path) -> None:
+    disk = FaultyDisk(tmp_path / "inside", 1, OSError(5, "Input/output error"))
+    with installed_disk(disk):
+        (tmp_path / "outside").write_text(json.dumps(1))
+    assert disk.calls == 0 and (tmp_path / "outside").read_text() == "1"

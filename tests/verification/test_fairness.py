@@ -1,0 +1,44 @@
+"""The campaign of dead stations: clean on the product, the same twice, and it finds what it is there to find (G08)."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivebus.bus import station
+from verification.campaign import CampaignRun, load_campaign, run_campaign
+
+
+def violations(budget: int = 1) -> list[str]:
+    return run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, budget)).violations
+
+
+def test_the_first_cases_are_clean_and_the_same_twice() -> None:
+    first, second = (run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, 2)) for _ in range(2))
+    assert first.violations == [] and first.trials == 2
+    assert first.digest == second.digest
+    assert run_campaign(load_campaign("fairness"), CampaignRun("fairness", 2, 1)).digest != first.digest
+
+
+def test_probes_that_cost_more_than_a_tenth_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station, "PROBE_BUS_SHARE", 0.3)
+    monkeypatch.setattr(station, "MAX_PROBE_INTERVAL_S", 0.01)
+    assert any("stretch" in one for one in violations())
+
+
+def test_a_drive_that_is_looked_for_too_seldom_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station, "MAX_PROBE_INTERVAL_S", 60.0)
+    assert any("found after" in one for one in violations())
+
+
+def test_a_manual_question_that_waits_for_the_next_probe_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A dead station's fence goes only when its probe is due, whoever asks."""
+    from drivebus.bus.scheduler import Scheduler
+
+    first = Scheduler._next_sendable
+
+    def patient(self: Scheduler, lane: object, now: float) -> object:
+        head = lane[0]  # type: ignore[index]
+        return None if head.station.dead else first(self, lane, now)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Scheduler, "_next_sendable", patient)
+    assert any("asked and found" in one for one in violations(2))

@@ -1,0 +1,325 @@
+"""The campaign ``matrix``: every cell has a case and words, one seed is one run, planted faults fail their cells."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.bus import classify, prepared_request, validation
+from drivebus.bus.core import BusCore
+from drivebus.bus.echo import EchoDetector
+from drivebus.bus.state import BusState
+from drivebus.bus.station import Station
+from drivebus.bus.transaction import Transaction
+from drivebus.bus.unsolicited import UnsolicitedBytes
+from drivebus.drives import Drive, permissives, stop_bus
+from drivebus.drives.context import Preflight
+from drivebus.drives.dialects import dzb100, sunfar
+from drivebus.drives.dialects.command_word import CommandWord
+from drivebus.drives.dialects.modbus import ModbusDialect
+from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.jog_session import JogSession
+from drivebus.drives.operations import comm_loss, setpoint
+from drivebus.drives.operations.comm_loss import CommLossReport
+from drivebus.drives.readings import ReadingPairs
+from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.protocols.codec import Effect, StationTiming
+from verification.campaign import CampaignRun, run_campaign
+from verification.campaigns import matrix
+from verification.drive_variants import DRIVE_VARIANTS
+from verification.fault_matrix.table import TABLE
+
+CELLS_BY_NAME = {cell.name: cell for cell in matrix.ALL_CELLS}
+
+
+def run_cell_once(name: str) -> CampaignRun:
+    session = CampaignRun("matrix", 1, 1)
+    held = matrix.run_cell(session, CELLS_BY_NAME[name], 0)
+    assert held is not bool(session.violations)
+    return session
+
+
+def test_every_cell_has_a_case_and_words_in_both_languages() -> None:
+    """6.4: 27 faults, four protocols, C320 and DF800 in both encodings; C320 has no wrong scale."""
+    assert len(TABLE) == 27
+    assert len(CELLS_BY_NAME) == 27 * len(DRIVE_VARIANTS) - 2
+    for row in TABLE.values():
+        texts = [row["fault"], row["shown"], *row["cells"].values(), row.get("missing", row["shown"])]
+        assert all(text["en"] and text["zh"] for text in texts)
+        assert any(cell.get("partly") for cell in row["cells"].values()) <= ("missing" in row)
+
+
+def test_a_run_goes_through_all_cells_before_it_takes_another_seed() -> None:
+    session = CampaignRun("matrix", 1, 3)
+    matrix.run(session)
+    assert session.figures["cells"] == {name: {"cases": 1, "held": 1} for name in list(CELLS_BY_NAME)[:3]}
+    assert matrix.CAMPAIGN.full_budget % matrix.CAMPAIGN.ci_budget == 0
+
+
+def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
+    code = (
+        "from verification.campaign import Session, perform\n"
+        "from verification.campaigns.matrix import CAMPAIGN\n"
+        "print(perform(CAMPAIGN, Session('matrix', 3, 24)).digest)"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "7"}
+    told = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
+    assert told.stdout.strip() == run_campaign(matrix.CAMPAIGN, CampaignRun("matrix", 3, 24)).digest
+
+
+def test_a_case_that_breaks_is_a_failed_cell() -> None:
+    def breaks(at: Any) -> None:
+        raise RuntimeError("broken")
+
+    session = CampaignRun("matrix", 1, 1)
+    assert not matrix.run_cell(session, replace(CELLS_BY_NAME["batches/vc660"], check=breaks), 0)
+    assert "RuntimeError: broken" in session.violations[0]
+
+
+# --- planted faults: one line of the product is wrong, and the cell that is about it fails ---------------------------
+
+PlantedFault = Callable[[pytest.MonkeyPatch], None]
+
+
+def replace_attribute(target: Any, name: str, value: Any) -> PlantedFault:
+    return lambda patch: patch.setattr(target, name, value)
+
+
+def both(*plants: PlantedFault) -> PlantedFault:
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        for one in plants:
+            one(patch)
+
+    return plant
+
+
+def no_lateness(self: Station, now: float) -> None:
+    self.suspect, self.suspect_since, self.quarantined_until = True, now, now
+
+
+def nothing(*_: Any, **__: Any) -> None:
+    return None
+
+
+def forget(core: BusCore, now: float) -> None:
+    core.unsolicited.drain()
+
+
+def anything_goes(one: prepared_request.PreparedRequest, stations: Any) -> prepared_request.PreparedRequest:
+    one.effect = Effect.STOP
+    return one
+
+
+def as_before(self: BusState, address: int) -> Any:
+    return self.stations[address].presence
+
+
+def says_yes(*_: Any, **__: Any) -> bool:
+    return True
+
+
+def says_no(*_: Any, **__: Any) -> bool:
+    return False
+
+
+def confirmed_at_once(talk: Any, *_: Any, **__: Any) -> Any:
+    yield from talk.fence()
+    return talk.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=1.0)
+
+
+def hunts(self: Transaction) -> bool:
+    """Looks for an answer anywhere in what it heard."""
+    del self.buffer[:1]
+    self.received_count -= 1
+    self.bytes_needed = 1
+    return bool(self.buffer)
+
+
+def newest_alone(self: ReadingPairs, name: str) -> tuple[int, int] | None:
+    raw = self.latest[name].raw if name in self.latest else None
+    return None if raw is None else (raw, raw)
+
+
+def unechoed(self: Transaction, data: bytes, now: float) -> bytes:
+    return data
+
+
+def deaf_to_marks(received: Any) -> Any:
+    return lambda self, data, now, marks=0: received(self, data, now)
+
+
+def impatient(self: Transaction, now: float) -> None:
+    self.ends_at = now + self.prepared.gap_s
+
+
+def without_adapter(self: StationTiming, line: Any, reply_bytes: int) -> float:
+    return self.reply_delay_s + line.seconds(self.reply_delay_characters + reply_bytes)
+
+
+def free_of_charge(self: EepromBudget, notation: str, day: str) -> Any:
+    yield from ()
+
+
+def stops_anyway(monitor: Any) -> Any:
+    def watched(self: Drive, *arguments: Any, **named: Any) -> Any:
+        self._task = asyncio.ensure_future(self.stop())  # type: ignore[attr-defined]
+        return monitor(self, *arguments, **named)
+
+    return watched
+
+
+def lasting(arm: Any) -> Any:
+    return lambda self, left_s: arm(self, 60.0)
+
+
+def it_will_stop(talk: Any) -> Any:
+    yield from talk.fence()
+    return CommLossReport(True, "drives.host_dies_stops", {"time": "1", "notation": "", "action": "", "value": 1})
+
+
+async def taken_for_stopped(drive: Drive, *_: Any) -> Outcome:
+    return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed", {"state": "stopped"})
+
+
+def one_word(self: CommandWord, pulse: int, level: int) -> tuple[int, ...]:
+    return (pulse | level,)
+
+
+def replays(self: BusCore, error: Any, now: float) -> list[Any]:
+    """What was in flight is put into its queue again, with a permit that still holds."""
+    self.is_open = False
+    flight, self.transaction = self.transaction, None
+    if flight is not None:
+        self.scheduler.requeue(flight.prepared)
+    return []
+
+
+PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
+    ("no_answer_read/vc660", "reads go once", replace_attribute(prepared_request, "READ_ATTEMPTS", 1)),
+    ("no_answer_read/dzb100", "no quarantine", replace_attribute(Station, "mark_suspect", no_lateness)),
+    ("no_answer_setpoint/vc660", "no read-back", replace_attribute(setpoint, "read_back_setpoint", confirmed_at_once)),
+    (
+        "no_answer_start/c320-ascii",
+        "starts are resent",
+        replace_attribute(prepared_request.PreparedRequest, "_max_write_attempts", lambda self: 3),
+    ),
+    (
+        "no_answer_start/df800-rtu",
+        "starts are resent",
+        replace_attribute(prepared_request.PreparedRequest, "_max_write_attempts", lambda self: 3),
+    ),
+    ("no_answer_stop/vc660", "a stop is given up", replace_attribute(Drive, "_start_stop_retry", nothing)),
+    ("late_same_item/df800-ascii", "late answers uncounted", replace_attribute(classify, "classify_idle", forget)),
+    ("late_other_item/vc660", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
+    ("other_address/c320-hex", "no foreign master", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
+    ("truncated/df800-rtu", "no deadline", replace_attribute(Transaction, "_update_end", impatient)),
+    (
+        "trailing/c320-ascii",
+        "a bad link may start",
+        replace_attribute(permissives, "unmet_start_permissives", lambda *_: ()),
+    ),
+    ("garbage/vc660", "hunting", replace_attribute(Transaction, "_skip_leading_noise", hunts)),
+    (
+        "bit_flip/dzb100",
+        "parity is ignored",
+        replace_attribute(Transaction, "on_data", deaf_to_marks(Transaction.on_data)),
+    ),
+    ("bit_flip/dzb100", "one read decides", replace_attribute(ReadingPairs, "raw_pair", newest_alone)),
+    ("digit_swap/c320-hex", "one read decides", replace_attribute(ReadingPairs, "raw_pair", newest_alone)),
+    (
+        "echo/df800-rtu",
+        "an echo is an answer",
+        both(
+            replace_attribute(EchoDetector, "filter_for", nothing),
+            replace_attribute(EchoDetector, "accepts", says_yes),
+            replace_attribute(Transaction, "_strip_before_tx_end", unechoed),
+        ),
+    ),
+    ("echo/vc660", "a mirrored reply is an answer", replace_attribute(EchoDetector, "accepts", says_yes)),
+    ("echo/df800-ascii", "a mirrored reply is an answer", replace_attribute(EchoDetector, "accepts", says_yes)),
+    ("error_answer/dzb100", "no refusal", replace_attribute(dzb100.Dzb100Dialect, "rejection", nothing)),
+    (
+        "status_fault/c320-ascii",
+        "values of a fault are good",
+        replace_attribute(sunfar, "_without_item_echo", lambda reading: reading),
+    ),
+    ("duplicate_address/dzb100", "no alarm", replace_attribute(Station, "has_duplicate_address", says_no)),
+    ("foreign_master/df800-ascii", "no alarm", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
+    ("broadcast_other/c320-ascii", "no rule", replace_attribute(validation, "_validate_broadcast", anything_goes)),
+    ("broadcast_stop/vc660", "no verification", replace_attribute(stop_bus, "_stop", taken_for_stopped)),
+    ("cut_last_byte/c320-ascii", "nobody is silent", replace_attribute(Station, "mark_offline", nothing)),
+    ("batches/c320-ascii", "no allowance", replace_attribute(StationTiming, "timeout_s", without_adapter)),
+    ("adapter_lost/c320-ascii", "replay", replace_attribute(BusCore, "on_port_lost", replays)),
+    ("adapter_lost/vc660", "still called present", replace_attribute(BusState, "presence", as_before)),
+    ("host_restart/vc660", "a stop by itself", replace_attribute(Drive, "monitor", stops_anyway(Drive.monitor))),
+    ("comm_loss/dzb100", "it will stop", replace_attribute(comm_loss, "comm_loss_behaviour", it_will_stop)),
+    ("eeprom_burst/df800-rtu", "no budget", replace_attribute(EepromBudget, "consume", free_of_charge)),
+    ("toggle/vc660", "pulses stay", replace_attribute(CommandWord, "_pulse_and_levels", one_word)),
+    ("toggle/df800-rtu", "no allow-list", replace_attribute(ModbusDialect, "is_allowed", says_yes)),
+    ("toggle/dzb100", "a lease without end", replace_attribute(JogSession, "_arm", lasting(JogSession._arm))),
+    ("scale/dzb100", "no cap", replace_attribute(dzb100, "is_within_cap", says_yes)),
+    ("scale/vc660", "any read-back", replace_attribute(ModbusDialect, "setpoint_matches", says_yes)),
+    ("scale/df800-rtu", "no pre-flight", replace_attribute(Preflight, "passed", True)),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "plant"), PLANTED_FAULTS, ids=[f"{name} {fault}" for name, fault, _ in PLANTED_FAULTS]
+)
+def test_a_planted_fault_fails_its_cell(
+    name: str, fault: str, plant: PlantedFault, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run_cell_once(name).violations == []
+    plant(monkeypatch)
+    assert run_cell_once(name).violations, fault
+
+
+def test_every_row_has_a_planted_fault() -> None:
+    assert {name.partition("/")[0] for name, _, _ in PLANTED_FAULTS} == set(TABLE)
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+ROOT = Path(__file__).resolve().parents[2]
+REPORT = Path("docs") / "reports" / "lab-matrix.json"
+
+
+def test_the_committed_report_ran_every_cell() -> None:
+    found = json.loads((ROOT / REPORT).read_text(encoding="utf-8"))["figures"]["cells"]
+    assert found.keys() == CELLS_BY_NAME.keys()
+    assert min(cell["cases"] for cell in found.values()) == matrix.SEEDS_PER_CELL
+
+
+@pytest.mark.parametrize("held", [19, None])
+def test_a_page_that_says_otherwise_than_the_report_is_out_of_date(held: int | None, tmp_path: Path) -> None:
+    """A cell that failed, or that nobody ran, is never shown as held, in neither language."""
+    for name in ("docs", "vectors"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ("README.md", "README.zh.md"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    report = json.loads((tmp_path / REPORT).read_text(encoding="utf-8"))
+    if held is None:
+        del report["figures"]["cells"]["batches/df800-ascii"]
+    else:
+        report["figures"]["cells"]["batches/df800-ascii"]["held"] = held
+    (tmp_path / REPORT).write_text(json.dumps(report), encoding="utf-8")
+    command = [sys.executable, str(tmp_path / "docs" / "generate.py")]
+    done = subprocess.run([*command, "--check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    pages = [tmp_path / "docs" / "explanation" / f"fault-matrix{suffix}.md" for suffix in ("", ".zh")]
+    assert [page.name in done.stdout for page in pages] == [True, True]
+    subprocess.run(command, capture_output=True, check=True)
+    for page, said in zip(
+        pages, ("39 of 40 held", "40 个中 39 个成立") if held else ("not run", "未运行"), strict=True
+    ):
+        assert f"{'✘' if held else '?'} ({said})" in page.read_text(encoding="utf-8")

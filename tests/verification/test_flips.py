@@ -1,0 +1,149 @@
+"""G03: the damaged frames that are taken are those that were enumerated; none where a CRC-16 stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.protocols.sunfar import frame as sifang_frame
+from verification.campaign import CampaignRun
+from verification.campaigns import flips
+from verification.codec_fuzz import bit_flips, check_strength
+from verification.codec_fuzz.bit_flips import FLIP_COUNTS, FlipCase
+from verification.codec_fuzz.reference.modbus import reference_crc
+from verification.codec_fuzz.registry import FUZZED_CODECS
+
+VECTORS = Path(__file__).parents[2] / "vectors"
+
+
+@pytest.fixture
+def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_strength, "undetected_shares", lambda most: {})
+
+
+def campaign(budget: int, seed: int = 1) -> CampaignRun:
+    session = CampaignRun("flips", seed, budget)
+    flips.run(session)
+    return session
+
+
+def test_every_vector_is_recorded_with_everybody_who_may_take_it() -> None:
+    assert set(bit_flips.vector_cases(VECTORS)) == set(bit_flips.recorded_cases())
+
+
+def test_g03_no_flip_of_three_bits_passes_a_crc() -> None:
+    """Of every vector that is valid as printed; the misprinted one is three bits from its right form."""
+    for case, sets in bit_flips.recorded_cases().items():
+        if case.codec.endswith("rtu") and reference_crc(case.frame) == 0:
+            assert [sets[str(bits)]["accepted"] for bits in FLIP_COUNTS] == [0, 0, 0], case.name
+    (misprint,) = (c for c in bit_flips.recorded_cases() if c.vector == "vc660-read-f00-response" and c.printed)
+    assert "3.4 3.6 3.7" in bit_flips.recorded_cases()[misprint]["3"]["flips"]
+
+
+def test_g03_no_single_flip_passes_a_sum_read_strictly() -> None:
+    strict = ("c320-ascii", "c320-hex", "df800-ascii")
+    found = {
+        case.name for case, sets in bit_flips.recorded_cases().items() if case.codec in strict and sets["1"]["accepted"]
+    }
+    assert not found
+
+
+def test_t11_every_single_flip_of_the_dzb100_that_is_taken_is_listed_or_counted() -> None:
+    """Nothing on its wire detects a flip: B, and the data of a read answer."""
+    (read,) = (case for case in bit_flips.recorded_cases() if case.vector == "dzb100-3-response")
+    listed = bit_flips.recorded_cases()[read]["1"]
+    assert listed["accepted"] == len(listed["flips"]) == 15
+    assert {flip.split(".")[0] for flip in listed["flips"]} == {"2", "7", "8", "9", "10"}
+
+
+def test_the_campaign_does_what_its_budget_says_and_again_with_the_same_seed(no_table: None) -> None:
+    first, second = campaign(9_000), campaign(9_000)
+    assert not first.violations
+    assert first.digest == second.digest
+    assert 9_000 <= first.trials < 9_200
+    assert first.figures["cases"] > 50
+
+
+def test_a_sum_that_is_not_compared_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sifang_frame, "_check_checksum", lambda frame, found: None)
+    assert any("codec and judge disagree" in text for text in campaign(300).violations)
+
+
+def test_a_set_that_is_not_the_recorded_one_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    case, sets = next((c, s) for c, s in bit_flips.recorded_cases().items() if c.vector == "dzb100-3-response")
+    other = sets | {"1": sets["1"] | {"flips": [*sets["1"]["flips"][:-1], "0.0"]}}
+    monkeypatch.setattr(bit_flips, "recorded_cases", lambda: {case: other})
+    assert [text for text in campaign(88).violations if "recorded" in text]
+
+
+def test_a_flip_that_passes_a_crc_is_found(no_table: None) -> None:
+    session = CampaignRun("flips", 1, 1)
+    case = next(c for c in bit_flips.recorded_cases() if c.vector == "vc660-stop" and c.role == "request")
+    flips._compare_with_record(session, case, 1, ["0.0"], [])
+    assert any("pass a CRC-16" in text for text in session.violations)
+
+
+def test_a_case_is_tried_with_every_pattern() -> None:
+    """Of a station that hears anything: every pattern is seen, each once."""
+    case = FlipCase("x", True, "request", "dzb100", b"", bytes.fromhex("4303013030303030303030"))
+    found, disputed = bit_flips.accepted_flips(case, 1)
+    assert not disputed
+    judge = FUZZED_CODECS["dzb100"].reference
+    assert found == [flip for flip, data in single_flips(case.frame) if judge.accepted_size(b"", data)]
+    assert case.pattern_count(3) == comb(88, 3)
+
+
+def single_flips(frame: bytes) -> Iterator[tuple[str, bytes]]:
+    for place in range(len(frame)):
+        for bit in range(8):
+            yield f"{place}.{bit}", frame[:place] + bytes((frame[place] ^ 1 << bit,)) + frame[place + 1 :]
+
+
+def test_few_flips_are_listed_and_many_are_hashed() -> None:
+    few, many = [f"0.{n}" for n in range(20)], [f"0.{n}" for n in range(21)]
+    assert bit_flips.flips_digest(few) == {"accepted": 20, "flips": few}
+    assert bit_flips.flips_digest(many).keys() == {"accepted", "sha256"}
+    assert bit_flips.flips_digest(many) != bit_flips.flips_digest(many[:-1] + ["1.0"])
+
+
+# -- the table -----------------------------------------------------------------------------------------------------
+
+
+def test_parity_leaves_the_patterns_that_are_even_in_every_character() -> None:
+    """Counted here over all nine bits of three characters."""
+    for bits in (2, 4):
+        masks: list[Any] = []
+        for places in combinations(range(27), bits):
+            per_character = [[place % 9 for place in places if place // 9 == n] for n in range(3)]
+            if all(len(flipped) % 2 == 0 for flipped in per_character):
+                data = [(n, sum(1 << b for b in flipped) & 255) for n, flipped in enumerate(per_character) if flipped]
+                masks.append(tuple(data))
+        assert sorted(check_strength._parity_preserving_patterns(b"abc", bits)) == sorted(masks)
+
+
+def test_the_table_says_what_each_check_lets_through() -> None:
+    table: Any = check_strength.undetected_shares(2)
+    assert {name for name, row in table.items() if row["check_1_bit"]["passed"]} == {"DZB100"}
+    for name in ("Modbus RTU, 03, one register", "Modbus RTU, 06"):
+        assert not any(row["passed"] for row in table[name].values() if isinstance(row, dict))
+    assert table["C320 ASCII"]["check_2_bit"]["share"] == pytest.approx(0.0103)
+    assert table["Modbus ASCII, 06"]["check_2_bit"]["share"] == pytest.approx(0.006, rel=0.01)
+    assert table["Modbus ASCII, 06"]["echo_2_bit"]["passed"] == 0
+    assert table["DZB100"]["echo_1_bit"]["passed"] == 15
+    for row in table.values():
+        for bits in (1, 2):
+            assert row[f"echo_{bits}_bit"]["passed"] <= row[f"check_{bits}_bit"]["passed"]
+        assert row["check_2_bit_parity"]["passed"] == 0 or row["acceptor"] == "dzb100"
+
+
+def test_every_row_of_the_table_is_a_reply_that_its_codec_takes() -> None:
+    for row in check_strength.STRENGTH_CASES:
+        sent, frame = bytes.fromhex(row.sent), bytes.fromhex(row.frame)
+        entry = FUZZED_CODECS[row.codec]
+        assert entry.codec.decode_reply(entry.request_of(sent), frame).size == len(frame)  # type: ignore[union-attr]
+        assert entry.reference.is_well_formed(frame)

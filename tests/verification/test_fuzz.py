@@ -1,0 +1,311 @@
+"""G01, G02, I8: the fuzz campaign finds nothing, and finds what is planted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from itertools import combinations
+from random import Random
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from drivebus.errors import ProtocolError
+from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
+from drivebus.protocols.dzb100 import codec as dzb_codec
+from drivebus.protocols.modbus import rtu
+from drivebus.protocols.sunfar import frame as sifang_frame
+from verification.campaign import CampaignRun
+from verification.campaigns import fuzz
+from verification.codec_fuzz import decode_cost, fuzz_block
+from verification.codec_fuzz.collision_odds import CollisionOdds, false_accept_limit, noise_odds
+from verification.codec_fuzz.frame_damage import DAMAGE_KINDS, DamageBase
+from verification.codec_fuzz.incremental_feed import RefusedBytes, accepted_size, decode_outcome, feed_incrementally
+from verification.codec_fuzz.reference.frame_shapes import FrameShape
+from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec
+from verification.pool import map_in_order
+
+every_entry = pytest.mark.parametrize("entry", FUZZED_CODECS.values(), ids=FUZZED_CODECS)
+
+
+def campaign(budget: int, seed: int = 1) -> CampaignRun:
+    session = CampaignRun("fuzz", seed, budget)
+    fuzz.run(session)
+    return session
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decode_cost, "decode_costs", lambda rng: {})
+
+
+def test_g01_g02_garbage_finds_nothing_and_the_same_seed_finds_it_again() -> None:
+    first, second, other = campaign(3_000), campaign(3_000), campaign(3_000, seed=2)
+    assert not first.violations
+    assert (first.digest, first.trials) == (second.digest, second.trials)
+    assert first.digest != other.digest
+    assert first.trials >= 3_000
+    assert set(first.figures) == set(FUZZED_CODECS)
+
+
+def test_pieces_come_back_in_their_order_from_two_processes() -> None:
+    assert list(map_in_order(abs, range(-40, 0), in_process=False)) == list(
+        map_in_order(abs, range(-40, 0), in_process=True)
+    )
+
+
+@every_entry
+def test_codec_and_judge_agree_on_all_lawful_talk(entry: FuzzedCodec) -> None:
+    """A judge that took nothing would agree on all garbage too."""
+    rng = Random(entry.name)
+    for _ in range(60):
+        exchange = entry.make_exchange(rng, entry.codec)
+        assert entry.reference.accepted_size(exchange.sent, exchange.received) == len(exchange.received)
+        assert entry.reference.accepted_size(b"", exchange.sent) == len(exchange.sent)
+        verdict = entry.codec.decode_reply(exchange.request, exchange.received)
+        assert not isinstance(verdict, Incomplete)
+        assert verdict.size == len(exchange.received)
+        assert any(form.matches(exchange.received) for form in entry.forms(exchange.sent))
+        assert entry.reference.seal(exchange.received) == exchange.received
+
+
+@every_entry
+def test_nobody_answers_a_broadcast(entry: FuzzedCodec) -> None:
+    rng = Random(entry.name)
+    made = [exchange for exchange in (entry.exchange(rng) for _ in range(400)) if as_broadcast(entry, exchange.request)]
+    assert made
+    for exchange in made:
+        assert entry.reference.accepted_size(b"", exchange.sent) == len(exchange.sent)
+        assert entry.reference.accepted_size(exchange.sent, exchange.received) is None
+        assert not entry.forms(exchange.sent)
+        decode = partial(entry.codec.decode_reply, exchange.request)
+        assert isinstance(decode_outcome(decode, exchange.received), RefusedBytes)
+
+
+def as_broadcast(entry: FuzzedCodec, request: Any) -> bool:
+    return entry.codec.address_of(request) == entry.codec.broadcast_address
+
+
+# -- what is planted is found --------------------------------------------------------------------------------------
+
+
+class FaultyCodec:
+    """A codec whose host side is wrong."""
+
+    def __init__(self, codec: Any, decode: Callable[[Any, Any, bytes], DecodeResult]) -> None:
+        self._codec, self._decode = codec, decode
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codec, name)
+
+    def decode_reply(self, request: Any, data: bytes) -> DecodeResult:
+        return self._decode(self._codec, request, data)
+
+
+def violations(entry: FuzzedCodec, size: int = 20_000) -> list[str]:
+    return fuzz_block.run_block(entry, Random(1), size).violations
+
+
+def faulty(name: str, decode: Callable[[Any, Any, bytes], DecodeResult]) -> list[str]:
+    entry = FUZZED_CODECS[name]
+    return violations(replace(entry, codec=FaultyCodec(entry.codec, decode)))
+
+
+def test_a_sum_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sifang_frame, "_check_checksum", lambda frame, found: None)
+    assert any(text.startswith("G02 c320-ascii reply") for text in violations(FUZZED_CODECS["c320-ascii"]))
+    assert any(text.startswith("G02 c320-hex request") for text in violations(FUZZED_CODECS["c320-hex"]))
+
+
+def test_a_crc_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rtu, "check_frame", lambda data, size: data[: size - 2])
+    assert any(text.startswith("G02 modbus-rtu reply") for text in violations(FUZZED_CODECS["modbus-rtu"]))
+
+
+def test_the_constant_of_the_dzb100_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    framed = dzb_codec.check_head
+    monkeypatch.setattr(
+        dzb_codec, "check_head", lambda data: framed(data[:1] + b"\x03" + data[2:] if data[1:] else data)
+    )
+    assert any(text.startswith("G02 dzb100") for text in violations(FUZZED_CODECS["dzb100"]))
+
+
+def test_t02_digits_that_a_strict_reader_may_not_take_are_found() -> None:
+    tolerant = FUZZED_CODECS["c320-ascii-tolerant"]
+    assert any(
+        "judge None" in text for text in violations(replace(tolerant, reference=FUZZED_CODECS["c320-ascii"].reference))
+    )
+
+
+def test_a_refused_frame_that_is_lawful_is_found() -> None:
+    """T15: a master that does not know the short error waits for more."""
+    standard = FUZZED_CODECS["modbus-rtu"].codec
+    found = violations(
+        replace(FUZZED_CODECS["df800-rtu"], codec=MixedCodec(standard, FUZZED_CODECS["df800-rtu"].codec))
+    )
+    assert any("codec takes None, judge 5" in text for text in found)
+
+
+class MixedCodec(FaultyCodec):
+    """Hears like the first, says like the second."""
+
+    def __init__(self, hears: Any, says: Any) -> None:
+        super().__init__(says, lambda _, request, data: hears.decode_reply(request, data))
+
+
+def test_i8_any_other_exception_is_found() -> None:
+    def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
+        int(data[3:5] or b"0", 16)  # T19
+        return codec.decode_reply(request, data)
+
+    assert any(text.startswith("I8 dzb100") and "ValueError" in text for text in faulty("dzb100", decode))
+
+
+def test_a_hunting_codec_is_found() -> None:
+    def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
+        return codec.decode_reply(request, data[max(0, data.find(b"*")) :])
+
+    assert any(text.startswith(("G01", "G02")) for text in faulty("c320-ascii", decode))
+
+
+@pytest.mark.parametrize("need", [lambda need: need + 9, lambda need: need - 17], ids=["too much", "too little"])
+def test_a_need_that_is_not_honest_is_found(need: Callable[[int], int]) -> None:
+    def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
+        verdict = codec.decode_reply(request, data)
+        return Incomplete(need(verdict.need)) if isinstance(verdict, Incomplete) else verdict
+
+    assert any(text.startswith("G01") and "need" in text for text in faulty("c320-ascii", decode))
+
+
+def test_more_hits_than_chance_allows_are_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "false_accept_limit", lambda expected: expected / 2)
+    assert any(text.startswith("G02 dzb100 garbled") for text in campaign(8_000).violations)
+
+
+# -- feeding -------------------------------------------------------------------------------------------------------
+
+
+def test_g01_bytes_after_a_frame_may_not_change_it() -> None:
+    def decode(data: bytes) -> DecodeResult:
+        return Incomplete(2) if len(data) < 2 else Complete(len(data) > 3, 2)
+
+    assert feed_incrementally(decode, b"ab", 0, 9) == (Complete(False, 2), "")
+    assert "4 bytes" in feed_incrementally(decode, b"abcd", 0, 9)[1]
+
+
+def test_ruling_11_a_message_that_silence_ends_may_still_become_another() -> None:
+    def decode(data: bytes) -> DecodeResult:
+        if len(data) < 2:
+            return Incomplete(2)
+        return CompleteIfSilent("error", 2, 4) if len(data) < 4 else Complete("echo", 4)
+
+    assert feed_incrementally(decode, b"abcd", 0, 9) == (Complete("echo", 4), "")
+    assert [accepted_size(decode(data), data) for data in (b"a", b"ab", b"abc", b"abcd")] == [None, 2, None, 4]
+
+
+def test_a_refusal_is_told_with_all_that_it_says() -> None:
+    def decode(data: bytes) -> DecodeResult:
+        raise ProtocolError("a.key", expected=1, found=len(data), size=3)
+
+    assert decode_outcome(decode, b"xy") == RefusedBytes("ProtocolError", "a.key", {"expected": 1, "found": 2}, 3)
+    assert "b" not in feed_incrementally(decode, b"", 0, 9)[1]
+
+
+# -- odds ----------------------------------------------------------------------------------------------------------
+
+
+def exact(entry: FuzzedCodec, sent: bytes, frame: bytes, places: tuple[int, ...]) -> float:
+    """The share of all other values of these bytes that the judge takes."""
+    hits, damaged = 0, bytearray(frame)
+    for number in range(255 ** len(places)):
+        for place in places:
+            number, change = divmod(number, 255)
+            damaged[place] = frame[place] ^ (change + 1)
+        hits += entry.reference.accepted_size(sent, bytes(damaged)) is not None
+    return hits / 255 ** len(places)
+
+
+@every_entry
+def test_the_odds_of_one_other_byte_are_never_too_small(entry: FuzzedCodec) -> None:
+    rng = Random(entry.name)
+    for _ in range(2):
+        exchange = entry.make_exchange(rng, entry.codec)
+        for sent, frame in ((exchange.sent, exchange.received), (b"", exchange.sent)):
+            odds = CollisionOdds(frame, entry.forms(sent), entry.alphabet, entry.reference.marks)
+            for place in range(min(len(frame), 20)):
+                assert exact(entry, sent, frame, (place,)) <= odds.substituted((place,)) + 1e-12
+
+
+def test_the_odds_of_the_dzb100_and_of_two_bytes_under_a_crc_are_exact() -> None:
+    dzb, modbus = FUZZED_CODECS["dzb100"], FUZZED_CODECS["modbus-rtu"]
+    sent, frame = bytes.fromhex("5203013033323330303030"), bytes.fromhex("5203063033323330303634")
+    odds = CollisionOdds(frame, dzb.forms(sent), dzb.alphabet, 0)
+    for places in [(2,), (7,), (7, 10), (3, 8)]:
+        assert odds.substituted(places) == pytest.approx(exact(dzb, sent, frame, places))
+    sent, frame = bytes.fromhex("010330010001DACA"), bytes.fromhex("0103021388B512")
+    odds = CollisionOdds(frame, modbus.forms(sent), modbus.alphabet, 0)
+    found = {places: exact(modbus, sent, frame, places) for places in combinations((3, 4, 6), 2)}
+    assert any(found.values())
+    assert {places: odds.substituted(places) for places in found} == pytest.approx(found)
+
+
+def test_noise_hits_as_often_as_the_product_of_its_fields_says() -> None:
+    """RELIABILITY 4: a DZB100 read answer 2^-71, RTU FC03 of one register 2^-40 and its exceptions."""
+    dzb, modbus = FUZZED_CODECS["dzb100"], FUZZED_CODECS["modbus-rtu"]
+    (size, done), (_, refused) = noise_odds(dzb.forms(bytes.fromhex("5203013033323330303030")))
+    assert (size, done + refused) == (11, pytest.approx(2.0**-71))
+    chances = dict(noise_odds(modbus.forms(bytes.fromhex("010330010001DACA"))))
+    assert chances == {7: pytest.approx(2.0**-40), 5: pytest.approx(10 * 2.0**-40)}
+
+
+@every_entry
+def test_garbled_ends_hit_as_often_as_reckoned(entry: FuzzedCodec) -> None:
+    rng, taken_ones, expected = Random(7), 0, 0.0
+    for _ in range(10):
+        exchange = entry.make_exchange(rng, entry.codec)
+        target, _ = fuzz_block.fuzz_targets(entry, exchange)
+        base = DamageBase(exchange.received, exchange.sent, entry.alphabet, entry.reference.marks, entry.reference.seal)
+        for _ in range(100):
+            data, places = DAMAGE_KINDS["garbled"](rng, base)
+            expected += target.odds.garbled(places[0])
+            taken_ones += data != exchange.received and entry.reference.accepted_size(exchange.sent, data) is not None
+    assert taken_ones <= false_accept_limit(expected)
+
+
+def test_a_form_that_is_shorter_than_the_frame_counts_too() -> None:
+    form = FrameShape((frozenset(b"a"), frozenset(b"b")), range(0), "none")
+    assert CollisionOdds(b"axy", (form,), b"bc", 0).garbled(1) == 0.5
+    assert CollisionOdds(b"axy", (form,), b"bc", 0).substituted((1,)) == pytest.approx(1 / 255)
+
+
+# -- cost ----------------------------------------------------------------------------------------------------------
+
+
+def steps(decode: Callable[[bytes], object], data: bytes) -> int:
+    """Lines of Python that a decoder runs."""
+    count = 0
+
+    def trace(frame: FrameType, event: str, arg: object) -> Any:
+        nonlocal count
+        count += event == "line"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        decode_outcome(decode, data)
+    finally:
+        sys.settrace(before)
+    return count
+
+
+@every_entry
+def test_g02_the_steps_that_garbage_costs_grow_with_its_length_and_no_faster(entry: FuzzedCodec) -> None:
+    rng = Random(3)
+    for decode in decode_cost.decoders(rng, entry):
+        for data in decode_cost.garbage(rng, entry):
+            for size in (16, 64, 256):
+                assert steps(decode, data[:size]) <= 10 * size + 100

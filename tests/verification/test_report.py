@@ -1,0 +1,42 @@
+"""Which commit a report is of."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from verification import cli, report
+from verification.campaign import load_campaign
+from verification.report import current_commit
+
+
+def test_a_report_names_its_commit_and_whether_what_it_tried_was_changed(tmp_path: Path) -> None:
+    def git(*words: str) -> str:
+        own = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        return subprocess.run(["git", *own, *words], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    assert current_commit(tmp_path) == ""
+    git("init", "-q")
+    for name in ("src", "docs"):
+        (tmp_path / name).write_text("1")
+    git("add", ".")
+    git("commit", "-q", "-m", "x")
+    head = git("rev-parse", "--short=12", "HEAD").strip()
+    assert current_commit(tmp_path) == head
+    (tmp_path / "docs").write_text("2")
+    assert (current_commit(tmp_path), current_commit(tmp_path, "src"), current_commit(tmp_path, "src", "docs")) == (
+        f"{head}-dirty",
+        head,
+        f"{head}-dirty",
+    )
+
+
+def test_a_report_is_of_the_commit_at_which_its_run_began(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A checkout goes on while a campaign runs for hours."""
+    heads = iter(("began", "went on"))
+    monkeypatch.setattr(report, "current_commit", lambda: next(heads))
+    cli._campaign(load_campaign("matrix"), 1, 1, None, tmp_path)
+    assert json.loads((tmp_path / "lab-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"

@@ -1,0 +1,161 @@
+"""The gateways behind the real door: the same refusal whichever way a request comes (S08, S09), and its one shape."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from drivebus.errors import DrivebusError
+from drivebus.service.api.errors import error_to_json
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.rights import ROLE_RIGHTS, Role
+from drivebus.service.ipc.client import SocketClient
+from drivebus.web.api.table import API_PREFIX, API_ROUTES
+from drivebus.web.route_policy import ROUTE_POLICIES
+from fixtures.running_service import RunningService, running_service, token
+from fixtures.web_app import WebAppHarness
+
+Json = dict[str, Any]
+
+
+def test_s02_the_door_knows_every_route_with_the_right_that_the_plant_asks() -> None:
+    door = {(entry.method, entry.path): str(entry.access) for entry in ROUTE_POLICIES}
+    ours = {(route.method, API_PREFIX + route.path): str(route.operation.right) for route in API_ROUTES}
+    assert {key: door.get(key) for key in ours} == ours
+
+
+async def test_a_method_that_an_address_does_not_have_is_told_those_that_it_has(tmp_path: Path) -> None:
+    async with WebAppHarness(tmp_path).client() as client:
+        answer = await client.patch(f"{API_PREFIX}/drives/fan-1/waiver")
+    assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, POST")
+    assert answer.json()["error"]["status"] == 405
+
+
+@pytest.mark.parametrize("body", [{"name": 5, "password": "x"}, {}, {"name": "a", "password": "b", "x": 1}])
+async def test_a_body_that_the_framework_checks_is_refused_in_the_one_shape(tmp_path: Path, body: object) -> None:
+    async with WebAppHarness(tmp_path).client() as client:
+        answer = await client.post(f"{API_PREFIX}/login", json=body)
+    error = answer.json()["error"]
+    assert (answer.status_code, error["kind"], error["code"]) == (422, "InvalidParameters", "plant.params")
+    assert error["params"]["faults"] and set(error["text"]) == {"en", "zh"}
+
+
+# --- the same refusal whichever way (S08, S09), starts that can't be repeated (S16), with a real plant ----------------
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    with running_service(Path(tmp_path_factory.mktemp("plant"))) as found:
+        found.run_in_loop(lambda: found.kit.grant_waivers())
+        yield found
+
+
+def rest(plant: RunningService, role: Role, operation: str, params: Json) -> Json:
+    """The error that REST gives, or the result."""
+    route = next(one for one in API_ROUTES if one.name == operation)
+    path = API_PREFIX + route.path.format(**params)
+    body = {name: value for name, value in params.items() if name not in route.path_params}
+    headers = {"Authorization": f"Bearer {token(role)}"}
+    given: Json = {"json": body} if route.has_body else {"params": body}
+    found: Json = httpx.request(route.method, plant.url + path, headers=headers, timeout=30.0, **given).json()
+    return found
+
+
+def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json) -> Json:
+    """The same over ``plant.sock``, as the web part asks."""
+
+    async def ask() -> Json:
+        client = SocketClient(plant.socket)
+        try:
+            return await client.call(operation, params, actor)
+        except DrivebusError as error:
+            return {"error": error_to_json(error)}
+        finally:
+            await client.close()
+
+    return asyncio.run(ask())
+
+
+FIELDS = [
+    ("drive.limits", {"drive": "fan-1", "maximum_hz": 400.0}, Role.OPERATOR),
+    ("parameters.write", {"drive": "fan-1", "values": {"F1.10": 1.0}}, Role.OPERATOR),
+    ("parameters.write", {"drive": "fan-1", "values": {"F1.10": 1.0}, "save": True}, Role.OPERATOR),
+    ("drive.waiver", {"drive": "fan-1", "reason": "because"}, Role.OPERATOR),
+    ("configuration.reload", {}, Role.OPERATOR),
+    ("drive.run", {"drive": "fan-1", "frequency_hz": 5.0}, Role.VIEWER),
+    ("drive.stop", {"drive": "fan-1"}, Role.VIEWER),
+    ("audit.list", {}, Role.OPERATOR),
+]
+
+
+@pytest.mark.parametrize(("operation", "params", "role"), FIELDS, ids=lambda value: str(value)[:30])
+def test_s08_who_may_set_a_frequency_may_not_change_what_bounds_it(
+    plant: RunningService, operation: str, params: Json, role: Role
+) -> None:
+    """By REST the door says no, by the socket the plant itself: neither trusts the other."""
+    actor = Actor("x", ROLE_RIGHTS[role], f"s-{role}")
+    answers = [rest(plant, role, operation, params), by_socket(plant, actor, operation, params)]
+    assert [one["error"]["kind"] for one in answers] == ["Forbidden", "Forbidden"]
+    assert {one["error"]["status"] for one in answers} == {403}
+
+
+BEYOND = [
+    ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 60.0}),
+    ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": "25.0"}),
+    ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": True}),
+    ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 10**400}),
+    ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 25.0, "force": True}),
+    ("drive.limits", {"drive": "fan-1", "maximum_hz": 400.0}),
+    ("parameters.write", {"drive": "fan-1", "values": {"F9.99": 1.0}}),
+    ("parameters.write", {"drive": "fan-1", "values": {"output_frequency": 1.0}}),
+    ("drive.run", {"drive": "nobody", "frequency_hz": 5.0}),
+]
+
+
+@pytest.mark.parametrize(("operation", "params"), BEYOND, ids=lambda value: str(value)[:60])
+def test_s09_what_is_beyond_a_limit_is_refused_in_the_same_words_by_every_way(
+    plant: RunningService, operation: str, params: Json
+) -> None:
+    rest(plant, Role.ENGINEER, "lease.take", {"drive": "fan-1"})
+    actor = Actor("engineer/test", ROLE_RIGHTS[Role.ENGINEER], "token-id-engineer")
+    one, other = rest(plant, Role.ENGINEER, operation, params), by_socket(plant, actor, operation, params)
+    assert one == other and one["error"]["status"] == (404 if params["drive"] == "nobody" else 422)
+
+
+def test_s16_a_start_that_was_overheard_can_not_be_sent_again(plant: RunningService) -> None:
+    """Nor does it serve another session, nor survive a stop (6.5)."""
+    fan: Json = {"drive": "fan-1"}
+    rest(plant, Role.ENGINEER, "lease.take", fan)
+    arm = rest(plant, Role.ENGINEER, "drive.arm", fan)["arm"]
+    start = fan | {"frequency_hz": 5.0, "arm": arm}
+    assert rest(plant, Role.ENGINEER, "drive.run", fan | {"frequency_hz": 5.0})["error"]["kind"] == "ArmRequired"
+    assert rest(plant, Role.OPERATOR, "drive.run", start)["error"]["kind"] == "ControlNotHeld"
+    assert rest(plant, Role.ENGINEER, "drive.run", start)["outcome"]["word"] == "confirmed"
+    assert rest(plant, Role.ENGINEER, "drive.run", start)["error"]["code"] == "plant.arm_void"
+    arm = rest(plant, Role.ENGINEER, "drive.arm", fan)["arm"]
+    rest(plant, Role.ENGINEER, "drive.stop", fan)
+    voided = fan | {"frequency_hz": 5.0, "arm": arm}
+    assert rest(plant, Role.ENGINEER, "drive.run", voided)["error"]["code"] == "plant.arm_void"
+
+
+def test_a_stop_needs_no_lease_that_somebody_else_holds(plant: RunningService) -> None:
+    rest(plant, Role.ENGINEER, "lease.take", {"drive": "pump-1"})
+    assert rest(plant, Role.OPERATOR, "drive.stop", {"drive": "pump-1"})["outcome"]["word"] == "confirmed"
+
+
+@pytest.mark.parametrize(
+    ("days", "status"), [(30.0, 200), (30.5, 422), ("30", 422), (True, 422), (367, 422), (1e300, 422)]
+)
+async def test_a_whole_number_of_days_may_be_written_with_a_point(tmp_path: Path, days: object, status: int) -> None:
+    """Found by schemathesis: 30.0 fits the description and was refused."""
+    client = await WebAppHarness(tmp_path).log_in("engineer")
+    body = {"name": "t", "rights": ["view"], "days": days}
+    assert (await client.post(f"{API_PREFIX}/tokens", json=body)).status_code == status
+    described = (await client.get(f"{API_PREFIX}/openapi.json")).json()["components"]["schemas"]["NewTokenBody"]
+    assert (described["properties"]["days"]["minimum"], described["properties"]["days"]["maximum"]) == (1, 366)
+    await client.aclose()

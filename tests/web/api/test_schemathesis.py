@@ -1,0 +1,74 @@
+"""schemathesis against the whole: a real plant over simulated drives, the web part, a socket. It finds nothing.
+
+``DRIVEBUS_API_EXAMPLES=100`` looks longer than the slice that runs with the other tests.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from drivebus.service.auth.rights import Role
+from drivebus.web.api.table import API_PREFIX
+from fixtures.running_service import PASSWORD, RunningService, running_service, token
+
+EXAMPLES = os.environ.get("DRIVEBUS_API_EXAMPLES", "2")
+HERE = Path(__file__).parent
+ENDS_ITSELF = ("/logout", "/logout-everywhere", "/password", "/session/active")
+"""A session that ends in the middle would only show that it has ended."""
+
+
+def described(plant: RunningService, headers: dict[str, str], directory: Path) -> Path:
+    answer = httpx.get(f"{plant.url}{API_PREFIX}/openapi.json", headers=headers)
+    file = directory / "openapi.json"
+    file.write_bytes(answer.raise_for_status().content)
+    return file
+
+
+def findings(plant: RunningService, headers: dict[str, str], directory: Path, *chosen: str) -> str:
+    """What schemathesis prints; empty where it found nothing."""
+    words = [word for name, value in headers.items() for word in ("-H", f"{name}: {value}")]
+    file = described(plant, headers, directory)
+    done = subprocess.run(
+        [Path(sys.executable).parent / "schemathesis", "--config-file", HERE / "schemathesis.toml", "run", file]
+        + ["--url", plant.url, "--max-examples", EXAMPLES, "--seed", "1", "--phases", "examples,coverage,fuzzing"]
+        + ["--checks", "all", "--suppress-health-check", "all", "--no-color", *words, *chosen],
+        cwd=directory,
+        env=os.environ | {"PYTHONPATH": str(HERE.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return "" if done.returncode == 0 else done.stdout[-8000:] + done.stderr[-2000:]
+
+
+def cookie(plant: RunningService) -> dict[str, str]:
+    """An administrator's session, with the page's header."""
+    given = {"name": str(Role.ADMINISTRATOR), "password": PASSWORD}
+    answer = httpx.post(f"{plant.url}{API_PREFIX}/login", json=given).raise_for_status()
+    return {
+        "Cookie": f"drivebus_session={answer.cookies['drivebus_session']}",
+        "X-Drivebus-CSRF": answer.json()["csrf"],
+    }
+
+
+@pytest.mark.timeout(600)
+def test_schemathesis_finds_nothing_with_the_token_of_an_engineer(tmp_path: Path) -> None:
+    with running_service(tmp_path) as plant:
+        found = findings(plant, {"Authorization": f"Bearer {token(Role.ENGINEER)}"}, tmp_path)
+        assert not found, found
+
+
+@pytest.mark.timeout(600)
+def test_schemathesis_finds_nothing_with_the_session_of_an_administrator(tmp_path: Path) -> None:
+    with running_service(tmp_path) as plant:
+        ours = [word for path in ENDS_ITSELF for word in ("--exclude-path", API_PREFIX + path)]
+        found = findings(
+            plant, cookie(plant), tmp_path, "--include-tag", "users and tokens", "--include-tag", "account", *ours
+        )
+        assert not found, found

@@ -1,0 +1,212 @@
+"""The door by itself: what it makes of a request's head, and what it says where it lets nobody in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.datastructures import Headers
+
+from drivebus.service.config.model import WebConfig
+from drivebus.testing.virtual_time import run
+from drivebus.web.middleware.auth import AuthMiddleware, client_address, session_cookie
+from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
+from drivebus.web.middleware.host_check import HostCheck
+from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
+
+
+def test_s14_the_numbers_of_refusals_are_those_that_the_disk_was_reckoned_with() -> None:
+    """25 MB a day."""
+    assert (SUMMARY_PERIOD_S, MAX_KINDS_PER_PERIOD) == (30, 16)
+
+
+@pytest.mark.parametrize(
+    ("lines", "secret"),
+    [
+        ([], None),
+        (["other=1"], None),
+        (["drivebus_session=a"], "a"),
+        (["__Host-drivebus=b"], "b"),
+        (["drivebus_session=a; __Host-drivebus=b"], "b"),
+        (["x[=1;", "drivebus_session=a"], "a"),
+        (['x={"a": 1}; drivebus_session=a'], "a"),
+        (["a,b=1; drivebus_session=a; c"], "a"),
+        (["drivebus_session="], ""),
+        (["other=drivebus_session=b"], None),
+        (["drivebus_session=old; x=1;drivebus_session=a "], "a"),
+        (["bad\x01name=1; ", "drivebus_session=a"], "a"),
+    ],
+)
+def test_s15_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str], secret: str | None) -> None:
+    """A page on another port can plant one without the prefix, and one that can't be read hides none."""
+    assert session_cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
+
+
+@pytest.mark.parametrize(("client", "told"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
+def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told: str) -> None:
+    assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == told
+    assert client_address({}) == "local"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "key"),
+    [
+        ("GET", "/api/v1/nothing", 404, "access.no_such_address"),
+        ("PUT", "/api/v1/stop", 405, "access.no_such_method"),
+        ("FETCH", "/api/v1/users", 405, "access.no_such_method"),
+        ("POST", "/api/v1/stop", 401, "access.not_logged_in"),
+        ("GET", "/api/v1/drives", 401, "access.not_logged_in"),
+        ("POST", "/api/v1/logout", 401, "access.not_logged_in"),
+    ],
+)
+def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
+    method: str, path: str, status: int, key: str, tmp_path: Path
+) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        answer = await house.client().request(method, path)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
+        assert answer.headers["connection"] == "close"
+        assert answer.headers.get("allow") == {"PUT": "POST", "FETCH": "GET, POST"}.get(method)
+        (told,) = house.plant.records
+        assert told[0] == {
+            "what": "refused",
+            "target": f"{method} {path if status == 401 else '-'}",
+            "outcome": key,
+            "params": {"who": "@127.0.0.1", "times": 1},
+        }
+        assert (told[1].name, told[1].rights, told[1].remote) == ("", frozenset(), True)
+
+    run(story())
+
+
+def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        secret = await house.token("operator", "view", "stop")
+        for scheme in ("Bearer", "bearer", "BEARER"):
+            client = house.client(authorization=f"{scheme}  {secret} ")
+            assert (await client.get("/api/v1/drives")).status_code == 200
+        answer = await client.get("/api/v1/tokens")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.only_session")
+        answer = await client.post("/api/v1/drives/fan-1/reset")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.forbidden")
+        assert answer.json()["error"]["params"] == {"right": "operate"}
+        wrong = house.client(authorization=f"Basic {secret}")
+        assert (await wrong.get("/api/v1/drives")).status_code == 401
+
+    run(story())
+
+
+def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("viewer")
+        answer = await client.get("/api/v1/session", headers={"origin": "http://evil.example"})
+        assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
+        refused = await client.post("/api/v1/session/active", headers={"origin": "http://evil.example"})
+        assert (refused.status_code, refused.json()["error"]["code"]) == (403, "access.foreign_origin")
+
+    run(story())
+
+
+def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(tmp_path: Path) -> None:
+    """A page that was closed has forgotten it; the cookie is still there."""
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        del client.headers["X-Drivebus-CSRF"]
+        answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
+        assert answer.status_code == 200
+        answer = await client.post("/api/v1/stop")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.csrf")
+
+    run(story())
+
+
+def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(tmp_path: Path) -> None:
+    house, heard = WebAppHarness(tmp_path), list[str]()
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        heard.append(scope["type"])
+
+    async def nothing(*_: Any) -> Any:
+        raise AssertionError
+
+    async def story() -> None:
+        guard = AuthMiddleware(app, house.access, HostCheck(WebConfig()), house.denials)
+        await guard({"type": "lifespan"}, nothing, nothing)
+        assert heard == ["lifespan"]
+        client = await house.log_in("operator")
+        wire = AppWebSocket(
+            house.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}
+        )
+        await wire.route
+        assert wire.close_code == 4403 and house.plant.records[-1][0]["outcome"] == "access.foreign_origin"
+
+    run(story())
+
+
+def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path, users=False)
+
+    async def story() -> None:
+        for method, path, status in (
+            ("POST", "/stop", 409),
+            ("GET", "/drives", 409),
+            ("POST", "/logout", 409),
+            ("GET", "/session", 200),
+        ):
+            answer = await house.client().request(method, f"/api/v1{path}")
+            assert answer.status_code == status
+            assert status == 200 or answer.json()["error"]["code"] == "access.setup_needed"
+
+    run(story())
+
+
+def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        house.clock.now += 900.0
+        for path, status, code in (("reset", 403, "access.idle"), ("stop", 200, None)):
+            answer = await client.post(f"/api/v1/drives/fan-1/{path}")
+            assert (answer.status_code, answer.json().get("error", {}).get("code")) == (status, code)
+
+    run(story())
+
+
+def test_s07_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        (session,) = house.access.sessions.of_user("operator")
+        for method, path, awake in (
+            ("GET", "/drives", False),
+            ("POST", "/drives/fan-1/lease/renew", False),
+            ("POST", "/stop", True),
+        ):
+            house.clock.now += 1.0
+            before = session.active
+            assert (await client.request(method, f"/api/v1{path}")).status_code == 200
+            assert session.active == (house.clock.now if awake else before)
+
+    run(story())
+
+
+def test_s01_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        answer = await client.post("/api/v1/stop", headers={"authorization": "Bearer dbt_x"})
+        assert answer.status_code == 401 and house.plant.calls == []
+
+    run(story())

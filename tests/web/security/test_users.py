@@ -1,0 +1,315 @@
+"""Who came in, who was made, changed or removed, and which keys were given out: each with its record (S01, 6.5)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from httpx import AsyncClient
+from starlette.requests import Request
+from starlette.responses import JSONResponse
+
+from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
+from drivebus.testing.virtual_time import run
+from drivebus.web.routes.context import set_session_cookie
+from fixtures.web_app import PASSWORD, WebAppHarness
+
+Json = dict[str, Any]
+DAY_MS = 86_400_000
+NEW = "a quite new pass phrase"
+
+
+def told(house: WebAppHarness, *besides: str) -> list[tuple[str, str, str, Json, str]]:
+    """Who did what to whom, with what, and what came of it; without what was told ``besides``."""
+    entries = [(who.name, one) for one, who in house.plant.records if one["what"] not in besides]
+    return [(name, one["what"], one["target"], one["params"], one["outcome"]) for name, one in entries]
+
+
+async def done(client: AsyncClient, method: str, path: str, body: Any = None) -> Json:
+    answer = await client.request(method, f"/api/v1{path}", json=body)
+    assert answer.status_code == 200, answer.text
+    found: Json = answer.json()
+    return found
+
+
+def test_anybody_may_ask_whether_it_is_there(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+    assert run(done(house.client(), "GET", "/health")) == {"ok": True}
+
+
+def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        assert await done(client, "POST", "/logout") == {}
+        code = await house.access.issue_code("viewer", 60)
+        viewer = house.client()
+        found = await done(viewer, "POST", "/login-once", {"code": code})
+        viewer.headers["X-Drivebus-CSRF"] = found["csrf"]
+        await house.log_in("viewer")
+        await done(viewer, "POST", "/session/wake", {"password": PASSWORD})
+        found = await done(viewer, "POST", "/password", {"old": PASSWORD, "new": NEW})
+        viewer.headers["X-Drivebus-CSRF"] = found["csrf"]
+        assert await done(viewer, "POST", "/logout-everywhere") == {"ended": 1}
+        assert told(house) == [
+            ("operator", "login", "operator", {}, "done"),
+            ("operator", "logout", "operator", {}, "done"),
+            ("viewer", "login-once", "viewer", {}, "done"),
+            ("viewer", "login", "viewer", {}, "done"),
+            ("viewer", "wake", "viewer", {}, "done"),
+            ("viewer", "password", "viewer", {}, "asked"),
+            ("viewer", "password", "viewer", {}, "done"),
+            ("viewer", "logout", "viewer", {"sessions": 1}, "done"),
+        ]
+
+    run(story())
+
+
+def test_s05_the_trail_tells_who_did_not_come_in_and_why(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        house.plant.records.clear()
+        tries: list[tuple[str, Json, int]] = [
+            ("login", {"name": "operator", "password": "wrong"}, 401),
+            ("login-once", {"code": "guess"}, 401),
+            ("setup", {"secret": "x", "name": "eve", "password": PASSWORD}, 409),
+            ("session/wake", {"password": "wrong"}, 403),
+            ("password", {"old": "wrong", "new": NEW}, 403),
+        ]
+        for path, body, status in tries:
+            assert (await client.post(f"/api/v1/{path}", json=body)).status_code == status
+        assert [(name, what, target, params.get("who"), why) for name, what, target, params, why in told(house)] == [
+            ("operator", "refused", "login operator", "operator@127.0.0.1", "access.wrong_password"),
+            ("", "refused", "login-once ", "@127.0.0.1", "access.wrong_code"),
+            ("eve", "refused", "set-up eve", "eve@127.0.0.1", "access.is_set_up"),
+            ("operator", "refused", "wake operator", "operator@127.0.0.1", "access.wrong_password"),
+            ("operator", "password", "operator", None, "asked"),
+            ("operator", "password", "operator", None, "access.wrong_password"),
+        ]
+        assert all(who.rights == frozenset() for one, who in house.plant.records if one["what"] == "refused")
+
+    run(story())
+
+
+def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        admin = await house.log_in("administrator")
+        made = await done(admin, "POST", "/users", {"name": "Bob", "role": "viewer", "password": PASSWORD})
+        bob = {"name": "bob", "created_ms": house.clock.wall_ms(), "sessions": 0, "tokens": 0}
+        assert made == {"user": bob | {"role": "viewer", "disabled": False}}
+        changed = await done(admin, "PATCH", "/users/bob", {"role": "operator", "password": NEW})
+        assert changed == {"user": bob | {"role": "operator", "disabled": False}}
+        await done(admin, "PATCH", "/users/bob", {"disabled": True, "end_sessions": False, "password": None})
+        assert await done(admin, "DELETE", "/users/bob") == {}
+        assert house.access.database.find("bob") is None
+        changes: list[tuple[str, str, Json]] = [
+            ("user.add", "Bob", {"role": "viewer"}),
+            ("user.change", "bob", {"role": "operator", "password": "new"}),
+            ("user.change", "bob", {"disabled": True, "end_sessions": False}),
+            ("user.remove", "bob", {}),
+        ]
+        assert told(house, "login") == [
+            ("administrator", *change, outcome) for change in changes for outcome in ("asked", "done")
+        ]
+
+    run(story())
+
+
+@pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
+@pytest.mark.parametrize("by_token", [False, True])
+def test_s06_nobody_takes_the_role_from_oneself(by_token: bool, name: str, tmp_path: Path) -> None:
+    """However the name is spelt, and not by a program of one's own either; a password of one's own may be new."""
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        admin, path = await house.log_in("administrator"), f"/api/v1/users/{name}"
+        second = {"name": "second", "role": "administrator", "password": PASSWORD}
+        await done(admin, "POST", "/users", second)
+        if by_token:
+            admin = house.client(authorization=f"Bearer {await house.token('administrator', 'administer')}")
+        for method, body in (("PATCH", {"role": "viewer"}), ("PATCH", {"disabled": True}), ("DELETE", None)):
+            answer = await admin.request(method, path, json=body)
+            assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.oneself")
+        assert house.access.database.user("administrator").role == "administrator"
+        await done(admin, "PATCH", f"/users/{name}", {"password": NEW})
+        assert house.access.sessions.of_user("administrator") == [], "one's own too"
+
+    run(story())
+
+
+def test_s04_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        admin, client = await house.log_in("administrator"), await house.log_in("operator")
+        (session,) = house.access.sessions.of_user("operator")
+        await done(admin, "PATCH", "/users/operator", {})
+        assert session.end_reason is None
+        await done(admin, "PATCH", "/users/operator", {"end_sessions": True})
+        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
+        client = await house.log_in("operator")
+        (session,) = house.access.sessions.of_user("operator")
+        assert (await client.get("/api/v1/drives")).status_code == 200
+        await done(admin, "PATCH", "/users/operator", {"role": "viewer"})
+        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
+        await house.log_in("operator")
+        (session,) = house.access.sessions.of_user("operator")
+        await done(admin, "DELETE", "/users/operator")
+        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
+
+    run(story())
+
+
+def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        await house.token("operator", "view")
+        await house.token("operator", "view")
+        admin = await house.log_in("administrator")
+        users = (await done(admin, "GET", "/users"))["users"]
+        counted = {user["name"]: (user["sessions"], user["tokens"]) for user in users}
+        assert counted == {"viewer": (0, 0), "operator": (2, 2), "engineer": (0, 0), "administrator": (1, 0)}
+
+    run(story())
+
+
+def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        body = {"name": "scada", "rights": ["view", "stop", "view"], "days": 30}
+        made = await done(client, "POST", "/tokens", body)
+        token, now_ms = made["token"], house.clock.wall_ms()
+        assert token == {
+            "id": token["id"],
+            "name": "scada",
+            "user": "operator",
+            "rights": ["stop", "view"],
+            "created_ms": now_ms,
+            "expires_ms": now_ms + 30 * DAY_MS,
+        }
+        assert len(token["id"]) == 12 and made["secret"].startswith("dbt_") and len(made["secret"]) == 47
+        assert await done(client, "GET", "/tokens") == {"tokens": [token]}
+        assert await done(client, "DELETE", f"/tokens/{token['id']}") == {}
+        assert house.access.database.tokens == ()
+        params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
+        asked = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
+        assert told(house, "login") == [("operator", *one, outcome) for one in asked for outcome in ("asked", "done")]
+        usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
+        assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS
+        whole = await done(client, "POST", "/tokens", body | {"days": 30.0})
+        assert whole["token"]["expires_ms"] == token["expires_ms"], "JSON has one kind of number"
+        for days in (30.5, 0, 367, True, "30"):
+            assert (await client.post("/api/v1/tokens", json=body | {"days": days})).status_code == 422
+        answer = await client.post("/api/v1/tokens", json=body | {"rights": ["view", "tune", "audit"]})
+        assert answer.json()["error"]["code"] == "access.beyond_own"
+        assert answer.json()["error"]["params"] == {"rights": "audit, tune"}
+
+    run(story())
+
+
+def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        await house.token("operator", "view")
+        admin, other = await house.log_in("administrator"), await house.log_in("engineer")
+        ((token,),) = (await done(admin, "GET", "/tokens")).values()
+        assert await done(other, "GET", "/tokens") == {"tokens": []}
+        refused = await other.delete(f"/api/v1/tokens/{token['id']}")
+        assert (refused.status_code, refused.json()["error"]["code"]) == (404, "access.no_such_token")
+        assert told(house, "login", "token.add") == [], "there is no such token for that one"
+        await done(admin, "DELETE", f"/tokens/{token['id']}")
+        assert house.access.database.tokens == ()
+
+    run(story())
+
+
+def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+    nobody = {"setup": False, "user": None, "rights": [], "csrf": None}
+
+    async def story() -> None:
+        assert await done(house.client(), "GET", "/session") == nobody
+        client = await house.log_in("operator")
+        house.clock.now += 0.25
+        found = await done(client, "GET", "/session")
+        (session,) = house.access.sessions.of_user("operator")
+        assert found == {
+            "setup": False,
+            "user": "operator",
+            "rights": ["operate", "stop", "view"],
+            "session": session.id,
+            "role": "operator",
+            "csrf": session.csrf,
+            "idle": False,
+            "idle_in_s": SESSION_IDLE_TIMEOUT_S - 0.2,
+            "expires_in_s": SESSION_LIFETIME_S - 0.2,
+        }
+        house.clock.now += SESSION_IDLE_TIMEOUT_S + 60
+        found = await done(client, "POST", "/session/active")
+        assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["stop", "view"])
+        token = house.client(authorization=f"Bearer {await house.token('operator', 'view')}")
+        told = await done(token, "GET", "/session")
+        assert (told.keys(), told["user"]) == ({*nobody, "session"}, "operator/t")
+
+    run(story())
+
+
+def test_s07_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        (before,) = house.access.sessions.of_user("operator")
+        await done(client, "POST", "/login", {"name": "viewer", "password": PASSWORD})
+        assert before.end_reason == "replaced"
+        assert [one.user for one in house.access.session_store.read()] == ["viewer"]
+
+    run(story())
+
+
+@pytest.mark.parametrize("path", ["/logout", "/logout-everywhere"])
+def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
+    house = WebAppHarness(tmp_path)
+
+    async def story() -> None:
+        client = await house.log_in("operator")
+        (session,) = house.access.sessions.of_user("operator")
+        gone = await client.post(f"/api/v1{path}")
+        assert session.end_reason == "logout", "what an open page is told"
+        lines = gone.headers.get_list("set-cookie")
+        assert [line.partition("=")[0] for line in lines] == ["__Host-drivebus", "drivebus_session"]
+        for line, secure in zip(lines, (True, False), strict=True):
+            assert {"Max-Age=0", "HttpOnly", "SameSite=strict", "Path=/"} <= set(line.split("; "))
+            assert ("Secure" in line) is secure
+
+    run(story())
+
+
+@pytest.mark.parametrize(
+    ("scheme", "origin", "secure"),
+    [
+        ("http", None, False),
+        ("https", None, True),
+        ("http", "https://plant.example", True),
+        ("http", "http://plant.example", False),
+        ("http", "http://plant.example/https://", False),
+    ],
+)
+def test_s15_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
+    scheme: str, origin: str | None, secure: bool
+) -> None:
+    headers = [] if origin is None else [(b"origin", origin.encode())]
+    scope = {"type": "http", "scheme": scheme, "path": "/", "headers": headers, "server": ("plant.example", 80)}
+    line = set_session_cookie(Request(scope | {"query_string": b""}), JSONResponse({}), "secret").headers["set-cookie"]
+    assert line.startswith("__Host-drivebus=secret" if secure else "drivebus_session=secret")
+    assert ("Secure" in line.split("; ")) is secure

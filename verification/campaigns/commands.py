@@ -1,0 +1,295 @@
+"""``commands`` (G05, G19): users command drives over a line that loses 10 % of the frames each way.
+
+Two users at once run, stop, jog, set, reset and write at random, at times on a line that doubles and delays replies or
+with an echo set wrong, while drives fall silent, reboot, trip, and are started and stopped at their keypads. An
+episode ends with the line made good: then every stop must have been heard. The witness holds each outcome against the
+motor (``outcomes``), counts executions (I2) and knows that an absent drive can say nothing (G19).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+from typing import Any
+
+from drivebus.simulator.motor import Trip
+from verification.campaign import Campaign, CampaignRun
+from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.scenario.scenario import Scenario
+from verification.scenario.user_command import UserCommand
+
+PRESENT, ABSENT = (1, 2), 3
+BAUD, RAMP_S = 38400, 1
+COMMANDS_PER_EPISODE, COMMANDS_PER_WRONG_ECHO_EPISODE = 40, 8
+"""Commands on one line; then another one is built: soon, where a station that failed once is believed no more."""
+LINE_LOSS = "loss=0.1"
+COMMAND_LINE_QUALITIES = (
+    "",
+    "",
+    ",late=0.02:1",
+    ",duplicate=0.02",
+    ",late=0.03:0.3,duplicate=0.01",
+    ",bytes",
+    ",batch=8",
+)
+UNPACED_SHARE = 0.3
+"""Of the ports don't know when their last bit is out (TCP): there an echo can't be told by its time."""
+RIGHT_ECHO_SETTINGS = (("", "off"),) * 12 + (("echo", "on"), ("echo", "detect"), ("", "detect"))
+ECHO_SETTINGS = RIGHT_ECHO_SETTINGS + (("echo", "off"), ("", "on")) * 6
+"""What the adapter does, and what the port is told."""
+MEAN_PAUSE_S, MEAN_TROUBLE_PAUSE_S, MEAN_TROUBLE_DURATION_S = 0.6, 5.0, 1.5
+"""Mean time between two commands of one user and between two things that go wrong; how long silence lasts."""
+WAITING_USER_SHARE = 0.7
+"""Of the commands are waited for by their user before the next."""
+IMMEDIATE_COMMAND_SHARE = 0.15
+"""Of the runs are followed by a stop within ``SOON_MEAN_S``."""
+SOON_MEAN_S = 0.3
+SETTLING_TIME_S = 90.0
+FREQUENCIES_HZ = (2.0, 3.0, 5.0)
+WRITTEN_PARAMETERS = {
+    "c320": ("F0.2", False, 0x0_02, 100),
+    "dzb100": ("10", True, 10, 10),
+    "vc660": ("F00.02", False, 2, 100),
+    "df800": ("F1.00", True, 100, 100),
+}
+"""A parameter that may be written while the drive runs: its notation, saved or not, where it lies, raw per unit."""
+COMMAND_WEIGHTS = {
+    "run": 6,
+    "stop": 5,
+    "set_frequency": 2,
+    "reset_fault": 1,
+    "write": 2,
+    "jog": 1,
+    "coast": 1,
+    "quick_stop": 1,
+}
+
+
+class CommandEpisode:
+    """One line with two drives and a gap where a third should be."""
+
+    def __init__(self, session: CampaignRun, kind: DriveVariant, number: int) -> None:
+        self.session, self.kind = session, kind
+        self.rng = chance = session.rng(kind.name, number)
+        self.adapter, setting = chance.choice(ECHO_SETTINGS)
+        self.echoes_right = setting == "detect" or (self.adapter == "echo") is (setting == "on")
+        self.scenario = stand = Scenario(
+            session,
+            kind,
+            PRESENT,
+            name=f"{kind.name}/{number}",
+            baud=BAUD,
+            ramp=RAMP_S,
+            echo=setting,
+            seed=chance.randrange(2**31),
+        )
+        stand.bench.weather = (
+            LINE_LOSS + chance.choice(COMMAND_LINE_QUALITIES) + ("," + self.adapter if self.adapter else "")
+        )
+        stand.bus.core.has_line_timing = chance.random() >= UNPACED_SHARE
+        batched = self.adapter == "echo" and stand.bench.weather.batch_s > 0.0
+        stand.oracle.frame_rules.misled_drives = not self.echoes_right or not stand.bus.core.has_line_timing or batched
+        session.count(f"echo {self.adapter or 'no'}, set {setting}")
+        self.addresses: tuple[int, ...] = (1, ABSENT, ABSENT) if not self.echoes_right else PRESENT
+        if self.echoes_right and chance.random() < 0.2:
+            self.addresses = (*PRESENT, ABSENT)
+        if ABSENT in self.addresses:
+            stand.drives[ABSENT] = stand._drive(ABSENT)
+        capable = stand.drives[PRESENT[0]].profile.capabilities
+        self.what = [name for name in COMMAND_WEIGHTS if name in capable]
+        self.commands: list[UserCommand] = []
+
+    def play(self, most: int) -> None:
+        """Commands of two users, and what goes wrong meanwhile; then calm, and the truth."""
+        commands = min(most, COMMANDS_PER_EPISODE if self.echoes_right else COMMANDS_PER_WRONG_ECHO_EPISODE)
+        loop = self.scenario.loop
+        users: dict[int, UserCommand | None] = {0: None, 1: None}
+        turns = [self._wait_shortly(MEAN_PAUSE_S), self._wait_shortly(MEAN_PAUSE_S)]
+        trouble = self._wait_shortly(MEAN_TROUBLE_PAUSE_S)
+        while len(self.commands) < commands:
+            at = min(*turns, trouble)
+            loop.run_until(at)
+            if at == trouble:
+                self._trouble()
+                trouble = self._wait_shortly(MEAN_TROUBLE_PAUSE_S)
+                continue
+            user = turns.index(at)
+            turns[user] = self._wait_shortly(MEAN_PAUSE_S)
+            last = users[user]
+            if last is None or last.is_ended:
+                wish = self._random_command(self.rng.choice(self.addresses))
+                users[user] = wish if self.rng.random() < WAITING_USER_SHARE else None
+        self._restore_line()
+        self._check_final_state()
+        self._check_out_of_range()
+        self.scenario.close()
+
+    def _wait_shortly(self, mean_s: float) -> float:
+        return self.scenario.loop.time() + self.rng.expovariate(1.0 / mean_s)
+
+    # --- what users do -------------------------------------------------------------------------------------------
+
+    def _random_command(self, address: int) -> UserCommand:
+        what = self.rng.choices(self.what, [COMMAND_WEIGHTS[name] for name in self.what])[0]
+        wish = self._issue_command(address, what)
+        if what == "run" and self.rng.random() < IMMEDIATE_COMMAND_SHARE:
+            self.scenario.run(self.rng.choice((0.0, self.rng.uniform(0.0, SOON_MEAN_S))))
+            self._issue_command(address, "stop")
+        return wish
+
+    def _issue_command(self, address: int, what: str) -> UserCommand:
+        stand, chance = self.scenario, self.rng
+        hz = chance.choice(FREQUENCIES_HZ)
+        match what:
+            case "run":
+                backward = chance.random() < 0.2
+                wish = stand.command(address, what, hz, *(("reverse",) if backward else ()))
+            case "set_frequency":
+                wish = stand.command(address, what, hz)
+            case "write":
+                notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
+                wish = stand.command(address, what, {notation: float(chance.randrange(1, 20))}, save)
+            case "jog":
+                wish = stand.command_by(partial(self._jog, address, chance.uniform(0.0, 1.0)), address, what)
+            case "reset_fault":
+                wish = stand.command(address, what)
+            case _:
+                wish = stand.command(address, what, chance.random() < 0.7)
+        self.commands.append(wish)
+        assert wish.task is not None
+        wish.task.add_done_callback(lambda _: self._on_command_ended(wish))
+        return wish
+
+    async def _jog(self, address: int, seconds: float) -> Any:
+        """A hand on the key; at times longer than the lease without a renewal."""
+        hz = 2.0 if self.kind.model == "dzb100" else None
+        async with self.scenario.drives[address].jog(hz) as lease:
+            await asyncio.sleep(seconds)
+        return lease.begun
+
+    def _on_command_ended(self, wish: UserCommand) -> None:
+        """A stop that is not known to have worked goes on (F17); a written value is there."""
+        drive = self.scenario.drives[wish.address]
+        newer = any(one.is_motion and one.at >= wish.at for one in self._commands_of(wish.address))
+        if wish.is_stop and wish.result_word == "unknown" and not drive.stop_pending and not newer:
+            others = [one for one in self._commands_of(wish.address) if one.is_stop and one.number > wish.number]
+            if not others:
+                self.scenario.oracle.violation(f"G05 {wish}: given up")
+        deeds = self.scenario.oracle.histories.get(wish.address)
+        if wish.method == "write" and deeds is not None and deeds.is_undisturbed(wish):
+            self._check_written(wish, deeds.station)
+
+    def _check_written(self, wish: UserCommand, station: Any) -> None:
+        _, _, key, raw = WRITTEN_PARAMETERS[self.kind.model]
+        (wanted,) = wish.arguments[0].values()
+        there = station.memory[key] == round(wanted * raw)
+        if (wish.result_word in ("confirmed", "acknowledged") and not there) or (
+            wish.result_word == "failed" and there
+        ):
+            self.scenario.oracle.violation(f"{wish}: {wish.result_word}, and the drive holds {station.memory[key]}")
+
+    def _commands_of(self, address: int) -> list[UserCommand]:
+        return [wish for wish in self.commands if wish.address == address]
+
+    # --- what goes wrong -----------------------------------------------------------------------------------------
+
+    def _trouble(self) -> None:
+        chance = self.rng
+        station = self.scenario.station(chance.choice(PRESENT))
+        match chance.randrange(7):
+            case 0:
+                station.faults.silent = True
+                self.scenario.loop.call_later(chance.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+            case 1:
+                station.faults.mute = True
+                self.scenario.loop.call_later(chance.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+            case 2:
+                station.power_cycle(chance.uniform(0.2, 2 * MEAN_TROUBLE_DURATION_S))
+            case 3:
+                station.trip(chance.choice(list(Trip)))
+            case 4:
+                station.press_run(chance.choice(FREQUENCIES_HZ))
+            case _:
+                station.press_stop()
+
+    def _can_receive(self, station: Any) -> None:
+        station.faults.silent = station.faults.mute = False
+
+    # --- the end -------------------------------------------------------------------------------------------------
+
+    def _restore_line(self) -> None:
+        """The line and its settings are made good; everybody gets the time to say what became of it."""
+        stand, loop = self.scenario, self.scenario.loop
+        right = self.adapter if self.echoes_right else {"echo": "", "": "echo"}[self.adapter]
+        stand.bench.weather = f"batch={1000 * stand.bench.weather.batch_s:g}" + ("," + right if right else "")
+        for address in PRESENT:
+            self._can_receive(stand.station(address))
+        end = loop.time() + SETTLING_TIME_S
+        while loop.time() < end and not self._all_settled():
+            stand.run(1.0)
+        stand.finish(*(wish for wish in self.commands if wish.address != ABSENT), within_s=1.0)
+        stand.run(RAMP_S)
+
+    def _all_settled(self) -> bool:
+        pending = any(self.scenario.drives[address].stop_pending for address in PRESENT)
+        return not pending and all(wish.is_ended for wish in self.commands if wish.address != ABSENT)
+
+    def _check_final_state(self) -> None:
+        """G05: no stop is lost."""
+        for address in sorted({*self.addresses}):
+            stops = [wish for wish in self._commands_of(address) if wish.is_stop]
+            if stops:
+                self._check_last_stop(stops[-1], self.scenario.drives[address].stop_pending)
+
+    def _check_last_stop(self, stop: UserCommand, pending: bool) -> None:
+        newer = [one for one in self._commands_of(stop.address) if one.is_motion and one.number > stop.number]
+        tell = self.scenario.oracle.violation
+        deeds = self.scenario.oracle.histories.get(stop.address)
+        if deeds is None:
+            if not newer and stop.is_ended and not pending:
+                tell(f"G05 {stop}: given up, and there is no such drive")
+            return
+        self.scenario.station(stop.address)
+        overruled = any(one.frames_sent for one in newer)
+        if pending and not overruled:
+            tell(f"G05 {stop}: not done {SETTLING_TIME_S} s after all was well")
+        if deeds.stop_received_at < stop.at and not overruled and not self.kind.reports_running:
+            tell(f"G05 {stop}: {stop.result_word}, and the drive never heard it")
+        run_since = any(
+            one.method == "run" and one.frames_sent for one in newer
+        )  # also as a new frequency of a motor that ran
+        by_another = deeds.on_at > stop.at and (deeds.started_for is None or deeds.started_for.number > stop.number)
+        if deeds.on and not run_since and not by_another:
+            tell(f"G05 {stop}: {stop.result_word}, and the motor is on")
+        self.session.count("stops looked at in the end")
+
+    def _check_out_of_range(self) -> None:
+        """I7: what is out of range is refused before anything is sent for it."""
+        notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
+        too_fast, address = self.kind.maximum_hz + 0.1, PRESENT[0]
+        for wish in (
+            self.scenario.command(address, "run", too_fast),
+            self.scenario.command(address, "set_frequency", too_fast),
+            self.scenario.command(address, "write", {notation: 1e6}, save),
+        ):
+            self.scenario.finish(wish)
+            if wish.result_word != "LimitError" or wish.frames_sent:
+                self.scenario.oracle.violation(
+                    f"I7 {wish}: {wish.result_word}, and {wish.frames_sent} frames left for it"
+                )
+
+
+def run(session: CampaignRun) -> None:
+    """Episodes, the kinds in turn."""
+    number = 0
+    while session.remaining:
+        episode = CommandEpisode(session, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
+        episode.play(session.remaining)
+        session.count("requests", episode.scenario.oracle.request_count)
+        session.count("to absent drives", sum(wish.address == ABSENT for wish in episode.commands))
+        session.count("motors switched on", sum(wish.executions for wish in episode.commands))
+        session.add_trials(len(episode.commands))
+        number += 1
+
+
+CAMPAIGN = Campaign("commands", "commands", ("G05", "G19", "I1", "I2", "I3", "F03", "F16", "F17"), 10**6, 1500, run)

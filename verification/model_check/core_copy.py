@@ -1,0 +1,272 @@
+"""A bus core can be copied and named: the copy goes its own way, and two cores with one name behave alike.
+
+Every attribute of every object that a core is made of is listed here with how it enters the name. One that is new in
+the bus and not listed is refused: it might make two states look alike that are not.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any
+
+from drivebus.bus.core import BusCore
+from drivebus.bus.echo import EchoDetector
+from drivebus.bus.poll_schedule import PollSchedule
+from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.scheduler import Scheduler
+from drivebus.bus.silence import SilenceTimeout
+from drivebus.bus.station import ProbeBudget, Station
+from drivebus.bus.transaction import Transaction
+from drivebus.bus.unsolicited import UnsolicitedBytes
+from drivebus.protocols.codec import RequestPriority
+
+SHARED_ATTRIBUTES = frozenset(
+    {
+        "activity",
+        "bus_request",
+        "last_request",
+        "codec",
+        "counters",
+        "error",
+        "settings",
+        "_settings",
+        "config",
+        "message",
+        "permit",
+        "poll_schedule",
+        "prepared",
+        "request",
+    }
+)
+"""Not copied: values, what is only counted or looked at, and the plan, which is empty as long as nobody polls."""
+
+NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
+    BusCore: {
+        "is_open": "same",
+        "stations": "parts",
+        "gone": "gone",
+        "all_latched": "same",
+        "scheduler": "parts",
+        "listener": "parts",
+        "echo": "parts",
+        "flight": "parts",
+        "_silence_timeout": "patience",
+        "_silent_since": "quiet",
+        "_timer_at": "until",
+        "_allow_mixed": "",
+        "line": "",
+        "name": "",
+        "paced": "",
+        "tracing": "",
+        "opened_at": "",
+        "begun_at": "",
+        "counters": "",
+        "activity": "",
+        "character_s": "",
+        "out": "",
+    },
+    Scheduler: {
+        "queues": "parts",
+        "untrusted_stations": "owners",
+        "rejected": "many",
+        "probe_budget": "",
+        "poll_schedule": "",
+        "_urgent_in_row": "",
+        "_commands_in_row": "",
+        "_polls_in_row": "",
+        "_last_stop_at": "",
+        "next_wake_at": "",
+        "_settings": "",
+    },
+    Station: {
+        "start_inhibited": "same",
+        "seen": "same",
+        "dead": "same",
+        "suspect": "same",
+        "quarantined_until": "until",
+        "next_probe_at": "until",
+        "sync_rejections": "same",
+        "duplicate_reply_times": "many",
+        "suspended_polls": "many",
+        "probe_backoff_s": "",
+        "unanswered_requests": "",
+        "suspect_since": "",
+        "stop_epoch": "",
+        "address": "",
+        "codec": "",
+        "counters": "",
+        "pending_sync_probe": "",
+        "last_request": "",
+        "last_request_sent_at": "",
+        "last_request_answered": "",
+        "sync_probe_count": "",
+        "gap_s": "",
+        "last_reply_at": "",
+        "config": "",
+        "encode_cache": "",
+    },
+    PreparedRequest: {
+        "data": "data",
+        "token": "same",
+        "priority": "value",
+        "attempts": "attempts",
+        "max_attempts": "same",
+        "expires_at": "until",
+        "permit": "permit",
+        "effect": "value",
+        "station": "owner",
+        "is_sync_probe": "",
+        "is_broadcast": "",
+        "bus_request": "",
+        "codec": "",
+        "gap_s": "",
+        "adapter_latency_s": "",
+        "cacheable": "",
+        "reply_bytes": "",
+        "request": "",
+        "send_s": "",
+        "reply_timeout_s": "",
+        "sent_at": "",
+    },
+    Transaction: {
+        "prepared": "parts",
+        "ends_at": "until",
+        "tx_end_at": "until",
+        "message": "there",
+        "error": "there",
+        "received_count": "same",
+        "deadline": "",
+        "buffer": "",
+        "needs_silence": "",
+        "message_size": "",
+        "character_s": "",
+        "bytes_before_tx_end": "",
+        "echo": "",
+        "foreign_frames": "",
+        "noise_skipped": "",
+        "last_byte_at": "",
+        "bytes_needed": "",
+        "has_line_timing": "",
+        "sent_at": "",
+    },
+    EchoDetector: {
+        "ruled_out": "same",
+        "state": "",
+        "_missing_echoes": "",
+        "_mirrored_frame": "",
+        "autodetect": "",
+        "echo_count": "",
+    },
+    UnsolicitedBytes: {"buffer": "many", "_foreign_request_times": "many", "last_byte_at": ""},
+    SilenceTimeout: {"_started_at": "", "_settings": ""},
+    PollSchedule: {"_heap": "", "_count": "", "_phase_count": ""},
+    ProbeBudget: {"allowed_at": ""},
+}
+"""Left out ("") is what is fixed for a bus or follows from what is named; what is only counted; the numbers of fences
+(the campaign answers each fence with its own answer); what tells apart bytes that nobody asked for (there are none but
+in the campaign of the wire); and the scheduler's counters of fairness, which decide between a command and a read or a
+due fence, never whether a command may be sent at all."""
+
+
+def _getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """All these attributes at once, as a tuple also where there are fewer than two."""
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda thing: tuple([getattr(thing, name) for name in names])
+
+
+def unlisted_attributes(core: BusCore) -> list[str]:
+    """Attributes of the bus that this module does not know."""
+    found = {kind: set(getattr(kind, "__slots__", ())) for kind in NAMED_ATTRIBUTES} | {BusCore: set(vars(core))}
+    return sorted(
+        f"{kind.__name__}.{name}" for kind, names in found.items() for name in names - set(NAMED_ATTRIBUTES[kind])
+    )
+
+
+def copy_core(core: BusCore) -> BusCore:
+    """Another core in the same state."""
+    made: BusCore = _copy_object(core, {})
+    return made
+
+
+def _copy_object(thing: Any, memo: dict[int, Any]) -> Any:
+    kind = type(thing)
+    if kind in NAMED_ATTRIBUTES:
+        found = memo.get(id(thing))
+        if found is None:
+            found = memo[id(thing)] = object.__new__(kind)
+            slots = _SLOTS.get(kind)
+            values = vars(thing).items() if slots is None else zip(slots, _COPY_GETTERS[kind](thing), strict=True)
+            for name, value in values:
+                plain = type(value) in _PLAIN or name in SHARED_ATTRIBUTES
+                setattr(found, name, value if plain else _copy_object(value, memo))
+        return found
+    if kind is list:
+        kept = memo.get(id(thing))
+        if kept is None:
+            kept = memo[id(thing)] = [_copy_object(one, memo) for one in thing]
+        return kept
+    if kind is deque:
+        return deque([_copy_object(one, memo) for one in thing]) if thing else deque()
+    if kind is tuple:
+        return tuple([_copy_object(one, memo) for one in thing])
+    if kind is dict:
+        return {_copy_object(key, memo): _copy_object(one, memo) for key, one in thing.items()}
+    return bytearray(thing) if kind is bytearray else thing
+
+
+def state_key(core: BusCore, now: float, far_s: float) -> tuple[Any, ...]:
+    """What tells this state from others, all times relative to ``now``; beyond ``far_s`` they are all the same."""
+    named: tuple[Any, ...] = _state_key(core, core, now, far_s)
+    return named
+
+
+def _state_key(thing: Any, owner: Any, now: float, far_s: float) -> Any:
+    kind = type(thing)
+    if thing is None:
+        return None
+    hows = _KEY_RULES.get(kind)
+    if hows is not None:
+        values = _KEY_GETTERS[kind](thing)
+        return tuple([v if how is None else how(v, thing, now, far_s) for how, v in zip(hows, values, strict=True)])
+    if kind is dict:
+        return tuple([(key, _state_key(one, thing, now, far_s)) for key, one in thing.items()])
+    return tuple([_state_key(one, thing, now, far_s) for one in thing]) if thing else ()
+
+
+def time_until(when: float | None, owner: Any, now: float, far_s: float) -> float | None:
+    """How long until then: 0 where it is past."""
+    return None if when is None else 0.0 if when <= now else round(min(when - now, far_s), 6)
+
+
+def _silence_key(patience: SilenceTimeout, core: BusCore, now: float, _: float) -> float | None:
+    """Since when a frame waits for silence: of no interest once the line is silent."""
+    waits = patience._started_at is not None and now < core._silent_since + core.settings.seconds(1)
+    return now - patience._started_at if waits and patience._started_at is not None else None
+
+
+_RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
+    "same": None,
+    "parts": _state_key,
+    "until": time_until,
+    "quiet": lambda when, core, now, _: min(now - when, core.line.seconds(1)),
+    "patience": _silence_key,
+    "there": lambda one, thing, now, _: one is not None,
+    "many": lambda ones, thing, now, _: len(ones),
+    "attempts": lambda attempts, job, now, _: attempts if job.lane is not RequestPriority.STOP else None,
+    "value": lambda one, thing, now, _: one.value,
+    "data": lambda data, job, now, _: b"" if job.fence else data,
+    "owner": lambda station, job, now, _: station.latched if job.permit is not None else None,
+    "owners": lambda stations, scheduler, now, _: [station.address for station in stations],
+    "permit": lambda permit, job, now, _: permit and (permit.generation == job.station.generation, permit.effect.value),
+    "gone": lambda gone, core, now, _: [(one, gone[one].latched) for one in sorted(gone) if one not in core.stations],
+}
+_PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
+_SLOTS = {kind: tuple(kind.__slots__) for kind in NAMED_ATTRIBUTES if hasattr(kind, "__slots__")}
+_COPY_GETTERS = {kind: _getter(list(slots)) for kind, slots in _SLOTS.items()}
+_KEY_GETTERS = {
+    kind: _getter([name for name, how in listed.items() if how]) for kind, listed in NAMED_ATTRIBUTES.items()
+}
+_KEY_RULES = {kind: tuple(_RULES[how] for how in listed.values() if how) for kind, listed in NAMED_ATTRIBUTES.items()}

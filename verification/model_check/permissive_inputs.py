@@ -1,0 +1,152 @@
+"""Every question that the gate can be asked: all combinations of what a drive and its line may have shown.
+
+The evidence has no history: any combination may stand at any instant, so that every order of reading, checking and
+forgetting is covered. Asked is the real conversation (``Talk.permit``), with the bus's own surroundings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+from drivebus.bus.core import BusCore
+from drivebus.drives.context import Preflight, UnmetPrecondition
+from drivebus.drives.operations.runner import bus_conditions
+from drivebus.drives.operations.steps import BusConditions, run_pure
+from drivebus.drives.permissives import DriveCommand, Kind
+from drivebus.drives.state import DerivedState, DriveState
+from drivebus.errors import BusError, StartInhibited
+from drivebus.profiles.model import Text
+from drivebus.protocols.codec import Permit
+from drivebus.values import Reading
+from verification.model_check.frame_effects import FrameEffect
+from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject
+from verification.model_check.permit_monitor import (
+    DAMAGE_COUNT_MIN,
+    DAMAGE_RATE_MAX,
+    EVIDENCE_MAX_AGE_S,
+    FAMILY_DAMAGE_RATE_MAX,
+)
+from verification.model_check.time_grid import FINE_STEP_S
+
+NO_TEXT = Text("", "")
+CHECK_RESULTS = {
+    "passed": Preflight((), (), (), 0.0),
+    "failed": Preflight((), (UnmetPrecondition("x", 1, (2,), NO_TEXT),), (), 0.0),
+    "absent": None,
+}
+EVIDENCE_AGES_S = {
+    "fresh": 0.0,
+    "at the limit": EVIDENCE_MAX_AGE_S,
+    "stale": EVIDENCE_MAX_AGE_S + FINE_STEP_S,
+    "absent": None,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PermissiveInputs:
+    """One combination."""
+
+    age: str = "fresh"
+    state: DriveState = DriveState.STOPPED
+    limits: bool = True
+    preflight: str = "passed"
+    foreign: bool | None = False
+    """None: as the bus itself says; so the next."""
+    duplicate: bool | None = False
+    rate: float = 0.0
+    damaged: int = 0
+
+
+def all_permissives_met(subject: ModelSubject) -> PermissiveInputs:
+    """Everything in order."""
+    return PermissiveInputs(state=DriveState.RUNNING if subject.kind is Kind.SETPOINT else DriveState.STOPPED)
+
+
+def input_combinations(subject: ModelSubject, small: bool) -> Iterator[PermissiveInputs]:
+    """All of them; ``small``: one representative for what is refused alike."""
+    best = all_permissives_met(subject).state
+    wrong = DriveState.STOPPED if best is DriveState.RUNNING else DriveState.RUNNING
+    limit = FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
+    links = [(0.0, 0), (limit, 9), (limit * 1.5, DAMAGE_COUNT_MIN - 1), (limit * 1.5, DAMAGE_COUNT_MIN)]
+    states, preflights = [best, wrong, DriveState.UNKNOWN], list(CHECK_RESULTS)
+    if small:
+        links, states, preflights = [links[0], links[3]], states[:2], ["passed", "absent"]
+    flags = (False, True)
+    for age, state, limits, preflight, foreign, duplicate, (rate, damaged) in product(
+        EVIDENCE_AGES_S, states, flags, preflights, flags, flags, links
+    ):
+        yield PermissiveInputs(age, state, limits, preflight, foreign, duplicate, rate, damaged)
+
+
+def missing_permissives(subject: ModelSubject, act: FrameEffect, shown: PermissiveInputs) -> tuple[str, ...]:
+    """What is missing in the evidence for this frame, by the rulings (4, 12; RELIABILITY 4 and 6.4)."""
+    found: list[tuple[str, bool | None]] = [("no foreign master", shown.foreign), ("no duplicate", shown.duplicate)]
+    if subject.kind is not Kind.RESET:
+        found.append(("limits checked", not shown.limits))
+    if act is FrameEffect.MOTION or subject.kind in (Kind.START, Kind.JOG):
+        bad = (
+            shown.rate > FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
+            and shown.damaged >= DAMAGE_COUNT_MIN
+        )
+        found += [("good link", bad), ("preflight passed", shown.preflight != "passed")]
+        if subject.model != "df800":  # it reports no status: its preflight is all that it can tell (ruling 4)
+            old = shown.age in ("stale", "absent")
+            found += [
+                ("fresh status", old),
+                ("state allows", not old and shown.state is not all_permissives_met(subject).state),
+            ]
+    return tuple(name for name, missing in found if missing)
+
+
+class CoreBusView:
+    """The bus as ``surroundings`` sees it."""
+
+    def __init__(self, core: BusCore, now: float) -> None:
+        self.core, self._now = core, now
+
+    def now(self) -> float:
+        return self._now
+
+    def health(self, address: int) -> Any:
+        found = self.core.health(address, self._now)
+        return replace(found, error_rate=0.0, damaged=0, damage_rate=0.0)  # the combinations bring their own
+
+    def generation(self, address: int) -> int:
+        return self.core.stations[address].stop_epoch
+
+    def latched(self, address: int) -> bool:
+        return self.core.stations[address].start_inhibited
+
+
+def bus_snapshot(core: BusCore, now: float) -> BusConditions:
+    """What the bus knows now, by the function that real drives use."""
+    view: Any = CoreBusView(core, now)
+    return bus_conditions(view, OUR_ADDRESS)
+
+
+def request_permit(
+    subject: ModelSubject, command: DriveCommand, place: int, seen: BusConditions, shown: PermissiveInputs
+) -> Permit | None:
+    """The real gate's answer."""
+    talk, now = subject.talk, seen.now
+    talk.derived, talk.limits_checked = DerivedState(shown.state), shown.limits
+    talk.drive.preflight = CHECK_RESULTS[shown.preflight]
+    talk.reading_pairs.clear()
+    age = EVIDENCE_AGES_S[shown.age]
+    if age is not None:
+        names = subject.dialect.state_names
+        talk.reading_pairs.add({n: Reading(1, source_time=now - (age if n == names[-1] else 0.0)) for n in names})
+    world = replace(
+        seen,
+        foreign_master=seen.foreign_master if shown.foreign is None else shown.foreign,
+        duplicate=seen.duplicate if shown.duplicate is None else shown.duplicate,
+        error_rate=shown.rate,
+        failures=shown.damaged,
+    )
+    try:
+        return run_pure(talk.request_permit(command, subject.frames[place]), lambda _: world)
+    except (StartInhibited, BusError):
+        return None
