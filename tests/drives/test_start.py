@@ -328,7 +328,7 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])
 def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_nothing_was_sent(model: str) -> None:
-    """Ruling 1: Expired and StartInhibited promise that nothing was sent; here the drive holds a new frequency by then."""
+    """Expired and StartInhibited promise that nothing was sent; here the drive already has a new frequency."""
     paper = FakeModbus()
     world, talk = vc660(paper) if model == "vc660" else df800(paper)
     world.on_request = lambda ask: world.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)

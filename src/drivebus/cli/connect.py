@@ -79,7 +79,7 @@ def _convert_like(text: str, like: Any) -> Any:
 
 
 def open_port(link: str, profile: DriveProfile | None, baud: int | None, format: str | None) -> Port:
-    """An unopened port. What neither the options nor the LINK say comes from the profile's line. Raises PortUrlError."""
+    """Return an unopened port; the profile supplies what options and URL leave out. Raises PortUrlError."""
     from drivebus import ports
     from drivebus.ports.url import parse_port_url
 

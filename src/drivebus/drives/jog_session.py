@@ -52,7 +52,7 @@ class JogSession:
         return self
 
     def renew(self) -> None:
-        """The hand is still on the key. Raises StartInhibited once the lease was lost: then only a new jog may begin."""
+        """Extend the lease. Raises StartInhibited once it was lost: only a new jog may begin then."""
         if self._timer is not None and self._now() > self._until:
             self._run_out()  # loop or machine was held up: the lease is over although its timer has not run yet
         if self.lost or self._timer is None:

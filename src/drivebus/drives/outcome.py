@@ -13,9 +13,10 @@ _ERROR_CLASSES: dict[OutcomeStatus, type[DriveError]] = {
 
 
 def raise_for_status(outcome: Outcome, *, stop: bool = False) -> Outcome:
-    """The outcome where it is confirmed or acknowledged. Raises Refused, TargetNotReached, OutcomeUnknown, StopUnconfirmed.
+    """Return a confirmed or acknowledged outcome.
 
-    Nobody who ignores a return value may believe that a motor did what it did not.
+    Raises Refused, TargetNotReached, OutcomeUnknown, StopUnconfirmed, so that a caller
+    who ignores the return value cannot take a failed command for a done one.
     """
     if outcome.done:
         return outcome

@@ -35,7 +35,7 @@ def reset_fault(talk: OperationContext) -> DriveOperation[Outcome]:
 
 
 def _has_fault(talk: OperationContext) -> DriveOperation[bool]:
-    """Two fenced reads show a fault; a drive that reports no state may have one. Raises StartInhibited, the bus's error."""
+    """Read the fault twice, each behind a sync probe; a drive that reports no state may have one."""
     can_tell = talk.dialect.reports_run_state
     # where it can't tell, it must answer at all; and a first reply that equals its request is not believed (F03)
     error = (yield from talk.read_verified_state()) if can_tell else (yield from talk.sync())

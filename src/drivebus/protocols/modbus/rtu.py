@@ -51,7 +51,7 @@ class ModbusRtuCodec:
     """Modbus RTU for masters and stations.
 
     ``error_form`` "short" takes DF800's errors (function unchanged, one byte 00) besides standard exceptions, and sends
-    them for ``ExceptionReply.code`` None (T15). ``max_read`` is the most registers that one read may ask for (VC660: 4).
+    them for ``ExceptionReply.code`` None (T15). ``max_read`` is the most registers of one read (VC660: 4).
     """
 
     family: str = "modbus"

@@ -67,8 +67,10 @@ class AlarmLog:
     def history(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Alarms raised from ``from_ms`` up to and without ``to_ms``, newest first. Raises InvalidParameters for a cursor
-        that is none of ours."""
+        """Alarms raised from ``from_ms`` up to and without ``to_ms``, newest first.
+
+        Raises InvalidParameters for an unknown cursor.
+        """
         found = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
         wanted = (a for a in found if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
         return page(((alarm_number(alarm.id), alarm.as_json) for alarm in wanted), cursor, limit)

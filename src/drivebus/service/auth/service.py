@@ -171,7 +171,7 @@ class AuthService:
         return LoginResult(secret, session)
 
     async def _verify_own_password(self, session: Session, password: str) -> User:
-        """The session's user, by the password. Not NotAuthenticated: the session goes on, and with it the right to stop."""
+        """Return the session's user for a correct password. An error leaves the session and its right to stop."""
         user = self.database.user(session.user)
         try:
             await self._verify_password(user, user.name, password, session.address)

@@ -97,7 +97,7 @@ class UserDatabase:
         return replace(self, users=(*self.users, user))
 
     def with_changed_user(self, user: User) -> UserDatabase:
-        """The user of that name becomes ``user``. Raises ResourceNotFound; Conflict where nobody could administer any more."""
+        """Replace a user. Raises ResourceNotFound; Conflict where no administrator would remain."""
         self.user(user.name)
         return self._with_administrator(
             replace(self, users=tuple(user if one.name == user.name else one for one in self.users))

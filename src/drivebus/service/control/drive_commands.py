@@ -65,8 +65,10 @@ class DriveCommands:
         return unit
 
     def require_control_with_followers(self, drive: str, actor: Actor) -> DriveRuntime:
-        """``own`` for who changes a frequency that others follow. Raises ControlNotHeld, before anything is sent, unless the
-        actor may command each of them too."""
+        """Require control of a drive and of every drive that follows its frequency.
+
+        Raises ControlNotHeld before anything is sent.
+        """
         unit = self.require_control(drive, actor)
         for _, follower in self.plant.followers(drive):
             try:

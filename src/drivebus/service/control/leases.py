@@ -65,7 +65,7 @@ class ControlLeases:
         return lease
 
     def require(self, drive: str, actor: Actor, now: float) -> None:
-        """Raises ControlNotHeld unless the actor owns the drive now. Whoever sits at the plant itself takes a free one."""
+        """Raise ControlNotHeld unless the actor owns the drive now; a local actor takes a free one."""
         held = self.get(drive, now)
         if held is None and not actor.remote:
             self.take(drive, actor, now)

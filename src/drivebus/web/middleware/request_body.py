@@ -45,7 +45,7 @@ class MalformedBody(AuthError):
 
 
 async def read_body(receive: Receive, headers: Headers, max_bytes: int = MAX_BODY_BYTES) -> bytes:
-    """The body of at most so many octets, checked. Raises BodyTooLarge, BodyTimeout, UnsupportedMediaType, Malformed."""
+    """Read and check a body. Raises BodyTooLarge, BodyTimeout, UnsupportedMediaType, MalformedBody."""
     declared = headers.get("content-length", "0")
     if not _LENGTH.fullmatch(declared) or int(declared) > max_bytes:
         raise BodyTooLarge("access.too_large", largest=max_bytes)
