@@ -217,21 +217,21 @@ class Drive:
         direction: Direction | str | None = None,
         wait: bool = False,
         timeout_s: float | None = None,
-        wished_at: float | None = None,
+        requested_at: float | None = None,
     ) -> Outcome:
-        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, wished_at))
+        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, requested_at))
 
-    def set_frequency(self, frequency_hz: float, wished_at: float | None = None) -> Outcome:
-        return self._bus.run(self.drive.set_frequency(frequency_hz, wished_at))
+    def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:
+        return self._bus.run(self.drive.set_frequency(frequency_hz, requested_at))
 
     def jog(
         self,
         frequency_hz: float | None = None,
         direction: Direction | str = "forward",
         lease_s: float = 0.5,
-        wished_at: float | None = None,
+        requested_at: float | None = None,
     ) -> Lease:
-        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s, wished_at))
+        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))
 
     def stop(self, wait: bool = True) -> Outcome:
         return self._bus.run(self.drive.stop(wait))
@@ -252,8 +252,8 @@ class Drive:
         """A stop is under way, or was not confirmed and is being repeated."""
         return self.drive.stopping
 
-    def stop_among(self, drives: int) -> Outcome:
-        return self._bus.run(self.drive.stop_concurrently(drives))
+    def stop_concurrently(self, drive_count: int) -> Outcome:
+        return self._bus.run(self.drive.stop_concurrently(drive_count))
 
     @property
     def limits(self) -> DriveLimits:
@@ -278,7 +278,7 @@ class Drive:
         """What the drive makes of a frequency, in Hz. Raises LimitError; nothing is sent."""
         return self.drive.check_frequency(frequency_hz)
 
-    def repace(self, profile: DriveProfile) -> None:
+    def set_poll_periods(self, profile: DriveProfile) -> None:
         """The same model with other periods: for the monitors that follow."""
         self._bus.call(lambda: self.drive.set_poll_periods(profile))
 
@@ -297,16 +297,16 @@ class Drive:
     def preflight(self) -> Preflight:
         return self._bus.run(self.drive.preflight())
 
-    def if_host_dies(self) -> CommLossReport:
+    def comm_loss_behaviour(self) -> CommLossReport:
         return self._bus.run(self.drive.comm_loss_behaviour())
 
-    def prove_query_coding(self, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> ScalingResult:
+    def calibrate_query_coding(self, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> ScalingResult:
         return self._bus.run(self.drive.calibrate_query_coding(keypad_hz))
 
-    def prove_setpoint_coding(self, direction: Direction | str | None = None) -> ScalingResult:
+    def calibrate_setpoint_coding(self, direction: Direction | str | None = None) -> ScalingResult:
         return self._bus.run(self.drive.calibrate_setpoint_coding(direction))
 
-    def prove_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
+    def calibrate_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
         """One jog; then ``watched`` is called on the caller's own thread (it may ask with ``input``)."""
         jogged: futures.Future[None] = futures.Future()
         seen: futures.Future[Direction | None] = futures.Future()

@@ -14,8 +14,19 @@ from drivebus.drives import Monitor
 from drivebus.drives.state import Direction, OutcomeStatus
 from drivebus.errors import StartInhibited, TargetNotReached
 
-LOOP_ONLY = {"add", "remove", "submit", "transact", "watch", "trace", "now", "generation", "presence", "line", "open"}
-LOOP_ONLY |= {"is_open", "is_closed", "data_received", "port_lost", "late_s"}
+LOOP_ONLY = {
+    "add_station",
+    "remove_station",
+    "submit",
+    "transact",
+    "start_polling",
+    "trace",
+    "now",
+    "stop_epoch",
+    "presence",
+    "settings",
+}
+LOOP_ONLY |= {"open", "is_open", "is_closed", "data_received", "port_lost", "overdue_s"}
 """Of Bus: its wiring. ``blocking.Bus.bus`` is the bus itself; ``health`` tells presence."""
 
 

@@ -268,25 +268,25 @@ def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> Non
 
 
 def word_of(dialect: Any, *names: str) -> int:
-    bits = dialect.word.map.bits
+    bits = dialect.command_word.map.bits
     return int(sum(bits[name].value for name in names))
 
 
 def test_a_reset_that_also_turns_the_direction_level_may_move() -> None:
     """VC660: a reset repeats the levels that the drive holds, or it is no mere reset."""
     dialect: Any = dialect_for("vc660")
-    assert dialect.word.effect(word_of(dialect, "reset")) is Effect.SETTING
-    assert dialect.word.effect(word_of(dialect, "reset", "reverse")) is Effect.MOTION
-    dialect.word.sent(word_of(dialect, "start", "reverse"))
-    assert dialect.word.effect(word_of(dialect, "reset", "reverse")) is Effect.SETTING
-    assert dialect.word.effect(word_of(dialect, "reset")) is Effect.MOTION
+    assert dialect.command_word.effect(word_of(dialect, "reset")) is Effect.SETTING
+    assert dialect.command_word.effect(word_of(dialect, "reset", "reverse")) is Effect.MOTION
+    dialect.command_word.on_sent(word_of(dialect, "start", "reverse"))
+    assert dialect.command_word.effect(word_of(dialect, "reset", "reverse")) is Effect.SETTING
+    assert dialect.command_word.effect(word_of(dialect, "reset")) is Effect.MOTION
 
 
 def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
     """It has no levels to keep: a direction is an order of its own, and needs leave."""
     dialect: Any = dialect_for("df800", direction_proved=True)
-    assert dialect.word.effect(word_of(dialect, "stop")) is Effect.STOP
-    assert dialect.word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
+    assert dialect.command_word.effect(word_of(dialect, "stop")) is Effect.STOP
+    assert dialect.command_word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
 
 
 @pytest.mark.parametrize("command", ["reset_fault", "write"])

@@ -389,16 +389,16 @@ def test_an_update_that_raises_changes_nothing(tmp_path: Path) -> None:
 CHARGE_MANY = """
 import sys
 from drivebus.drives.store import FileStore
-from drivebus.drives.operations.steps import play
-from drivebus.drives.eeprom_budget import Wear
-from drivebus.errors import WearBudget
+from drivebus.drives.operations.steps import run_pure
+from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.errors import EepromBudgetExceeded
 store, counted = FileStore(sys.argv[1]), 0
 for n in range(25):
     try:
-        charge = Wear(store, "port/1", int(sys.argv[2])).charge("F0.2", "2026-01-02")
-        play(charge, lambda step: store.update(step.key, step.change))
+        charge = EepromBudget(store, "port/1", int(sys.argv[2])).consume("F0.2", "2026-01-02")
+        run_pure(charge, lambda step: store.update(step.key, step.change))
         counted += 1
-    except WearBudget:
+    except EepromBudgetExceeded:
         pass
 print(counted)
 """

@@ -26,7 +26,7 @@ def clears(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
 
 
 def test_a_reset_is_confirmed_by_later_reads_without_the_fault() -> None:
-    world = in_fault(obey=clears)
+    world = in_fault(on_command=clears)
     outcome = world.run(reset_fault(operation_for(world.dialect)))
     assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.reset_confirmed")
     assert world.sent(sunfar.SunfarControl) == [RESET]
@@ -51,14 +51,14 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
     def second(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return None if lost and lost.pop() else clears(paper, request)
 
-    world = in_fault(obey=second)
+    world = in_fault(on_command=second)
     assert world.run(reset_fault(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
     assert world.sent(sunfar.SunfarControl) == [RESET] * 2
 
 
 def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_was_sent() -> None:
     """Ruling 1: StartInhibited promises that nothing was sent."""
-    world = in_fault(obey=lambda paper, request: None)
+    world = in_fault(on_command=lambda paper, request: None)
 
     def seen(ask: Any) -> None:
         if ask.request == RESET:
@@ -74,7 +74,7 @@ def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
     def silently(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.state = sunfar.SunfarState.STOPPED
 
-    world = in_fault(obey=silently)
+    world = in_fault(on_command=silently)
     assert world.run(reset_fault(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
     assert world.sent(sunfar.SunfarControl) == [RESET]
 

@@ -230,7 +230,7 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
                 return Superseded("bus.superseded", station=1)
             return super().__call__(request)
 
-    world = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, obey=stops))
+    world = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
 
 

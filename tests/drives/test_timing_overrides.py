@@ -87,7 +87,9 @@ def test_a_profile_file_overrides_what_it_names_and_keeps_the_rest(tmp_path: Any
     assert profiles.load(path).timing == replace(FACTORY, gap_characters=12.0, turnaround_s=0.25)
 
 
-@pytest.mark.parametrize("name", ["gap_characters", "reply_delay_s", "adapter_s", "turnaround_s", "lateness_s"])
+@pytest.mark.parametrize(
+    "name", ["gap_characters", "reply_delay_s", "adapter_latency_s", "turnaround_s", "max_reply_lateness_s"]
+)
 @pytest.mark.parametrize("value", [-0.001, float("inf"), float("nan")])
 def test_a_time_that_is_none_or_never_ends_is_refused(name: str, value: float) -> None:
     """One drive's override must not hold up everybody's stops (I3)."""
