@@ -53,9 +53,9 @@ _MODULE_OF = {
     "StopReport": "drives",
     "stop_bus": "drives",
     "DrivebusError": "errors",
-    "SerialSettings": "line",
-    "Quality": "reading",
-    "Reading": "reading",
+    "SerialSettings": "serial_settings",
+    "Quality": "values",
+    "Reading": "values",
 }
 
 __all__ = [
