@@ -25,7 +25,7 @@ def book(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> 
 
 
 def words(changes: list) -> list[str]:
-    return [f"{change.word} {change.alarm.setting}" for change in changes]
+    return [f"{change.action} {change.alarm.setting}" for change in changes]
 
 
 def run(alarms: AlarmEngine, *story: tuple[float, object]) -> list[str]:
@@ -213,7 +213,7 @@ def test_a_shelf_of_before_lasts_a_day_at_most_whatever_the_clock_was_set_to() -
     before = book()
     run(before, (0, view(fault=OVERCURRENT)))
     before.shelve("a1", 1440, 0.0, 10**14)
-    after = book(known=tuple(before.active()), first=2, now=0.0, now_ms=0)
+    after = book(known=tuple(before.active()), first_number=2, now=0.0, now_ms=0)
     assert after.expire_shelves(86_399.0, 0) == []
     assert words(after.expire_shelves(86_400.0, 0)) == ["unshelved fault"]
 
@@ -250,7 +250,7 @@ def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() ->
     before = book()
     run(before, (0, view(fault=OVERCURRENT)))
     before.shelve("a1", 10, 0.0, 0)
-    after = book(known=tuple(before.active()), first=2, now=1000.0, now_ms=60_000)
+    after = book(known=tuple(before.active()), first_number=2, now=1000.0, now_ms=60_000)
     assert run(after, (1001, view(fault=OVERCURRENT))) == []
     assert after.expire_shelves(1539.9, 0) == []
     assert words(after.expire_shelves(1540.0, 0)) == ["unshelved fault"]
@@ -261,7 +261,7 @@ def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() ->
 def test_after_a_restart_what_the_service_raised_is_over_but_still_to_be_seen() -> None:
     before = book()
     before.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 5)
-    after = book(known=tuple(before.active()), first=2, now_ms=70)
+    after = book(known=tuple(before.active()), first_number=2, now_ms=70)
     assert [(alarm.id, alarm.cleared_ms) for alarm in after.active()] == [("a1", 70)]
     assert words(after.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 80)) == ["raised lease_lost"]
 

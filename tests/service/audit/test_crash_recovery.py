@@ -133,7 +133,7 @@ def test_g11_g12_whatever_call_is_the_last_nothing_acknowledged_is_lost_and_the_
 ZYGOTE = """
 import asyncio, os, sys
 from pathlib import Path
-from drivebus.service.audit import AuditTrail, Entry
+from drivebus.service.audit import AuditEntry, AuditTrail
 
 async def write(folder):
     trail = AuditTrail(Path(folder), full_at=20_000)
@@ -141,7 +141,7 @@ async def write(folder):
     async def one(name):
         while True:
             told = f"{name} {os.getpid()} {os.urandom(4).hex()}"
-            number = await trail.record(Entry("drive.run", target=told))
+            number = await trail.record(AuditEntry("drive.run", target=told))
             os.write(1, f"{number} {told}\\n".encode())
     async def mark():
         while True:

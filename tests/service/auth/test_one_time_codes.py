@@ -62,7 +62,7 @@ def test_s06_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> 
         return await asyncio.gather(*tries, return_exceptions=True)
 
     found = asyncio.run(both())
-    assert sorted(type(one).__name__ for one in found) == ["Conflict", "Opened"]
+    assert sorted(type(one).__name__ for one in found) == ["Conflict", "LoginResult"]
     assert [one.key for one in found if isinstance(one, Conflict)] == ["access.is_set_up"]
     assert len(access.database.users) == 1
 
@@ -104,7 +104,7 @@ def test_of_two_who_come_with_one_code_at_once_one_is_let_in(tmp_path: Path) -> 
         return await asyncio.gather(*(access.login_with_code(code, "local") for _ in range(2)), return_exceptions=True)
 
     found = asyncio.run(both())
-    assert sorted(type(one).__name__ for one in found) == ["NotAuthenticated", "Opened"]
+    assert sorted(type(one).__name__ for one in found) == ["LoginResult", "NotAuthenticated"]
     assert [one.key for one in found if isinstance(one, NotAuthenticated)] == ["access.wrong_code"]
 
 

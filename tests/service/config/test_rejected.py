@@ -103,7 +103,7 @@ def test_brackets_without_end_are_refused_like_any_other_nonsense() -> None:
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
     source = "".join(path.read_text() for path in Path(config.__file__).parent.glob("*.py"))
-    kinds = set(re.findall(r'problem\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
+    kinds = set(re.findall(r'issue\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
     known = i18n.catalogue("en").keys()
     for kind in kinds:
         for part in ("kind", "expected", "remedy"):

@@ -118,21 +118,21 @@ async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
 
     def made(setting: HistoryConfig, directory: Path) -> Any:
         stores.extend(room.open_stores(setting, directory))
-        connect = stores[0].door.connect
+        connect = stores[0].connection.connect
 
         def limited() -> None:
             connect()
-            if stores[0].door.is_full:
-                stores[0].door.rows("PRAGMA max_page_count = 1")
+            if stores[0].connection.is_full:
+                stores[0].connection.fetch("PRAGMA max_page_count = 1")
 
-        stores[0].door.is_full, stores[0].door.connect = False, limited
+        stores[0].connection.is_full, stores[0].connection.connect = False, limited
         return stores[0], stores[1]
 
     async with room.Historian(HistoryConfig(), tmp_path, made=made) as historian:
         historian.append(samples(range(1000)))
         await historian.flush()
-        stores[0].door.is_full = True
-        await historian._on_writer_thread(lambda: stores[0].door.rows("PRAGMA max_page_count = 1"))
+        stores[0].connection.is_full = True
+        await historian._on_writer_thread(lambda: stores[0].connection.fetch("PRAGMA max_page_count = 1"))
         with caplog.at_level(logging.WARNING, "drivebus.history"):
             for turn in range(1, 40):
                 historian.append(samples(range(1000), start_ms=NOON_MS + turn * 1_000_000))
@@ -142,7 +142,7 @@ async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
             with pytest.raises(ServiceUnavailable):
                 await historian.flush()
             assert (await trend(historian, NOON_MS, NOON_MS + 2000))["mean"] == [0, 1, 2]
-            stores[0].door.is_full = False
+            stores[0].connection.is_full = False
             await historian.flush()
         assert historian.ok
         assert [record.levelname for record in caplog.records] == ["ERROR", "WARNING"]
@@ -161,19 +161,19 @@ async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytes
     async with room.Historian(HistoryConfig(), tmp_path):
         pass
     historian = room.Historian(HistoryConfig(), tmp_path, made=made)
-    stores[0].door.connect = lambda: _read_only(stores[0].door)
+    stores[0].connection.connect = lambda: _read_only(stores[0].connection)
     async with historian:
         historian.append(samples([1.0, 2.0]))
         with pytest.raises(ServiceUnavailable):
             await historian.flush()
         assert "readonly" in historian.status()["problem"]
-        del stores[0].door.connect
+        del stores[0].connection.connect
         await historian.flush()
         assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0]
 
 
 def _read_only(door: Any) -> None:
-    door._open = sqlite3.connect(f"{door.path.as_uri()}?mode=ro", uri=True, isolation_level=None)
+    door._connection = sqlite3.connect(f"{door.path.as_uri()}?mode=ro", uri=True, isolation_level=None)
 
 
 async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> None:
@@ -188,8 +188,8 @@ async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> No
 
 async def test_tables_of_a_later_version_are_left_alone(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
-        door = historian.writer._store.door  # type: ignore[attr-defined]
-        await historian._on_writer_thread(lambda: door.run("UPDATE meta SET value = 99 WHERE key = 'schema'"))
+        connection = historian.writer._store.connection  # type: ignore[attr-defined]
+        await historian._on_writer_thread(lambda: connection.execute("UPDATE meta SET value = 99 WHERE key = 'schema'"))
     async with database.historian() as historian:
         assert not historian.ok
         assert "later version" in historian.status()["problem"]
@@ -222,7 +222,7 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
     async with room.Historian(setting, tmp_path) as first, room.Historian(setting, tmp_path) as second:
         assert (first.ok, second.ok) == (True, False)
         asked = "SELECT to_regclass('drivebus.block') IS NOT NULL"
-        assert await first._on_writer_thread(lambda: first.writer._store.door.rows(asked)) == [(True,)]  # type: ignore[attr-defined]
+        assert await first._on_writer_thread(lambda: first.writer._store.connection.fetch(asked)) == [(True,)]  # type: ignore[attr-defined]
         assert "another service" in second.status()["problem"]
         apart = HistoryConfig(url=server.url("shared") + "&search_path=north")
         async with room.Historian(apart, tmp_path) as third:

@@ -33,20 +33,20 @@ STORY = f"""
 import asyncio, os, sys
 from pathlib import Path
 from drivebus.service.historian import Historian, writer
-from drivebus.service.config.model import HistorySetting
+from drivebus.service.config.model import HistoryConfig
 from drivebus.service.live.views import Sample
 from drivebus.values import Quality
 
 async def main():
-    writer.UNSEALED, writer.MAX_OPEN_SAMPLES_PER_TAG = 200, 0
+    writer.MAX_OPEN_SAMPLES, writer.MAX_OPEN_SAMPLES_PER_TAG = 200, 0
     told = os.open(sys.argv[1] + "/history.told", os.O_WRONLY | os.O_CREAT)
-    async with Historian(HistorySetting(), Path(sys.argv[1]), flush_s=1e6) as historian:
+    async with Historian(HistoryConfig(), Path(sys.argv[1]), flush_s=1e6) as historian:
         for n in range({BATCHES}):
             for t in range(10 * n, 10 * n + 10):
                 historian.append([Sample(f"a.b{{tag}}", {NOON_MS} + t, float(t), Quality.GOOD) for tag in range(4)])
             await historian.flush()
             os.write(told, b"x")
-            await historian._write(historian.writer.round)
+            await historian._on_writer_thread(historian.writer.run_cycle)
 
 asyncio.run(main())
 """

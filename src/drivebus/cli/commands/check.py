@@ -155,7 +155,7 @@ command = CliCommand(
     params=[
         Argument(["plant"], metavar="PLANT", type=click.Path(), key="help.argument.plant_file"),
         Option(
-            ["--assert", "demands"],
+            ["--assert", "requirements"],
             multiple=True,
             type=options.ParsedType("demand", _demand, "plant_check.expect"),
             metavar="DEMAND",
