@@ -148,9 +148,9 @@ class Lease:
         self._bus.call(self._lease.renew)
 
     @property
-    def lost(self) -> bool:
+    def expired(self) -> bool:
         """The lease ran out and the jog was stopped."""
-        return self._lease.lost
+        return self._lease.expired
 
     def __enter__(self) -> Lease:
         self._bus.run(self._lease.__aenter__())

@@ -105,8 +105,8 @@ def test_a_df800s_direction_is_what_the_person_saw(
     turned: list[float] = []
 
     def watch() -> None:
-        direct = station().direct
-        station().direct = lambda hz: (direct(hz), turned.append(station().motor.target_hz))[0]
+        direct = station().run_towards
+        station().run_towards = lambda hz: (direct(hz), turned.append(station().motor.target_hz))[0]
 
     def say() -> str:
         assert (turned[0] > 0) == (key == "f") and not station().motor.energised, "asked once it stands"
@@ -177,13 +177,13 @@ def test_a_drive_that_falls_silent_while_it_turns_is_stopped_and_said_to_be_unco
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def silence() -> str:
-        direct = station().direct
+        direct = station().run_towards
 
         def deaf(hz: float) -> None:
             direct(hz)
             station().faults.mute = True
 
-        station().direct = deaf
+        station().run_towards = deaf
         return "y"
 
     with pytest.raises(StopUnconfirmed):

@@ -70,7 +70,9 @@ def test_a_jog_is_begun_renewed_and_ended(is_local: bool) -> None:
         begun = ["drives.get", "lease.take", *steps, "drive.jog"]
         assert client.operations == [*begun, *["drive.jog_renew"] * 3, "drive.jog_end", "lease.release"]
         given = {"direction": "reverse", "frequency_hz": 5.0} | ({} if is_local else {"arm": "word"})
-        assert dict(client.asked)["drive.jog"] == given and held.ended is not None and held.ended.done
+        assert (
+            dict(client.asked)["drive.jog"] == given and held.stop_outcome is not None and held.stop_outcome.succeeded
+        )
 
     play(story)
 

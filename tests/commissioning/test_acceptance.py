@@ -38,7 +38,7 @@ class AgreeingPerson(AcceptanceSession):
 def bench() -> Any:
     clear_simulated_buses()
     port: Any = open_port(ACCEPTANCE_LINK)
-    yield port.bench
+    yield port.simulated_bus
     clear_simulated_buses()
 
 
@@ -115,14 +115,14 @@ def test_f14_another_master_is_heard(bench: SimulatedBus) -> None:
 
 
 def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
-    bench.weather = "lossy"
+    bench.line_quality = "lossy"
     found = step("answers")
     assert found.verdict is StepResult.FAILED
     assert found.reason == "hardware.bad.answers"
 
 
 def test_late_replies_fail_the_fences(bench: SimulatedBus) -> None:
-    bench.weather = "late=0.1:0.3"
+    bench.line_quality = "late=0.1:0.3"
     assert step("fences").verdict is StepResult.FAILED
 
 

@@ -132,7 +132,7 @@ def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
         port = ports.open_port(link, baud=9600, format="8E1")
         async with Bus(port):
             for station in find_simulated_bus("quiet").stations:
-                station.press_run(20.0)
+                station.keypad_run(20.0)
         before = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_simulated_bus("quiet").stations]
         passes = plan(addresses=range(1, 4))
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731

@@ -74,7 +74,7 @@ def test_after_a_bus_stop_the_bus_is_latched_until_somebody_releases_it() -> Non
         with pytest.raises(StartInhibited):
             drive.run(5.0)
         bus.release_start()
-        assert drive.run(5.0).word is OutcomeStatus.CONFIRMED
+        assert drive.run(5.0).status is OutcomeStatus.CONFIRMED
         drive.stop()
         assert bus.health(1).presence == "online"
         drive.close()
@@ -91,9 +91,9 @@ def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
 
     with blocking.open_bus("sim://df800@1") as bus:
         drive = blocking.Drive(bus, "df800", 1)
-        assert drive.calibrate_direction(5.0, watched).word is OutcomeStatus.ACKNOWLEDGED
+        assert drive.calibrate_direction(5.0, watched).status is OutcomeStatus.ACKNOWLEDGED
         assert asked_on == [threading.main_thread()]
-        assert drive.run(10.0, "reverse").word is OutcomeStatus.ACKNOWLEDGED
+        assert drive.run(10.0, "reverse").status is OutcomeStatus.ACKNOWLEDGED
         drive.stop()
 
 

@@ -17,7 +17,7 @@ from drivebus.drives.operations.reset import reset_fault
 from drivebus.drives.operations.runner import bus_conditions
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.start import run
-from drivebus.drives.permissives import COMMAND_TTL_S, Kind
+from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.state import Direction, OutcomeStatus
 from drivebus.errors import Expired, StartInhibited
 from drivebus.protocols import sunfar
@@ -77,7 +77,7 @@ def test_i1_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_n
     outcome = world.run(
         write_values(OperationContext(context_for(world.dialect), 0, world.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
     )
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
     assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
     assert len(world.sent(sunfar.SunfarWriteParameter)) == 1
@@ -87,7 +87,7 @@ def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     """Each has PREPARE_S of its own: a long list on a slow line is no old wish."""
     world = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    assert world.run(write_values(OperationContext(context_for(world.dialect), 0, world.now), values, True)).done
+    assert world.run(write_values(OperationContext(context_for(world.dialect), 0, world.now), values, True)).succeeded
     assert world.now > 2 * CHECKS_TIMEOUT_S and len(world.sent(sunfar.SunfarWriteParameter)) == 3
 
 
@@ -134,9 +134,9 @@ def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
             with pytest.raises(Expired):
                 await drive.run(20.0, requested_at=early.requested_at)
             await asyncio.sleep(CHECKS_TIMEOUT_S)
-            return bench.bus.now() - talk.create_command(Kind.START, bus_conditions(bench.bus, 1)).created_at
+            return bench.bus.now() - talk.create_command(CommandKind.START, bus_conditions(bench.bus, 1)).created_at
 
-    assert run_virtual(aged()) >= COMMAND_TTL_S[Kind.START]
+    assert run_virtual(aged()) >= COMMAND_TTL_S[CommandKind.START]
 
 
 def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:
@@ -153,6 +153,6 @@ def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:
                 with pytest.raises(StartInhibited):
                     lease.renew()
                 slept_s = 0.0  # this clock was set for the lease alone, the bus has another
-            assert lease.lost and not bench.station().motor.energised
+            assert lease.expired and not bench.station().motor.energised
 
     run_virtual(jogged())

@@ -25,7 +25,7 @@ def operations(world: PureBus) -> list[sunfar.SunfarOperation]:
 def test_a_jog_is_one_frame_that_carries_its_frequency() -> None:
     world = PureBus(dialect_for("c320"), FakeC320())
     outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, Direction.REVERSE))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
     assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.JOG_REVERSE_AT, 500)]
 
 
@@ -39,7 +39,7 @@ def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
 
     world = PureBus(dialect_for("c320"), FakeC320(on_command=lost))
     outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, FORWARD))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.jog_unknown")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.jog_unknown")
     first, second, *_ = operations(world)
     assert (first, second) == (sunfar.SunfarOperation.JOG_FORWARD_AT, sunfar.SunfarOperation.JOG_STOP)
     assert operations(world).count(sunfar.SunfarOperation.JOG_FORWARD_AT) == 1
@@ -53,7 +53,7 @@ def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stan
 
     world = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain))
     outcome = world.run(end_jog(operation_for(world.dialect)))
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert operations(world)[:2] == [sunfar.SunfarOperation.JOG_STOP, sunfar.SunfarOperation.STOP]
     assert set(world.effects()) == {Effect.STOP}
 
@@ -71,7 +71,7 @@ def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
 
     world = PureBus(dialect_for("c320"), FakeC320(on_command=no))
     outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, FORWARD))
-    assert outcome.word is OutcomeStatus.REFUSED
+    assert outcome.status is OutcomeStatus.REFUSED
     assert operations(world) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
 
 

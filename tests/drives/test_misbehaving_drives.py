@@ -14,7 +14,13 @@ from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
-from drivebus.drives.permissives import MIN_FAILURES_FOR_ERROR_RATE, DriveCommand, Kind, PermitInputs, grant_permit
+from drivebus.drives.permissives import (
+    MIN_FAILURES_FOR_ERROR_RATE,
+    CommandKind,
+    DriveCommand,
+    PermitInputs,
+    grant_permit,
+)
 from drivebus.drives.state import DerivedState, DriveState, Outcome
 from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed
 from drivebus.ports import open_port
@@ -54,13 +60,13 @@ def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_
             task = asyncio.ensure_future(jogging(drive))
             await until_turning(bench, task)
             await asyncio.sleep(begun_s)
-            bench.port.bench.unplug()
+            bench.port.simulated_bus.unplug()
             await asyncio.sleep(0.6)
             task.cancel()
             with pytest.raises((DrivebusError, asyncio.CancelledError)):
                 await task
             assert drive.stop_pending
-            bench.port.bench.replug()
+            bench.port.simulated_bus.replug()
             await asyncio.sleep(10.0)
             assert not bench.station().motor.energised
             await asyncio.sleep(5.0)
@@ -100,9 +106,9 @@ def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: flo
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(drive.stop(), patience_s)
             busy.cancel()
-            bench.port.bench.unplug()
+            bench.port.simulated_bus.unplug()
             await asyncio.sleep(0.01)
-            bench.port.bench.replug()
+            bench.port.simulated_bus.replug()
             await asyncio.sleep(40.0)
             assert not bench.station().motor.energised
 
@@ -114,7 +120,7 @@ def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             await drive.status()
-            bench.port.bench.unplug()
+            bench.port.simulated_bus.unplug()
             with pytest.raises(StopUnconfirmed):
                 await drive.stop()
             assert drive.stop_pending
@@ -157,7 +163,7 @@ def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: s
             lease = drive.jog(JOG_HZ.get(model))
             async with lease:
                 await asyncio.sleep(5.0)
-            assert lease.lost
+            assert lease.expired
             moved = next(at for at, effect in frames if effect is Effect.MOTION)
             stopped = next(at for at, effect in frames if effect is Effect.STOP)
             longest_frame_s = 14 * 11 / 1200
@@ -212,7 +218,7 @@ def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> No
         async with JogSession(done, done, 0.5, lambda: 0.7) as lease:
             await asyncio.sleep(0)
             await asyncio.sleep(0)
-            assert lease.lost
+            assert lease.expired
 
     run_virtual(told())
 
@@ -225,10 +231,10 @@ def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(s
     """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
     world = PureBus(dialect_for("c320"), FakeC320(state))
     talk = operation_for(world.dialect)
-    command = talk.drive.create_command(Kind.START, BusConditions(0.0))
+    command = talk.drive.create_command(CommandKind.START, BusConditions(0.0))
     outcome = world.run(confirm_start(talk, command, world.dialect.start(None, 2000), None, True))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
-    assert outcome.status is not None and outcome.status.state in {
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    assert outcome.drive_status is not None and outcome.drive_status.state in {
         DriveState.JOGGING,
         DriveState.BRAKING,
         DriveState.DECELERATING,
@@ -240,11 +246,11 @@ def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(s
     ("failures", "blocked"), [(MIN_FAILURES_FOR_ERROR_RATE - 1, False), (MIN_FAILURES_FOR_ERROR_RATE, True)]
 )
 def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blocked: bool) -> None:
-    around = BusConditions(10.5, generation=3, error_rate=0.5, failures=failures)
+    around = BusConditions(10.5, stop_epoch=3, error_rate=0.5, failures=failures)
     stands = PermitInputs(
-        DerivedState(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True
+        DerivedState(DriveState.STOPPED), 10.4, reports_run_state=True, preflight_passed=True, limits_checked=True
     )
-    wish = DriveCommand("start-1", Kind.START, 10.0, 3)
+    wish = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
         grant_permit(wish, 7, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, around, stands, "sifang")
 
@@ -262,9 +268,9 @@ def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> Non
     """6.5: it was wished for before the stop, whenever its turn came."""
     world = PureBus(dialect_for("c320"), FakeC320())
     memory = operation_for(world.dialect).drive
-    stopped = BusConditions(1.0, generation=4)
-    assert OperationContext(memory, 3).create_command(Kind.START, stopped).generation == 3
-    assert OperationContext(memory).create_command(Kind.START, stopped).generation == 4
+    stopped = BusConditions(1.0, stop_epoch=4)
+    assert OperationContext(memory, 3).create_command(CommandKind.START, stopped).stop_epoch == 3
+    assert OperationContext(memory).create_command(CommandKind.START, stopped).stop_epoch == 4
 
 
 def word_of(dialect: Any, *names: str) -> int:

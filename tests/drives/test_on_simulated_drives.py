@@ -37,11 +37,11 @@ def test_a_drive_runs_and_stops(model: str) -> None:
         async with SimulatedDrives(model) as bench:
             drive, station = bench.drive(), bench.station()
             started = await drive.run(SAFE_HZ[model])
-            assert started.word == ("acknowledged" if model == "df800" else "confirmed")
+            assert started.status == ("acknowledged" if model == "df800" else "confirmed")
             await asyncio.sleep(20)
             assert bench.station().motor.output_hz == pytest.approx(SAFE_HZ[model])
             stopped = await drive.stop()
-            assert stopped.word == ("acknowledged" if model == "df800" else "confirmed")
+            assert stopped.status == ("acknowledged" if model == "df800" else "confirmed")
             await asyncio.sleep(20 if model == "df800" else 0)
             assert bench.station().motor.output_hz == 0.0
             assert station.gap_violations == 0 or model == "dzb100"  # its manual gives no gap: sim and profile differ
@@ -67,7 +67,7 @@ def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
         async with SimulatedDrives(model, query=f"weather={weather}&seed=7") as bench:
             drive, clean = bench.drive(), weather not in ("late", "lossy")
             ran = await again(lambda: drive.run(SAFE_HZ[model]), 1 if clean else 8)
-            assert ran.done and bench.station().running
+            assert ran.succeeded and bench.station().running
             await again(drive.stop, 1 if clean else 8)
             await asyncio.sleep(20 if model == "df800" else 0)
             assert not bench.station().running
@@ -109,7 +109,7 @@ def test_waiting_for_a_frequency_that_is_not_reached_says_what_was_reported() ->
                 await drive.run(40.0, wait=True, timeout_s=1.0)
             assert 0.0 < caught.value.params["found_hz"] < 40.0
             assert caught.value.params["state"] == "accelerating"
-            assert caught.value.outcome.word == "failed"
+            assert caught.value.outcome.status == "failed"
 
     run_virtual(tale())
 
@@ -173,7 +173,7 @@ def test_a_set_frequency_changes_the_run(model: str) -> None:
             drive = bench.drive()
             await drive.run(20.0, wait=True)
             outcome = await drive.set_frequency(10.0)
-            assert outcome.word == ("confirmed" if model == "vc660" else "acknowledged")
+            assert outcome.status == ("confirmed" if model == "vc660" else "acknowledged")
             await asyncio.sleep(10)
             assert bench.station().motor.output_hz == pytest.approx(10.0, abs=0.05)
 
@@ -200,7 +200,7 @@ def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int])
     async def tale() -> None:
         async with SimulatedDrives(model) as bench:
             for key, value in keys.items():
-                bench.station().press_set(key[0] << 8 | key[1] if isinstance(key, tuple) else key, value)
+                bench.station().keypad_set(key[0] << 8 | key[1] if isinstance(key, tuple) else key, value)
             with pytest.raises(PreflightError) as caught:
                 await bench.drive().run(SAFE_HZ[model])
             assert caught.value.params["parameters"]
@@ -221,7 +221,7 @@ def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(mode
             assert silent.value.outcome is None and bench.station().motor.starts == 0
             with pytest.raises(StopUnconfirmed) as caught:
                 await drive.stop()
-            assert caught.value.outcome.word == "unknown"
+            assert caught.value.outcome.status == "unknown"
             assert drive.stop_pending
 
     run_virtual(tale())
@@ -262,7 +262,7 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
             bench.station().faults.mute = True
             with pytest.raises((OutcomeUnknown, DriveError)) as caught:
                 await task
-            assert caught.value.outcome.word == "unknown"
+            assert caught.value.outcome.status == "unknown"
             assert len(told) == 1
 
     run_virtual(tale())
@@ -325,11 +325,11 @@ def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> Non
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
-            bench.station().faults.slow_s = 0.0
+            bench.station().faults.added_delay_s = 0.0
             task = asyncio.ensure_future(drive.run(SAFE_HZ[model]))
             await until(lambda: bench.station().running or task.done())
             outcome = await drive.stop()
-            assert outcome.word == "confirmed"
+            assert outcome.status == "confirmed"
             with pytest.raises(Superseded):
                 await task
             await asyncio.sleep(5)
@@ -346,9 +346,9 @@ def test_a_cancelled_run_sends_nothing_more() -> None:
             await asyncio.sleep(0.05)
             task.cancel()
             await asyncio.sleep(1)
-            frames = bench.station().frames
+            frames = bench.station().frame_count
             await asyncio.sleep(5)
-            assert bench.station().frames == frames
+            assert bench.station().frame_count == frames
             assert not bench.station().running
 
     run_virtual(tale())
@@ -370,8 +370,8 @@ def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
                     lease.renew()
                 assert bench.station().running
             assert not bench.station().running
-            assert lease.ended is not None and lease.ended.word == "confirmed"
-            assert not lease.lost
+            assert lease.stop_outcome is not None and lease.stop_outcome.status == "confirmed"
+            assert not lease.expired
 
     run_virtual(tale())
 
@@ -385,7 +385,7 @@ def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
                 await asyncio.sleep(0.25)
                 assert bench.station().running
                 await asyncio.sleep(0.25)
-                assert lease.lost
+                assert lease.expired
                 assert bench.station().motor.stopping or not bench.station().running
                 with pytest.raises(StartInhibited):
                     lease.renew()
@@ -558,7 +558,7 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
                 await drive.run(SAFE_HZ[model])
                 await asyncio.sleep(0)
                 assert monitor.status().state.turning and seen[-1] == monitor.status().state
-                assert (await drive.stop()).word == "confirmed"
+                assert (await drive.stop()).status == "confirmed"
                 await asyncio.sleep(0)
                 assert monitor.status().state is DriveState.STOPPED and seen[-1] == "stopped"
                 told = len(seen)
@@ -579,7 +579,7 @@ def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
                 await asyncio.sleep(125)
                 polls = len(complaints)
                 await drive.run(20.0)
-                assert (await drive.stop()).word == "confirmed"
+                assert (await drive.stop()).status == "confirmed"
             assert len(complaints) > polls
 
     run_virtual(tale())

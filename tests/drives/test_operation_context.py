@@ -13,7 +13,7 @@ from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
 from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
@@ -26,7 +26,7 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operatio
 def test_t12_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
     world = PureBus(dialect_for("vc660"), FakeModbus())
     talk = operation_for(world.dialect)
-    command = talk.drive.create_command(Kind.WRITE, world.conditions)
+    command = talk.drive.create_command(CommandKind.WRITE, world.conditions)
     with pytest.raises(NotPermitted) as caught:
         world.run(
             talk.send_command(command, CommandFrame(modbus.WriteRegister(1, register, 1), RetryPolicy.EDGE_TRIGGERED))

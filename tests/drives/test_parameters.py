@@ -56,7 +56,7 @@ class Desk:
 def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
     desk = Desk("c320", FakeC320())
     outcome = desk.write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
     written, fence, back = [ask.request for ask in desk.world.requests]
     assert written == sunfar.SunfarWriteParameter(1, 0, 2, 3000, save=False)
     assert isinstance(fence, sunfar.SunfarReadParameter) and fence.group != 0
@@ -82,7 +82,7 @@ def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) 
 def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
     desk = Desk("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
     outcome = desk.write({"F0.2": 30.0}, save=True)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
     assert not desk.writes()
 
 
@@ -91,7 +91,7 @@ def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
     desk = Desk("c320", FakeC320())
     desk.write({"F0.2": 30.0})
     outcome = desk.write({"F0.2": 30.0}, save=True)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.save_acknowledged")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.save_acknowledged")
     assert [r.save for r in desk.writes()] == [False, True]
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
@@ -109,7 +109,7 @@ def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_b
     desk.world.station = losing
     if lost is None:
         outcome = desk.write({"F0.2": 30.0}, save=True)
-        assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.save_unknown")
+        assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.save_unknown")
     else:
         with pytest.raises(NotPermitted):
             desk.write({"F0.2": 30.0}, save=True)
@@ -128,7 +128,7 @@ def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
     assert (caught.value.key, params["count"], params["budget"]) == ("drives.wear_budget", 3, 3)
     assert len(desk.writes()) == 3
     desk.world.conditions = replace(desk.world.conditions, day="2026-01-03")
-    assert desk.write({"F0.2": 40.0}, save=True).done
+    assert desk.write({"F0.2": 40.0}, save=True).succeeded
 
 
 def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
@@ -173,7 +173,7 @@ def test_g16_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive(limits=limits, store=FileStore(tmp_path / "s.json"))
             try:
-                return (await drive.write({"F0.2": value}, save=True)).done
+                return (await drive.write({"F0.2": value}, save=True)).succeeded
             except EepromBudgetExceeded as error:
                 assert error.params["budget"] == budget
                 assert not bench.station().memory.eeprom_writes
@@ -240,7 +240,11 @@ def test_a_write_that_reads_back_differently_failed() -> None:
             return reply
 
     outcome = Desk("c320", Keeps()).write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key, outcome.params["found"]) == (OutcomeStatus.FAILED, "drives.write_differs", 50.0)
+    assert (outcome.status, outcome.key, outcome.params["found"]) == (
+        OutcomeStatus.FAILED,
+        "drives.write_differs",
+        50.0,
+    )
 
 
 def test_an_unanswered_write_is_decided_by_reading_it() -> None:
@@ -249,7 +253,7 @@ def test_an_unanswered_write_is_decided_by_reading_it() -> None:
             reply = super().__call__(request)
             return None if isinstance(request, sunfar.SunfarWriteParameter) else reply
 
-    assert Desk("c320", Loses()).write({"F0.2": 30.0}).word is OutcomeStatus.CONFIRMED
+    assert Desk("c320", Loses()).write({"F0.2": 30.0}).status is OutcomeStatus.CONFIRMED
 
 
 def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
@@ -259,7 +263,7 @@ def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
             self.silent = self.silent or isinstance(request, sunfar.SunfarWriteParameter)
             return reply
 
-    assert Desk("c320", Dies()).write({"F0.2": 30.0}).word is OutcomeStatus.UNKNOWN
+    assert Desk("c320", Dies()).write({"F0.2": 30.0}).status is OutcomeStatus.UNKNOWN
 
 
 def test_a_refused_write_says_why() -> None:
@@ -270,12 +274,12 @@ def test_a_refused_write_says_why() -> None:
             return super().__call__(request)
 
     outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
-    assert (outcome.word, outcome.key) == (OutcomeStatus.REFUSED, "drives.sifang_response_3")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.sifang_response_3")
 
 
 def test_a_write_only_register_is_acknowledged_at_best() -> None:
     outcome = Desk("vc660", FakeModbus()).write({"2006H": 5.0})
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
 
 
 def test_every_written_parameter_is_named_in_the_notes() -> None:

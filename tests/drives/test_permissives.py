@@ -11,8 +11,8 @@ from drivebus.drives.permissives import (
     COMMAND_TTL_S,
     MAX_STATUS_AGE_S,
     MIN_FAILURES_FOR_ERROR_RATE,
+    CommandKind,
     DriveCommand,
-    Kind,
     PermitInputs,
     grant_permit,
 )
@@ -20,9 +20,11 @@ from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect, Permit, RetryPolicy
 
-START = DriveCommand("start-1", Kind.START, 10.0, 3)
+START = DriveCommand("start-1", CommandKind.START, 10.0, 3)
 AROUND = BusConditions(10.5, "2026-01-02", 3)
-STANDS = PermitInputs(DerivedState(DriveState.STOPPED), 10.4, can_tell=True, preflight_done=True, within_limits=True)
+STANDS = PermitInputs(
+    DerivedState(DriveState.STOPPED), 10.4, reports_run_state=True, preflight_passed=True, limits_checked=True
+)
 
 
 def ask(
@@ -49,24 +51,24 @@ def test_a_start_with_everything_in_order_gets_a_permit_for_its_station_and_gene
 
 
 def test_i1_a_start_is_dead_two_seconds_after_the_wish() -> None:
-    ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, at=11.9))
-    refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, at=12.0))
+    ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, state_at=11.9))
+    refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, state_at=12.0))
 
 
 def test_a_setpoint_lives_five_seconds_but_not_where_its_frame_moves() -> None:
-    setpoint = DriveCommand("setpoint-1", Kind.SETPOINT, 10.0, 3)
+    setpoint = DriveCommand("setpoint-1", CommandKind.SETPOINT, 10.0, 3)
     assert ask(setpoint, Effect.SETTING).expires_at == 15.0
-    runs = replace(STANDS, verdict=DerivedState(DriveState.RUNNING))
+    runs = replace(STANDS, derived=DerivedState(DriveState.RUNNING))
     assert ask(setpoint, Effect.MOTION, evidence=runs).expires_at == 12.0
 
 
 def test_a_newer_stop_voids_the_command() -> None:
-    refused(Superseded, "drives.superseded", around=replace(AROUND, generation=4))
+    refused(Superseded, "drives.superseded", around=replace(AROUND, stop_epoch=4))
 
 
 def test_a_latched_drive_is_given_nothing() -> None:
-    refused(StartInhibited, "drives.latched", around=replace(AROUND, latched=True))
-    refused(StartInhibited, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, latched=True))
+    refused(StartInhibited, "drives.latched", around=replace(AROUND, start_inhibited=True))
+    refused(StartInhibited, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, start_inhibited=True))
 
 
 def test_f14_a_foreign_master_blocks_everything_that_acts() -> None:
@@ -90,26 +92,26 @@ def test_one_lost_frame_is_no_error_rate() -> None:
 
 
 def test_ruling_4_a_start_needs_a_fresh_status() -> None:
-    refused(StartInhibited, "drives.status_stale", evidence=replace(STANDS, at=None))
-    old = replace(STANDS, at=AROUND.now - MAX_STATUS_AGE_S - 0.01)
+    refused(StartInhibited, "drives.status_stale", evidence=replace(STANDS, state_at=None))
+    old = replace(STANDS, state_at=AROUND.now - MAX_STATUS_AGE_S - 0.01)
     refused(StartInhibited, "drives.status_stale", evidence=old)
 
 
 def test_ruling_4_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
     blind = PermitInputs(
-        DerivedState(DriveState.UNKNOWN), None, can_tell=False, preflight_done=True, within_limits=True
+        DerivedState(DriveState.UNKNOWN), None, reports_run_state=False, preflight_passed=True, limits_checked=True
     )
     ask(evidence=blind)
-    refused(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_done=False))
+    refused(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
 
 
 @pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.STOPPED])
 def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> None:
-    refused(StartInhibited, "drives.state_forbids", evidence=replace(STANDS, verdict=DerivedState(state)))
+    refused(StartInhibited, "drives.state_forbids", evidence=replace(STANDS, derived=DerivedState(state)))
 
 
-@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
-def test_a_write_or_a_reset_can_not_be_granted_motion(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
+def test_a_write_or_a_reset_can_not_be_granted_motion(kind: CommandKind) -> None:
     refused(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
 
 
@@ -119,17 +121,17 @@ def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
 
 
 def test_unchecked_limits_stop_a_start() -> None:
-    refused(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDS, within_limits=False))
+    refused(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDS, limits_checked=False))
 
 
 @pytest.mark.parametrize(
     ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
 )
 def test_ruling_12_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
-    command = DriveCommand("x", Kind(kind), 10.0, 3)
+    command = DriveCommand("x", CommandKind(kind), 10.0, 3)
     last = replace(AROUND, now=10.0 + seconds)
     assert COMMAND_TTL_S[command.kind] == seconds
-    assert ask(command, Effect.SETTING, last, replace(STANDS, at=last.now)).expires_at == last.now
+    assert ask(command, Effect.SETTING, last, replace(STANDS, state_at=last.now)).expires_at == last.now
     refused(
         Expired, "drives.expired", command=command, effect=Effect.SETTING, around=replace(last, now=last.now + 0.001)
     )
@@ -147,9 +149,9 @@ def test_an_expired_command_says_its_age_and_its_limit_in_hundredths_of_a_second
 def test_a_status_is_fresh_for_two_seconds_and_not_longer() -> None:
     young = replace(START, created_at=99.0)
     around = replace(AROUND, now=100.0)
-    ask(young, around=around, evidence=replace(STANDS, at=98.0))
+    ask(young, around=around, evidence=replace(STANDS, state_at=98.0))
     with pytest.raises(StartInhibited) as caught:
-        ask(young, around=around, evidence=replace(STANDS, at=97.98765))
+        ask(young, around=around, evidence=replace(STANDS, state_at=97.98765))
     assert caught.value.params == {"age_s": 2.01, "limit_s": 2.0}
 
 
@@ -161,9 +163,11 @@ def test_three_failures_are_an_error_rate() -> None:
     assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
 
 
-@pytest.mark.parametrize("kind", [Kind.START, Kind.JOG])
+@pytest.mark.parametrize("kind", [CommandKind.START, CommandKind.JOG])
 @pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
-def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: Kind, effect: Effect) -> None:
+def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(
+    kind: CommandKind, effect: Effect
+) -> None:
     """What the user meant counts, not only what these bytes do."""
     command = DriveCommand("x", kind, 10.0, 3)
     ask(command, effect)
@@ -179,16 +183,16 @@ def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(
         "drives.preflight_not_done",
         command=command,
         effect=effect,
-        evidence=replace(STANDS, preflight_done=False),
+        evidence=replace(STANDS, preflight_passed=False),
     )
     refused(
         StartInhibited,
         "drives.limits_unchecked",
         command=command,
         effect=effect,
-        evidence=replace(STANDS, within_limits=False),
+        evidence=replace(STANDS, limits_checked=False),
     )
-    turns = replace(STANDS, verdict=DerivedState(DriveState.RUNNING))
+    turns = replace(STANDS, derived=DerivedState(DriveState.RUNNING))
     refused(StartInhibited, "drives.state_forbids", command=command, effect=effect, evidence=turns)
 
 
@@ -198,8 +202,8 @@ RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
 @pytest.mark.parametrize("state", DriveState)
 def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> None:
     """DZB100's setpoint is a run frame: at standstill it would start the motor."""
-    setpoint = DriveCommand("x", Kind.SETPOINT, 10.0, 3)
-    evidence = replace(STANDS, verdict=DerivedState(state))
+    setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
+    evidence = replace(STANDS, derived=DerivedState(state))
     if state in RUNNING:
         ask(setpoint, evidence=evidence)
     else:
@@ -208,9 +212,9 @@ def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> N
 
 
 def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:
-    setpoint = DriveCommand("x", Kind.SETPOINT, 10.0, 3)
+    setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
     nothing = PermitInputs(
-        DerivedState(DriveState.UNKNOWN), None, can_tell=True, preflight_done=False, within_limits=True
+        DerivedState(DriveState.UNKNOWN), None, reports_run_state=True, preflight_passed=False, limits_checked=True
     )
     ask(setpoint, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), nothing)
     refused(
@@ -218,15 +222,15 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         "drives.limits_unchecked",
         command=setpoint,
         effect=Effect.SETTING,
-        evidence=replace(nothing, within_limits=False),
+        evidence=replace(nothing, limits_checked=False),
     )
 
 
-@pytest.mark.parametrize("kind", [Kind.WRITE, Kind.RESET])
-def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
+def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -> None:
     """A drive in a fault on a bad link must be resettable."""
     faulty = PermitInputs(
-        DerivedState(DriveState.FAULT), None, can_tell=True, preflight_done=False, within_limits=False
+        DerivedState(DriveState.FAULT), None, reports_run_state=True, preflight_passed=False, limits_checked=False
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = ask(command, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), faulty)

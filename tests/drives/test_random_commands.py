@@ -15,7 +15,7 @@ from drivebus.simulator.motor import Trip
 from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
 
 WEATHERS = ("clean", "loss=0.1", "late=0.1:0.4", "late=0.3:0.5", "loss=0.05,flip=0.002", "loss=0.3")
-ACTS = ("run", "run", "stop", "setpoint", "status", "press_stop", "trip", "reset", "jog")
+ACTS = ("run", "run", "stop", "setpoint", "status", "keypad_stop", "trip", "reset", "jog")
 
 
 def told(bench: SimulatedDrives) -> list[float]:
@@ -66,18 +66,18 @@ class Hammer:
         finally:
             if stood:
                 assert len(starts) <= 1
-        self.done += outcome.done
-        if outcome.word == "confirmed":
+        self.done += outcome.succeeded
+        if outcome.status == "confirmed":
             assert self.running
 
     async def stop(self, drive: Drive) -> None:
         try:
             outcome = await drive.stop()
         except DrivebusError as error:
-            assert error.outcome.word == "unknown"
+            assert error.outcome.status == "unknown"
         else:
             self.done += 1
-            assert outcome.word != "confirmed" or not self.running
+            assert outcome.status != "confirmed" or not self.running
 
     async def setpoint(self, drive: Drive) -> None:
         stood = not self.running
@@ -105,11 +105,11 @@ class Hammer:
                 await asyncio.sleep(0.3)
         except DrivebusError:
             return
-        assert lease.ended is not None
-        assert lease.ended.word != "confirmed" or not self.running
+        assert lease.stop_outcome is not None
+        assert lease.stop_outcome.status != "confirmed" or not self.running
 
-    async def press_stop(self, drive: Drive) -> None:
-        self.bench.station().press_stop()
+    async def keypad_stop(self, drive: Drive) -> None:
+        self.bench.station().keypad_stop()
         await asyncio.sleep(3)
 
     async def trip(self, drive: Drive) -> None:

@@ -28,7 +28,7 @@ def clears(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
 def test_a_reset_is_confirmed_by_later_reads_without_the_fault() -> None:
     world = in_fault(on_command=clears)
     outcome = world.run(reset_fault(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.reset_confirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.reset_confirmed")
     assert world.sent(sunfar.SunfarControl) == [RESET]
 
 
@@ -41,7 +41,7 @@ def test_nothing_is_sent_where_there_is_no_fault() -> None:
 def test_an_answered_reset_is_sent_once_although_the_fault_remains() -> None:
     world = in_fault()
     outcome = world.run(reset_fault(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
     assert world.sent(sunfar.SunfarControl) == [RESET]
 
 
@@ -52,7 +52,7 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
         return None if lost and lost.pop() else clears(paper, request)
 
     world = in_fault(on_command=second)
-    assert world.run(reset_fault(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.run(reset_fault(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
     assert world.sent(sunfar.SunfarControl) == [RESET] * 2
 
 
@@ -66,7 +66,7 @@ def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_
 
     world.on_request = seen
     outcome = world.run(reset_fault(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
     assert world.sent(sunfar.SunfarControl) == [RESET]
 
 
@@ -75,7 +75,7 @@ def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
         paper.state = sunfar.SunfarState.STOPPED
 
     world = in_fault(on_command=silently)
-    assert world.run(reset_fault(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.run(reset_fault(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
     assert world.sent(sunfar.SunfarControl) == [RESET]
 
 
@@ -92,5 +92,5 @@ def test_df800_shows_no_fault_so_its_reset_is_only_acknowledged() -> None:
     paper = FakeModbus()
     world = PureBus(dialect_for("df800"), paper)
     outcome = world.run(reset_fault(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
     assert paper.written == [(0x2000, 0x0010)]

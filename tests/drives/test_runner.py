@@ -36,8 +36,8 @@ def test_a_drive_runs_and_stops_at_the_slowest_and_the_fastest_baud_rate(model: 
     async def tale() -> None:
         async with SimulatedDrives(model, query=f"baud={baud}") as bench:
             drive = bench.drive()
-            assert (await drive.run(SAFE_HZ[model])).word is OutcomeStatus.CONFIRMED
-            assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
+            assert (await drive.run(SAFE_HZ[model])).status is OutcomeStatus.CONFIRMED
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
 
     run_virtual(tale())
 
@@ -71,7 +71,7 @@ def test_what_was_not_done_is_raised_with_its_outcome(word: OutcomeStatus, error
 
 @pytest.mark.parametrize("word", [OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED])
 def test_what_was_done_is_returned(word: OutcomeStatus) -> None:
-    assert raise_for_status(Outcome(word, "drives.stop_confirmed"), stop=True).word is word
+    assert raise_for_status(Outcome(word, "drives.stop_confirmed"), stop=True).status is word
 
 
 def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
@@ -106,7 +106,7 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
             drive = bench.drive()
             await drive.run(20.0, wait=True)
             outcome = await drive.stop(wait=False)
-            assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
+            assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
             assert drive.stop_pending
             await asyncio.sleep(20)
             assert not drive.stop_pending
@@ -151,7 +151,7 @@ def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed(
             time.sleep(0.05)  # noqa: ASYNC251 - exactly what must not keep a motor running
             with pytest.raises(StartInhibited):
                 lease.renew()
-            return lease.lost
+            return lease.expired
 
     assert asyncio.run(tale())
 
@@ -176,12 +176,12 @@ def test_the_synchronous_twin_runs_reads_writes_and_stops() -> None:
         drive = blocking.Drive(bus, "vc660", 1)
         assert drive.run(5.0, wait=True).key == "drives.running_at"
         assert drive.status().readings["output_frequency"].value == pytest.approx(5.0, abs=0.1)
-        assert drive.write({"F00.02": 20.0}).done
+        assert drive.write({"F00.02": 20.0}).succeeded
         assert drive.read(["F00.02"])["F00.02"].value == 20.0
-        assert drive.stop().word == "confirmed"
+        assert drive.stop().status == "confirmed"
         with drive.jog() as lease:
             lease.renew()
-        assert not lease.lost
+        assert not lease.expired
         assert blocking.stop_bus(bus, [drive]).confirmed
         with pytest.raises(StartInhibited) as caught:
             drive.run(5.0)

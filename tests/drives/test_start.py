@@ -56,16 +56,16 @@ def start(world: PureBus, talk: OperationContext, hz: float = 10.0, direction: D
 def test_a_start_is_one_frame_with_its_frequency_and_confirmed_by_later_reads() -> None:
     world, talk = c320(FakeC320(on_command=starts))
     outcome = start(world, talk)
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, ON_320, 1000)]
-    assert outcome.evidence[-1].sent_at is not None
+    assert outcome.exchanges[-1].sent_at is not None
 
 
 def test_ruling_1_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
     """The drive answers yes and stays where it is: failed, never confirmed."""
     world, talk = c320(FakeC320())
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -88,7 +88,7 @@ def test_ruling_6_an_unanswered_start_is_resent_after_two_fenced_reads_show_stan
 
     world, talk = c320(FakeC320(on_command=first_is_lost))
     outcome = start(world, talk)
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     places = [i for i, ask in enumerate(world.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(places) == 2
     between = [type(ask.request) for ask in world.requests[places[0] + 1 : places[1]]]
@@ -103,7 +103,7 @@ def test_ruling_6_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
 
     world, talk = c320(FakeC320(on_command=reply_lost))
     outcome = start(world, talk)
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -125,7 +125,7 @@ def test_ruling_6_a_stop_at_the_keypad_is_never_undone() -> None:
     world.on_request = person
     outcome = start(world, talk)
     assert reads
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.started_and_stopped")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.started_and_stopped")
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -133,7 +133,7 @@ def test_i1_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> No
     world, talk = c320(FakeC320(on_command=lambda paper, request: None))
     world.silence_s = 2.1
     outcome = start(world, talk)
-    assert outcome.word is not OutcomeStatus.CONFIRMED
+    assert outcome.status is not OutcomeStatus.CONFIRMED
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -141,7 +141,7 @@ def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
     world, talk = c320(FakeC320(on_command=lambda paper, request: None))
     world.silence_s = world.transaction_s = 0.001
     outcome = start(world, talk)
-    assert outcome.word is OutcomeStatus.FAILED
+    assert outcome.status is OutcomeStatus.FAILED
     assert len(world.sent(sunfar.SunfarControl)) == 3
 
 
@@ -153,12 +153,12 @@ def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None
         if isinstance(ask.request, sunfar.SunfarControl):
             from dataclasses import replace
 
-            world.conditions = replace(world.conditions, generation=world.conditions.generation + 1)
+            world.conditions = replace(world.conditions, stop_epoch=world.conditions.stop_epoch + 1)
 
     world.on_request = stop_comes
     with pytest.raises(Superseded) as caught:
         start(world, talk)
-    assert caught.value.outcome.word is OutcomeStatus.UNKNOWN
+    assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -168,7 +168,7 @@ def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() 
 
     world, talk = c320(FakeC320(on_command=dies))
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -178,7 +178,7 @@ def test_a_drive_that_says_no_is_believed() -> None:
 
     world, talk = c320(FakeC320(on_command=no))
     outcome = start(world, talk)
-    assert (outcome.word, outcome.params["code"]) == (OutcomeStatus.REFUSED, 1)
+    assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 1)
 
 
 def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
@@ -188,8 +188,12 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
 
     world, talk = c320(FakeC320(on_command=trips))
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
-    assert outcome.status is not None and outcome.status.fault is not None and outcome.status.fault.code == 7
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
+    assert (
+        outcome.drive_status is not None
+        and outcome.drive_status.fault is not None
+        and outcome.drive_status.fault.code == 7
+    )
 
 
 def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
@@ -199,7 +203,7 @@ def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
 
     world, talk = c320(FakeC320(on_command=wrong))
     outcome = start(world, talk, direction=Direction.FORWARD)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_way")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_way")
 
 
 @pytest.mark.parametrize(
@@ -287,7 +291,7 @@ def test_a_running_drive_only_gets_its_new_frequency() -> None:
     world, talk = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     outcome = start(world, talk, 12.0)
     assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
-    assert outcome.word is OutcomeStatus.ACKNOWLEDGED
+    assert outcome.status is OutcomeStatus.ACKNOWLEDGED
 
 
 def test_a_running_drive_is_not_turned_round() -> None:
@@ -307,7 +311,7 @@ def test_vc660_sets_the_frequency_reads_it_back_and_only_then_starts() -> None:
     paper = FakeModbus(on_command=obey)
     world, talk = vc660(paper)
     outcome = start(world, talk)
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0001), (0x2000, 0x0000)]
 
 
@@ -321,7 +325,7 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
     paper = Deaf()
     world, talk = vc660(paper)
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
     assert [register for register, _ in paper.written] == [0x2001]
     assert Effect.MOTION not in world.effects()
 
@@ -333,7 +337,7 @@ def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_not
     world, talk = vc660(paper) if model == "vc660" else df800(paper)
     world.on_request = lambda ask: world.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
     outcome = start(world, talk, 10.0)
-    assert outcome.word is OutcomeStatus.FAILED and outcome.key == "drives.not_started"
+    assert outcome.status is OutcomeStatus.FAILED and outcome.key == "drives.not_started"
     assert isinstance(outcome.params["why"], Expired)
     assert world.sent(modbus.WriteRegister, register=0x2001) and not world.sent(modbus.WriteRegister, register=0x2000)
 
@@ -348,7 +352,7 @@ def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_
 
     world.on_request = seen
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
     assert len(world.sent(sunfar.SunfarControl)) == 1
 
 
@@ -362,7 +366,7 @@ def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None
             world.conditions = replace(world.conditions, duplicate=True)
 
     world.on_request = seen
-    assert start(world, talk).word is OutcomeStatus.CONFIRMED
+    assert start(world, talk).status is OutcomeStatus.CONFIRMED
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0001)]
 
 
@@ -375,7 +379,7 @@ def test_t13_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() 
 
     paper = FakeModbus(on_command=obeys_silently)
     world, talk = vc660(paper)
-    assert start(world, talk).word is OutcomeStatus.CONFIRMED
+    assert start(world, talk).status is OutcomeStatus.CONFIRMED
     assert [value for register, value in paper.written if register == 0x2000] == [0x0001, 0x0000]
 
 
@@ -383,9 +387,9 @@ def test_ruling_4_df800_is_started_on_its_preflight_and_only_acknowledged() -> N
     paper = FakeModbus()
     world, talk = df800(paper)
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0002)]
-    assert outcome.status is not None and outcome.status.state == "unknown"
+    assert outcome.drive_status is not None and outcome.drive_status.state == "unknown"
 
 
 def test_df800_reads_its_preflight_before_every_start() -> None:
@@ -402,7 +406,7 @@ def test_an_unanswered_start_of_df800_is_never_resent() -> None:
     paper = FakeModbus(on_command=lambda paper, word: False)
     world, talk = df800(paper)
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
     assert [value for register, value in paper.written if register == 0x2000] == [0x0002]
 
 
@@ -466,4 +470,4 @@ def test_modbus_errors_of_the_drive_are_refusals() -> None:
 
     world, talk = df800(Refuses())
     outcome = start(world, talk)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.REFUSED, "drives.modbus_refused_short")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.modbus_refused_short")

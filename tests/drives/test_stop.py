@@ -30,7 +30,7 @@ def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_re
     first = world.requests[0]
     assert isinstance(first.request, sunfar.SunfarControl)
     assert (first.priority, first.permit, first.expires_at) == (RequestPriority.STOP, None, None)
-    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
 
 def test_i3_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
@@ -44,7 +44,7 @@ def test_ruling_1_a_stop_is_not_confirmed_by_its_own_reply() -> None:
     """The drive says yes and runs on."""
     world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
 def test_g07_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
@@ -61,7 +61,7 @@ def test_a_lost_stop_is_sent_again_at_once() -> None:
 
     world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert len(world.sent(sunfar.SunfarControl)) == 3
 
 
@@ -70,16 +70,16 @@ def test_ruling_5_no_state_of_the_host_withholds_a_stop() -> None:
 
     world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     world.conditions = replace(
-        world.conditions, latched=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
+        world.conditions, start_inhibited=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
     )
-    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
 
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
 def test_ruling_5_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
     world = c320(FakeC320(state, fault_code=4))
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
 
 
 def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
@@ -106,7 +106,7 @@ def test_a_drive_that_slows_down_is_given_its_time() -> None:
 
     world = c320(Ramps(sunfar.SunfarState.RUNNING_FORWARD, output=2000))
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert world.now > 2 * STOP_PROGRESS_TIMEOUT_S
 
 
@@ -122,7 +122,7 @@ def test_a_stop_to_a_dead_drive_is_repeated_and_reported() -> None:
     outcome = world.run(stop(operation_for(world.dialect)))
     assert outcome.key == "drives.stop_unconfirmed"
     assert len(world.sent(sunfar.SunfarControl)) >= 3
-    assert all(e.received == b"" for e in outcome.evidence)
+    assert all(e.received == b"" for e in outcome.exchanges)
 
 
 def test_one_reading_of_standstill_is_not_enough() -> None:
@@ -137,13 +137,13 @@ def test_one_reading_of_standstill_is_not_enough() -> None:
             return super().__call__(request)
 
     world = c320(Flips())
-    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.UNKNOWN
+    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.UNKNOWN
 
 
 def test_without_waiting_an_answered_stop_is_said_to_be_unconfirmed() -> None:
     world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     outcome = world.run(stop(operation_for(world.dialect), wait_confirmed=False))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
     assert len(world.requests) == 1
 
 
@@ -151,14 +151,14 @@ def test_t17_df800_is_told_three_times_and_never_confirmed() -> None:
     paper = FakeModbus()
     world = PureBus(dialect_for("df800"), paper)
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     assert paper.written == [(0x2000, 1)] * 3
 
 
 def test_t17_a_silent_df800_is_unconfirmed() -> None:
     world = PureBus(dialect_for("df800"), FakeModbus(silent=True))
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert (outcome.word, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
 def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_acts() -> None:
@@ -176,7 +176,7 @@ def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_a
     last[0] = 2
     world = PureBus(dialect_for("vc660"), paper)
     outcome = world.run(stop(operation_for(world.dialect)))
-    assert outcome.word is OutcomeStatus.CONFIRMED
+    assert outcome.status is OutcomeStatus.CONFIRMED
     assert [value for _, value in paper.written][:3] == [0x0002, 0x0000, 0x0002]
 
 
@@ -195,7 +195,7 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
 
     for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
         world = PureBus(dialect_for("dzb100"), Paper(output, state))
-        assert world.run(stop(operation_for(world.dialect))).word == word
+        assert world.run(stop(operation_for(world.dialect))).status == word
 
 
 def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
@@ -215,7 +215,7 @@ def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_th
             return super().transact(ask)
 
     world = Crowded(dialect_for("dzb100"), slowing)
-    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
     assert world.now > STOP_PROGRESS_TIMEOUT_S + 3.0
 
 
@@ -231,7 +231,7 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
             return super().__call__(request)
 
     world = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
-    assert world.run(stop(operation_for(world.dialect))).word is OutcomeStatus.CONFIRMED
+    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
 
 
 def test_a_refused_stop_of_a_modbus_drive_is_not_an_answer() -> None:

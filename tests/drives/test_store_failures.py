@@ -53,7 +53,7 @@ def test_g12_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int
     world, end = saved(store, {"F0.2": 30.0})
     sent = len(world.sent(sunfar.SunfarWriteParameter))
     assert sent == (0 if isinstance(end, ConfigurationError) else 1)
-    assert sent == 0 or end.word is OutcomeStatus.CONFIRMED
+    assert sent == 0 or end.status is OutcomeStatus.CONFIRMED
     store.fails = 0
     assert context_for(world.dialect, store=store).eeprom_budget.count("F0.2").total >= sent
 
@@ -62,7 +62,7 @@ def test_g12_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome(
     uses = Failing(0)
     saved(uses, {"F0.2": 30.0})
     world, end = saved(Failing(uses.uses + 1), {"F0.2": 30.0, "F1.10": 2.0})
-    assert (end.word, end.key) == (OutcomeStatus.FAILED, "drives.not_written")
+    assert (end.status, end.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(end.params["why"], ConfigurationError) and len(world.sent(sunfar.SunfarWriteParameter)) == 1
 
 

@@ -29,7 +29,7 @@ def wait_for(world: PureBus, talk: OperationContext, hz: float = 10.0, timeout_s
 def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
     world, talk = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=1000))
     outcome = wait_for(world, talk)
-    assert (outcome.word, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
+    assert (outcome.status, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
 
 
 def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
@@ -59,14 +59,14 @@ def test_a_silent_drive_is_not_said_to_have_failed() -> None:
     with pytest.raises(TargetNotReached) as caught:
         wait_for(world, talk)
     assert caught.value.key == "drives.not_reached_silent"
-    assert caught.value.outcome.word is OutcomeStatus.UNKNOWN
+    assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
 
 
 def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
     world, talk = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD))
 
     def stop(ask: Any) -> None:
-        world.conditions = replace(world.conditions, generation=world.conditions.generation + 1)
+        world.conditions = replace(world.conditions, stop_epoch=world.conditions.stop_epoch + 1)
 
     world.on_request = stop
     with pytest.raises(Superseded):

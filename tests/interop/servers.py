@@ -76,9 +76,11 @@ def peer_station(
 def permitted_write(bus: Bus, request: Any) -> BusRequest:
     """A write with the gate's own permit, as a drive would be given it."""
     now, generation = bus.now(), bus.stop_epoch(STATION)
-    command = permissives.DriveCommand("test", permissives.Kind.WRITE, now, generation)
-    evidence = permissives.PermitInputs(STATE_NOT_READ, None, can_tell=False, preflight_done=True, within_limits=True)
-    around = BusConditions(now, generation=generation)
+    command = permissives.DriveCommand("test", permissives.CommandKind.WRITE, now, generation)
+    evidence = permissives.PermitInputs(
+        STATE_NOT_READ, None, reports_run_state=False, preflight_passed=True, limits_checked=True
+    )
+    around = BusConditions(now, stop_epoch=generation)
     permit = permissives.grant_permit(
         command, STATION, Effect.SETTING, RetryPolicy.IDEMPOTENT, around, evidence, "modbus"
     )

@@ -166,7 +166,7 @@ async def test_what_pymodbus_believes_of_our_station_is_what_stands_there(encodi
     chance, accepted, failed = Random(9), 0, 0
     async with lossy_relay(LinkQuality(), seed=5) as wire, our_station(wire, encoding) as made:
         words = made.station(1).memory
-        keys = [key for key in words.cells if words.refuses_read(key) is None and 0x100 <= key < 0x1000]
+        keys = [key for key in words.specs if words.read_rejection(key) is None and 0x100 <= key < 0x1000]
         client = AsyncModbusSerialClient(
             wire.ours,
             framer=FramerType(encoding),

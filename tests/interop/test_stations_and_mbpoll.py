@@ -138,11 +138,11 @@ async def test_mbpoll_shows_that_a_running_vc660_refuses_to_change_its_command_s
     station = made.station(1)
     source = 30  # F01.00 of the simulated drive
     async with serve_on_pty(made) as path:
-        station.press_run(10.0)
+        station.keypad_run(10.0)
         said = await mbpoll(path, source, 0)
         assert said.code == 1 and "Slave device or server failure" in said.text
         assert station.memory[source] == 2
-        station.press_stop()
+        station.keypad_stop()
         await wait_until(lambda: not made.station(1).running, "standstill")
         assert (await mbpoll(path, source, 0)).code == 0
         assert station.memory[source] == 0
@@ -170,4 +170,4 @@ async def test_mbpoll_takes_the_df800s_short_error_for_no_exception() -> None:
         assert refused.code == 1 and "Invalid data" in refused.text
         unheard = await mbpoll(path, 3, 1, patience_s=0.2)
         assert unheard.code == 1 and "Connection timed out" in unheard.text
-        assert made.station(1).replies == 2, "both were answered"
+        assert made.station(1).reply_count == 2, "both were answered"

@@ -44,7 +44,7 @@ async def client(
     if way == "pty":
         async with serve_on_pty(made) as path:
             one = AsyncModbusSerialClient(
-                path, framer=framer, baudrate=made.line.baud, retries=0, timeout=patience_s, reconnect_delay=0
+                path, framer=framer, baudrate=made.settings.baud, retries=0, timeout=patience_s, reconnect_delay=0
             )
             async with _connected(one):
                 yield one
@@ -101,7 +101,7 @@ async def test_every_parameter_that_pymodbus_reads_is_what_the_vc660s_own_table_
 async def test_what_pymodbus_reads_of_a_running_vc660_is_what_its_motor_does() -> None:
     made = quick_bench("vc660@1")
     async with client(made) as peer:
-        made.station(1).press_run(40.0, reverse=True)
+        made.station(1).keypad_run(40.0, reverse=True)
         await wait_until(lambda: made.station(1).motor.output_hz == pytest.approx(-40.0, abs=0.004), "40 Hz backwards")
         first = (await peer.read_holding_registers(STATUS, count=4, device_id=1)).registers
         second = (await peer.read_holding_registers(STATUS + 4, count=4, device_id=1)).registers
@@ -130,7 +130,7 @@ async def test_what_pymodbus_reads_of_a_df800_is_what_its_table_holds(encoding: 
 async def test_pymodbus_sees_the_four_exceptions_of_a_vc660() -> None:
     made = quick_bench("vc660@1")
     async with client(made) as peer:
-        made.station(1).press_run(10.0)
+        made.station(1).keypad_run(10.0)
         refused = [
             await peer.read_input_registers(STATUS, count=1, device_id=1),
             await peer.read_coils(0, count=1, device_id=1),
@@ -175,10 +175,10 @@ async def test_a_broadcast_stop_of_pymodbus_stops_every_vc660_and_none_answers()
     made = quick_bench("vc660@1-3")
     async with client(made) as peer:
         for station in made.stations:
-            station.press_run(10.0)
+            station.keypad_run(10.0)
         await peer.write_register(COMMAND, STOP["vc660"], device_id=0, no_response_expected=True)
         await wait_until(lambda: not any(made.station(address).running for address in (1, 2, 3)), "three standstills")
-        assert [station.replies for station in made.stations] == [0, 0, 0]
+        assert [station.reply_count for station in made.stations] == [0, 0, 0]
         assert (await peer.read_holding_registers(STATUS, count=1, device_id=2)).registers == [1]
 
 

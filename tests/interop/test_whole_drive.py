@@ -125,15 +125,15 @@ async def test_a_drive_of_every_family_is_read_run_and_stopped_over_a_pty(case: 
         assert before.fault is None and before.direction is None
 
         begun = await drive.run(case.run_hz)
-        assert begun.word is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
-        assert begun.evidence and all(frame.sent for frame in begun.evidence)
+        assert begun.status is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
+        assert begun.exchanges and all(frame.sent for frame in begun.exchanges)
 
         turning = await wait_for_reading(drive, case.monitor, case.monitored)
         assert turning.state is (DriveState.RUNNING if case.reports_running else DriveState.UNKNOWN)
         assert turning.direction is case.direction
 
         ended = await drive.stop()
-        assert ended.word is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
+        assert ended.status is (OutcomeStatus.CONFIRMED if case.reports_running else OutcomeStatus.ACKNOWLEDGED)
         after = await wait_for_reading(drive, case.monitor, 0)
         assert after.state is (DriveState.STOPPED if case.reports_running else DriveState.UNKNOWN)
 
@@ -154,11 +154,11 @@ async def test_a_drive_that_tells_its_frequency_is_waited_for(
     async with Bus(open_port(url)) as bus:
         drive = made(bus, model)
         reached = await drive.run(35.0, Direction.REVERSE, wait=True)
-        assert reached.word is OutcomeStatus.CONFIRMED
+        assert reached.status is OutcomeStatus.CONFIRMED
         assert reached.params["output_hz"] == pytest.approx(35.0, abs=0.2)
         now = await drive.status()
         assert (now.state, now.direction) == (DriveState.RUNNING, Direction.REVERSE)
-        assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
+        assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
 
 
 OWN_PROFILE = """
@@ -246,7 +246,7 @@ async def test_a_profile_of_the_users_own_reads_and_writes_a_strangers_server(
         assert (found["temperature"].value, found["temperature"].unit) == (101.6, "°C")
         assert (found["0020H"].value, found["0020H"].raw, found["0020H"].quality) == (103.2, 1032, Quality.GOOD)
         written = await drive.write({"0020H": 12.5})
-        assert written.word is OutcomeStatus.CONFIRMED
+        assert written.status is OutcomeStatus.CONFIRMED
         again = await drive.read(["0020H", "0011H"])
         assert (again["0020H"].raw, again["0011H"].raw) == (125, 1017)
         with pytest.raises(LimitError):
@@ -265,7 +265,7 @@ async def test_a_server_that_answers_a_start_and_does_not_run_is_not_believed(
         drive = Drive(bus, own, STATION, encoding=encoding, store=MemoryStore())
         with pytest.raises(DriveError) as caught:
             await drive.run(10.0)
-        assert caught.value.outcome.word is OutcomeStatus.FAILED
+        assert caught.value.outcome.status is OutcomeStatus.FAILED
         starts = [frame for frame in caught.value.outcome.evidence if frame.sent[1:6] == bytes((6, 0, 0x40, 0, 1))]
         assert len(starts) == 1, "an answered start is never sent again"
         assert starts[0].received == starts[0].sent

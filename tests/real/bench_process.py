@@ -62,7 +62,7 @@ class RecordedBus:
         for station in stations:
             station.set_ramps(given.get("ramp_s", 0.5), given.get("ramp_s", 0.5))
             for key, value in given.get("keypad", {}).items():
-                station.press_set(int(key), value)
+                station.keypad_set(int(key), value)
             self._watch(station)
         line = SerialSettings.parse(given["baud"], given.get("format", "8N1"))
         self.bench = SimulatedBus(stations, line, weather=given.get("weather", "clean"))
@@ -112,8 +112,8 @@ class RecordedBus:
             self._write(what="heard", t=now, address=station.address)
             return obey(message, codec, line, now, **named)
 
-        obey = station.heard
-        station.advance, station.heard = stepped, heard
+        obey = station.handle_frame
+        station.advance, station.handle_frame = stepped, heard
 
     def _write(self, **what: Any) -> None:
         self.record.write(line=self.number, **what)

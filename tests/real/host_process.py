@@ -46,7 +46,7 @@ async def run(model: str, urls: list[str]) -> None:
     for number, drive in enumerate(drives):
         outcome = await drive.run(20.0)
         drive.monitor(period_s=0.2)
-        print_event(event="started", line=number, word=outcome.word)
+        print_event(event="started", line=number, word=outcome.status)
     print_event(event="all")
     await asyncio.sleep(3600)
 
@@ -54,7 +54,7 @@ async def run(model: str, urls: list[str]) -> None:
 async def issue_commands(drive: Drive) -> dict[str, Any]:
     try:
         outcome = await drive.run(20.0)
-        return {"address": drive.address, "word": outcome.word}
+        return {"address": drive.address, "word": outcome.status}
     except DrivebusError as error:
         return {"address": drive.address, "error": type(error).__name__, "text": str(error)}
 
@@ -72,10 +72,12 @@ async def start(model: str, url: str, count: int) -> None:
 def start_of(bus: Bus, drive: Drive) -> BusRequest:
     """A start with the gate's own permit, as if all checks were done."""
     now, generation = bus.now(), bus.stop_epoch(drive.address)
-    command = permissives.DriveCommand("test", permissives.Kind.START, now, generation)
+    command = permissives.DriveCommand("test", permissives.CommandKind.START, now, generation)
     stopped = DerivedState(DriveState.STOPPED)
-    evidence = permissives.PermitInputs(stopped, now, can_tell=True, preflight_done=True, within_limits=True)
-    around = BusConditions(now, generation=generation)
+    evidence = permissives.PermitInputs(
+        stopped, now, reports_run_state=True, preflight_passed=True, limits_checked=True
+    )
+    around = BusConditions(now, stop_epoch=generation)
     frame = drive.dialect.start(None, 2000)[0]
     permit = permissives.grant_permit(
         command, drive.address, Effect.MOTION, frame.retry_policy, around, evidence, "sifang"

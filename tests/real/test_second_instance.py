@@ -119,7 +119,7 @@ async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_a
         with pytest.raises(StartInhibited) as caught:
             await drive.run(10.0)
         assert caught.value.key == "drives.foreign_master"
-        assert (await drive.stop()).word is OutcomeStatus.CONFIRMED
+        assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
         os.close(stranger)
     plant.settle()
     ours = [one.effect for one in plant.requests() if one.data != data]

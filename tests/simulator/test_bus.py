@@ -29,10 +29,12 @@ def _fresh_names() -> Iterator[None]:
     clear_simulated_buses()
 
 
-@pytest.mark.parametrize("lacking", ["answer", "reply_delay_s", "trip_code", "power_up"])
+@pytest.mark.parametrize("lacking", ["handle_request", "reply_delay_s", "trip_code", "power_up"])
 def test_a_family_that_leaves_out_what_only_it_can_say_is_no_station(lacking: str) -> None:
     """It fails when it is made, not at the first frame, trip or power cut of a bench."""
-    given = {name: lambda self: None for name in {"answer", "reply_delay_s", "trip_code", "power_up"} - {lacking}}
+    given = {
+        name: lambda self: None for name in {"handle_request", "reply_delay_s", "trip_code", "power_up"} - {lacking}
+    }
     with pytest.raises(TypeError, match=lacking):
         type("Half", (Station,), given)(1, {})
 
@@ -83,7 +85,7 @@ def test_a_drives_line_other_than_the_hosts_is_silence() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1?baud=9600&drives=19200-8N1") as desk:
             assert await desk.raw(desk.codec.encode_request(STATUS)) == b""
-            assert desk.station().frames == 0
+            assert desk.station().frame_count == 0
 
     run_virtual(told())
 
@@ -106,13 +108,13 @@ def test_two_masters_with_different_settings_hear_each_other_as_noise() -> None:
 def test_two_masters_who_speak_at_once_get_no_answer() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1,2?name=a") as one, SimulatorClient("sim://vc660@1,2?name=a") as two:
-            assert one.bench is two.bench is find_simulated_bus("a")
+            assert one.simulated_bus is two.simulated_bus is find_simulated_bus("a")
             one.port.write(one.codec.encode_request(STATUS))
             await asyncio.sleep(0.002)
             two.port.write(one.codec.encode_request(modbus.ReadRegisters(2, 0x3000, 4)))
             await asyncio.sleep(0.5)
-            assert one.bench.wire.collisions == 1
-            assert (one.station(1).replies, one.station(2).replies) == (0, 0)
+            assert one.simulated_bus.wire.collisions == 1
+            assert (one.station(1).reply_count, one.station(2).reply_count) == (0, 0)
 
     run_virtual(told())
 
@@ -158,7 +160,7 @@ def test_f12_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> No
         await desk.request(modbus.WriteRegister(1, 0x2000, 1))
         desk.port.write(desk.codec.encode_request(STATUS))
         desk.received.clear()
-        desk.bench.unplug()
+        desk.simulated_bus.unplug()
         await asyncio.sleep(10.0)
         assert [type(error) for error in desk.lost] == [PortLost]
         assert desk.received == []
@@ -166,7 +168,7 @@ def test_f12_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> No
             desk.port.write(b"x")
         with pytest.raises(PortUnavailable):
             await desk.port.open(desk)
-        desk.bench.replug()
+        desk.simulated_bus.replug()
         await desk.port.open(desk)
         assert (await desk.request(STATUS)).values[2] == 3000
 
@@ -206,7 +208,7 @@ def test_f03_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledge
 def test_f01_a_late_reply_comes_where_the_next_one_is_expected() -> None:
     async def told() -> list[bytes]:
         async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().faults.late_s.append(0.3)
+            desk.station().faults.next_added_delays_s.append(0.3)
             assert await desk.raw(desk.codec.encode_request(STATUS), 0.2) == b""
             await desk.raw(desk.codec.encode_request(modbus.ReadRegisters(1, 0, 1)), 0.5)
             return [data for _, data, _ in desk.received]
@@ -219,9 +221,9 @@ def test_f01_a_late_reply_comes_where_the_next_one_is_expected() -> None:
 def test_f15_two_drives_at_one_address_garble_their_replies() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
-            desk.bench.add(make_station("vc660", 1))
+            desk.simulated_bus.add(make_station("vc660", 1))
             data = await desk.raw(desk.codec.encode_request(STATUS))
-            assert desk.bench.wire.collisions == 1
+            assert desk.simulated_bus.wire.collisions == 1
             assert len(data) == 13
             assert data[:3] != bytes((1, 3, 8))
 
@@ -240,7 +242,7 @@ def test_a_wrong_address_answers_as_somebody_else() -> None:
 def test_a_slow_drive_answers_later_by_so_much() -> None:
     async def told() -> float:
         async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().faults.slow_s = 0.1
+            desk.station().faults.added_delay_s = 0.1
             sent = asyncio.get_running_loop().time()
             await desk.request(STATUS)
             return desk.received[0][0] - sent
@@ -266,7 +268,7 @@ def test_a_stuck_drive_shows_what_it_showed() -> None:
             await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
             await desk.request(modbus.WriteRegister(1, 0x2000, 1))
             await asyncio.sleep(3.0)
-            desk.station().faults.stuck = True
+            desk.station().faults.frozen_readings = True
             shown = (await desk.request(STATUS)).values
             await asyncio.sleep(5.0)
             assert (await desk.request(STATUS)).values == shown
@@ -279,8 +281,8 @@ def test_g20_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1?weather=flip=1") as desk:
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
-            assert desk.station().frames == 0
-            desk.bench.weather = "clean"
+            assert desk.station().frame_count == 0
+            desk.simulated_bus.line_quality = "clean"
             assert (await desk.request(sunfar.ReadMonitor(1, 0))).data == 0
 
     run_virtual(told())

@@ -286,7 +286,7 @@ def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognised(
     async def told() -> tuple[bytes, int]:
         async with SimulatorClient("sim://c320@1,2") as desk:
             request = desk.codec.encode_request(sunfar.ReadMonitor(1, 0))
-            line = desk.bench.line
+            line = desk.simulated_bus.settings
             desk.port.write(desk.codec.encode_request(sunfar.ReadMonitor(3, 0)))
             await asyncio.sleep(line.seconds(14 + characters))
             return await desk.raw(request), desk.station().gap_violations
@@ -393,7 +393,7 @@ def test_f6_12_selects_what_a_control_reply_carries() -> None:
 def test_keypad_control_ignores_the_bus_but_answers(operation: SunfarOperation) -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().press_set(0x003, 0)
+            desk.station().keypad_set(0x003, 0)
             data = 1000 if operation.sets_frequency else 0
             assert (await desk.request(control(operation, data))).response is SunfarResponse.OK
             await asyncio.sleep(5.0)
@@ -406,8 +406,8 @@ def test_keypad_control_ignores_the_bus_but_answers(operation: SunfarOperation) 
 def test_with_f0_1_not_2_the_frequency_of_the_bus_is_ignored() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().press_set(0x001, 0)
-            desk.station().press_set(0x002, 1000)
+            desk.station().keypad_set(0x001, 0)
+            desk.station().keypad_set(0x002, 1000)
             await running(desk, 30.0)
             assert desk.station().motor.output_hz == pytest.approx(10.0)
 
@@ -417,10 +417,10 @@ def test_with_f0_1_not_2_the_frequency_of_the_bus_is_ignored() -> None:
 def test_a_person_can_start_and_stop_at_the_keypad() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().press_run(25.0)
+            desk.station().keypad_run(25.0)
             await asyncio.sleep(6.0)
             assert (await desk.request(sunfar.ReadMonitor(1, 0))).data == 2500
-            desk.station().press_stop()
+            desk.station().keypad_stop()
             await asyncio.sleep(6.0)
             assert (await desk.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.STOPPED
 
@@ -466,7 +466,7 @@ def test_an_emergency_stop_switches_off_and_holds_until_a_stop_or_reset() -> Non
             assert (await desk.request(control(SunfarOperation.EMERGENCY_STOP))).state is SunfarState.EMERGENCY_STOP
             await desk.request(control(SunfarOperation.RUN_FORWARD))
             await asyncio.sleep(2.0)
-            desk.station().press_run(5.0)
+            desk.station().keypad_run(5.0)
             assert not desk.station().running, "nor by the keypad"
             assert (await desk.request(control(SunfarOperation.RESET_FAULT))).state is SunfarState.STOPPED
 
@@ -587,8 +587,8 @@ def test_f18_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, ac
 
     async def told() -> None:
         async with SimulatorClient(f"sim://{model}@1?ramp=1") as desk:
-            desk.station().press_set(0x4_03, action)
-            desk.station().press_set(0x4_04, 50)
+            desk.station().keypad_set(0x4_03, action)
+            desk.station().keypad_set(0x4_04, 50)
             await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
             await asyncio.sleep(4.9)
             assert desk.station().motor.energised

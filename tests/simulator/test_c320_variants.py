@@ -36,13 +36,13 @@ def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, dig
         port = open_port(f"sim://c320@1?ramp=1&digits={digits}&nibble={'on' if nibble else 'off'}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding, settings={"digits": digits, "nibble": nibble})
-            assert (await drive.run(30.0, wait=True)).word == "confirmed"
+            assert (await drive.run(30.0, wait=True)).status == "confirmed"
             status = await drive.status()
             assert status.state == "running"
             assert status.readings["output_frequency"].value == pytest.approx(30.0, abs=0.05)
-            assert (await drive.write({"F1.10": 0x0ABC})).word == "confirmed"
+            assert (await drive.write({"F1.10": 0x0ABC})).status == "confirmed"
             assert (await drive.read(["F1.10"]))["F1.10"].value == 0x0ABC
-            assert (await drive.stop()).word == "confirmed"
+            assert (await drive.stop()).status == "confirmed"
 
     story(told())
 
@@ -53,7 +53,7 @@ def test_the_strict_host_publishes_nothing_of_the_other_spelling(encoding: str, 
         port = open_port(f"sim://c320@1?{odd}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding)
-            port.bench.station(1).press_set(0x010A, 0x0ABC)  # type: ignore[attr-defined]
+            port.simulated_bus.station(1).keypad_set(0x010A, 0x0ABC)  # type: ignore[attr-defined]
             with contextlib.suppress(ProtocolError, NoReply):
                 assert (await drive.read(["F1.10"]))["F1.10"].value is None
             assert set(bus.statistics().errors) & {"AlphabetError", "ChecksumError"}
@@ -80,7 +80,7 @@ async def identified(link: str, encoding: str) -> tuple[Identity, Identity, int 
     """Who a drive in a fault says that it is, then without the fault; the fault that is believed, and the true one."""
     port = open_port(link)
     async with Bus(port) as bus:
-        station = port.bench.station(1)  # type: ignore[attr-defined]
+        station = port.simulated_bus.station(1)  # type: ignore[attr-defined]
         drive = Drive(bus, "c320", 1, encoding=encoding)
         station.trip(Trip.OVERHEAT)
         faulty = await drive.identify()

@@ -162,8 +162,8 @@ def test_deltas_12h_starts_and_resets_on_this_drive() -> None:
 def test_f1_01_and_f1_02_decide_whether_the_bus_is_heard(register: int, value: int, hz: float) -> None:
     async def told() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
-            desk.station().press_set(100, 1200)
-            desk.station().press_set(register, value)
+            desk.station().keypad_set(100, 1200)
+            desk.station().keypad_set(register, value)
             reply = await desk.request(write(0x2000, 0b10))
             assert isinstance(reply, modbus.WriteAck)  # says yes all the same
             await running(desk)

@@ -73,7 +73,7 @@ def test_spelling_and_counting_are_inverse(number: int) -> None:
 def test_t09_an_eleven_byte_p_read_of_the_text_writes_0() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://dzb100@3") as desk:
-            desk.station(3).press_set(23, 100)
+            desk.station(3).keypad_set(23, 100)
             await desk.raw(bits("50 03 01 30 33 32 33 30 30 30 30"))
             assert desk.station(3).memory[23] == 0
             assert desk.station(3).memory.eeprom_writes[23] == 2
@@ -84,7 +84,7 @@ def test_t09_an_eleven_byte_p_read_of_the_text_writes_0() -> None:
 def test_r_reads_a_parameter_and_changes_nothing() -> None:
     async def told() -> Any:
         async with SimulatorClient("sim://dzb100@3") as desk:
-            desk.station(3).press_set(23, 100)
+            desk.station(3).keypad_set(23, 100)
             reply = await desk.raw(bits("52 03 01 30 33 32 33 30 30 30 30"))
             assert reply == bits("52 03 06 30 33 32 33 30 30 36 34")
             assert desk.station(3).memory[23] == 100
@@ -248,7 +248,7 @@ def test_q01_and_q02_follow_the_motor() -> None:
 def test_a_drive_not_set_for_the_bus_answers_but_does_not_run(parameter: int, value: int) -> None:
     async def told() -> float:
         async with SimulatorClient("sim://dzb100@1?ramp=1") as desk:
-            desk.station().press_set(parameter, value)
+            desk.station().keypad_set(parameter, value)
             reply = await desk.request(dzb100.Dzb100Control(1, Dzb100Command.FORWARD, 300))
             assert reply.accepted is True
             await asyncio.sleep(3.0)

@@ -153,7 +153,7 @@ def test_a_frame_in_two_pieces_without_much_pause_is_one_frame() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             frame = rtu("01 03 30 00 00 01")
             desk.port.write(frame[:3])
-            await asyncio.sleep(desk.bench.line.seconds(3 + pause))
+            await asyncio.sleep(desk.simulated_bus.settings.seconds(3 + pause))
             return await desk.raw(frame[3:])
 
     assert len(run_virtual(told(2.0))) == 7
@@ -164,7 +164,7 @@ def test_a_request_too_soon_after_other_traffic_is_counted_and_answered() -> Non
     async def told(characters: float) -> tuple[int, bool]:
         async with SimulatorClient("sim://vc660@1,2") as desk:
             frame = rtu("01 03 30 00 00 01")
-            line = desk.bench.line
+            line = desk.simulated_bus.settings
             desk.port.write(desk.codec.encode_request(read(0x3000, address=2)))
             await asyncio.sleep(line.seconds(8 + 7 + characters) + 0.004)  # request, F06.06, reply
             assert len(desk.received) == 1
@@ -183,7 +183,7 @@ def test_f06_06_delays_the_reply_but_never_below_the_gap(delay_ms: int, expected
             await desk.request(write(REPLY_DELAY, delay_ms))
             sent = asyncio.get_running_loop().time()
             await desk.request(read(0x3000))
-            return desk.received[0][0] - sent - 9 * desk.bench.line.character_s
+            return desk.received[0][0] - sent - 9 * desk.simulated_bus.settings.character_s
 
     assert run_virtual(told()) == pytest.approx(expected)
 
@@ -208,7 +208,7 @@ def test_t13_pulse_bits_that_need_an_edge_act_once_until_they_return_to_0() -> N
             for word in (0x0001, 0x0002, 0x0001, 0x0002, 0x0002, 0x0000, 0x0002):
                 await desk.request(write(0x2000, word), 2.0)
                 seen.append(desk.station().running)
-            desk.station().press_run(10.0)
+            desk.station().keypad_run(10.0)
             await desk.request(write(0x2000, 0x0002), 2.0)
             seen.append(desk.station().running)
             return seen
@@ -262,7 +262,7 @@ def test_a_run_at_the_keypad_after_a_jog_is_a_run_and_takes_a_new_frequency() ->
         async with SimulatorClient("sim://vc660@1?ramp=1") as desk:
             await desk.request(write(0x2000, 0x0008))
             await desk.request(write(0x2000, 0x0000), 2.0)
-            desk.station().press_run(10.0)
+            desk.station().keypad_run(10.0)
             await desk.request(write(0x2001, 2000), 2.0)
             return (await desk.request(read(0x3000, 1))).values[0], desk.station().motor.target_hz
 
@@ -363,7 +363,7 @@ def test_t14_only_the_address_with_8000h_reaches_the_eeprom() -> None:
 def test_commands_are_ignored_unless_f01_00_is_2() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().press_set(COMMAND_SOURCE, 0)
+            desk.station().keypad_set(COMMAND_SOURCE, 0)
             reply = await desk.request(write(0x2000, 1))
             assert isinstance(reply, modbus.WriteAck)
             await asyncio.sleep(1.0)
@@ -375,8 +375,8 @@ def test_commands_are_ignored_unless_f01_00_is_2() -> None:
 def test_2001h_is_ignored_unless_f00_01_is_4() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().press_set(FREQUENCY_SOURCE, 0)
-            desk.station().press_set(KEYPAD_HZ, 1200)
+            desk.station().keypad_set(FREQUENCY_SOURCE, 0)
+            desk.station().keypad_set(KEYPAD_HZ, 1200)
             await running(desk)
             assert await output_hz(desk) == pytest.approx(12.0)
 
@@ -389,9 +389,9 @@ def test_virtual_inputs_and_outputs_are_set_and_cleared_by_ones_where_the_keypad
             await desk.request(write(0x2002, 0b0110))
             await desk.request(write(0x2006, 0b101))
             assert (await desk.request(read(0x3007, 2))).values == (0, 0)
-            desk.station().press_set(VIRTUAL_INPUTS, 1)
+            desk.station().keypad_set(VIRTUAL_INPUTS, 1)
             for n in range(3):
-                desk.station().press_set(FIRST_OUTPUT + n, 28 + n)
+                desk.station().keypad_set(FIRST_OUTPUT + n, 28 + n)
             await desk.request(write(0x2002, 0b0110))
             await desk.request(write(0x2003, 0b0010))
             await desk.request(write(0x2006, 0b101))

@@ -49,13 +49,13 @@ def test_a_run_turns_the_motor_the_right_way_at_the_right_speed_and_a_stop_ends_
         async with system_bench(kind) as here:
             sign = 1 if direction is Direction.FORWARD else -1
             started = await here.drive.run(20.0, direction)
-            assert started.word == expected_word(kind)
+            assert started.status == expected_word(kind)
             assert here.motor.energised and here.motor.target_hz == pytest.approx(sign * 20.0)
             await asyncio.sleep(RAMP_S)
             assert turning(here) == pytest.approx(sign * 20.0)
             assert here.motor.starts == 1
             stopped = await here.drive.stop()
-            assert stopped.word == expected_word(kind)
+            assert stopped.status == expected_word(kind)
             if kind.reports_running:
                 assert not here.motor.energised, "confirmed while it still turned"
             await asyncio.sleep(RAMP_S)
@@ -70,7 +70,7 @@ def test_waiting_returns_when_the_motor_is_there_and_not_before(kind: SystemVari
     async def told() -> None:
         async with system_bench(kind) as here:
             reached = await here.drive.run(30.0, wait=True)
-            assert reached.word == "confirmed"
+            assert reached.status == "confirmed"
             assert turning(here) == pytest.approx(30.0, rel=0.005)
             ramp = 30.0 / here.motor.ramp_base_hz * RAMP_S
             assert here.bus.now() < ramp + 4.0
@@ -89,8 +89,8 @@ def test_waiting_for_a_motor_that_trips_raises_with_what_it_reported(kind: Syste
             here.station().trip(Trip.OVERCURRENT_ACCELERATING)
             with pytest.raises(TargetNotReached) as caught:
                 await waiting
-            assert caught.value.outcome.word == "failed"
-            assert caught.value.outcome.status.state in ("fault", "stopped", "not_ready")
+            assert caught.value.outcome.status == "failed"
+            assert caught.value.outcome.drive_status.state in ("fault", "stopped", "not_ready")
 
     run_virtual(told())
 
@@ -106,7 +106,7 @@ def test_a_new_frequency_is_what_the_motor_then_runs_at(kind: SystemVariant) -> 
                 await asyncio.sleep(RAMP_S)
                 assert turning(here) == pytest.approx(wanted)
                 shows = "set_frequency" in here.drive.profile.signals
-                assert changed.word == ("confirmed" if shows else "acknowledged")
+                assert changed.status == ("confirmed" if shows else "acknowledged")
             assert here.motor.starts == 1
 
     run_virtual(told())
@@ -120,7 +120,7 @@ def test_running_on_at_another_frequency_is_no_second_start(kind: SystemVariant)
             await asyncio.sleep(RAMP_S)
             again = await command_ending(here.drive.run(20.0))
             await asyncio.sleep(RAMP_S)
-            assert again.done and turning(here) == pytest.approx(20.0)
+            assert again.succeeded and turning(here) == pytest.approx(20.0)
             assert here.motor.starts == 1
 
     run_virtual(told())
@@ -157,13 +157,13 @@ def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemV
                         await asyncio.sleep(0.2)
                         lease.renew()
                     assert turning(here) == pytest.approx(sign * 5.0)
-                assert lease.ended is not None and lease.ended.word == expected_word(kind)
+                assert lease.stop_outcome is not None and lease.stop_outcome.status == expected_word(kind)
                 await asyncio.sleep(RAMP_S)
                 assert not here.motor.energised
             async with here.drive.jog(jog_hz(kind)) as lease:
                 begun = here.bus.now()
                 await asyncio.sleep(0.7)
-                assert lease.lost
+                assert lease.expired
                 asked = [one for one in here.tap.requests_sent if begun + 0.5 <= one.start]
                 assert asked and asked[0].start - begun <= 0.5 + 0.1, "the stop leaves when the lease ends"
                 await asyncio.sleep(RAMP_S)
@@ -186,12 +186,12 @@ def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -
                 assert status.state == "fault" and status.fault is not None
                 assert status.fault.code == here.station().trip_code(Trip.OVERLOAD)
                 refused = await command_ending(here.drive.run(20.0))
-                assert not getattr(refused, "done", False)
+                assert not getattr(refused, "succeeded", False)
             else:
                 assert status.state == "unknown" and status.fault is None
             assert here.motor.starts == 1 and here.motor.trip is Trip.OVERLOAD
             reset = await command_ending(here.drive.reset_fault())
-            assert reset.word == expected_word(kind)
+            assert reset.status == expected_word(kind)
             assert here.motor.trip is None
             await asyncio.sleep(1.0)
             assert not here.motor.energised, "a reset is not a start"
@@ -216,7 +216,7 @@ def first_request_fate(
     station: Any, acts: Callable[[Any], bool], deed: Callable[[], None], *, hears: bool
 ) -> list[int]:
     """The first request that ``acts``: it is heard or not, its reply is lost, and ``deed`` is done."""
-    answer, lost = station.answer, []
+    answer, lost = station.handle_request, []
 
     def instead(message: Any, codec: Any) -> Any:
         if lost or not acts(message):
@@ -227,7 +227,7 @@ def first_request_fate(
         deed()
         return None
 
-    station.answer = instead
+    station.handle_request = instead
     return lost
 
 
@@ -261,7 +261,7 @@ def test_a_lost_reply_to_a_start_never_starts_twice(kind: SystemVariant) -> None
             outcome = await command_ending(here.drive.run(20.0))
             await asyncio.sleep(3.0)
             assert lost and here.motor.starts == 1 and starts_sent(here) == 1
-            assert outcome.word == ("confirmed" if kind.reports_running else "unknown")
+            assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
 
     run_virtual(told())
 
@@ -278,7 +278,7 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
             assert lost
             assert here.motor.starts == (1 if kind.reports_running else 0)
             assert starts_sent(here) == (2 if kind.reports_running else 1)
-            assert outcome.word == ("confirmed" if kind.reports_running else "unknown")
+            assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
 
     run_virtual(told())
 
@@ -293,7 +293,7 @@ def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: SystemVariant, aft
             loop = asyncio.get_running_loop()
             station = here.station()
             lost = first_request_fate(
-                station, is_start(here), lambda: discard(loop.call_later(after_s, station.press_stop)), hears=True
+                station, is_start(here), lambda: discard(loop.call_later(after_s, station.keypad_stop)), hears=True
             )
             await command_ending(here.drive.run(20.0))
             await asyncio.sleep(8.0)
@@ -314,7 +314,7 @@ def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_ag
             station = here.station()
             first_request_fate(station, is_start(here), lambda: setattr(station.faults, "mute", True), hears=True)
             outcome = await command_ending(here.drive.run(20.0))
-            assert outcome.word == "unknown"
+            assert outcome.status == "unknown"
             assert here.motor.starts == 1
             frames = starts_sent(here)
             station.faults.mute = False
@@ -333,11 +333,11 @@ def test_a_drive_that_takes_no_command_from_the_bus_is_never_called_started(kind
             key = {"dzb100": 1, "vc660": 0x0100}.get(kind.model, 0x003)
             for candidate in ("COMMAND_SOURCE", "COMMAND_CHANNEL"):
                 key = getattr(__import__(type(here.station()).__module__, fromlist=["x"]), candidate, key)
-            here.station().press_set(key, 0)
+            here.station().keypad_set(key, 0)
             outcome = await command_ending(here.drive.run(20.0))
             await asyncio.sleep(2.0)
             assert here.motor.starts == 0
-            assert isinstance(outcome, DrivebusError) or outcome.word == "failed"
+            assert isinstance(outcome, DrivebusError) or outcome.status == "failed"
 
     run_virtual(told())
 
@@ -369,12 +369,12 @@ def test_in_bad_weather_every_word_is_true_against_the_motor(kind: SystemVariant
                 if isinstance(outcome, Exception):
                     assert isinstance(outcome, DrivebusError)
                     continue
-                words.add(outcome.word)
-                if outcome.word == "confirmed" and wish == "stop":
+                words.add(outcome.status)
+                if outcome.status == "confirmed" and wish == "stop":
                     assert not motor.energised
-                elif outcome.word == "confirmed" and wish == "run":
+                elif outcome.status == "confirmed" and wish == "run":
                     assert motor.energised and not motor.stopping
-                if outcome.word == "confirmed" and "set_frequency" in here.drive.profile.signals and wish != "stop":
+                if outcome.status == "confirmed" and "set_frequency" in here.drive.profile.signals and wish != "stop":
                     station = here.station()
                     assert getattr(station, "reference_hz", station.setpoint_hz) == pytest.approx(hz)
                 await asyncio.sleep(chance.uniform(0.0, 2.0))
@@ -391,7 +391,7 @@ def test_df800_says_that_nothing_was_seen() -> None:
     async def told() -> None:
         async with system_bench(DF800) as here:
             for wish in (here.drive.run(10.0), here.drive.set_frequency(12.0), here.drive.stop()):
-                assert (await wish).word == "acknowledged"
+                assert (await wish).status == "acknowledged"
             assert (await here.drive.status()).state == "unknown"
             assert StopMode.COAST.value not in here.drive.profile.capabilities
 

@@ -71,7 +71,7 @@ class PollRound:
 
 def transaction_s(kind: SystemVariant, here: SystemBench) -> float:
     """Gap, request, the drive's own delay, answer: what the manuals' arithmetic says."""
-    character = here.bench.line.character_s
+    character = here.bench.settings.character_s
     asked, answered = POLL_LENGTHS[kind.name]
     gap = max(kind.gap_characters * character, kind.gap_floor_s)
     return gap + (asked + answered) * character + max(kind.station_s, kind.station_characters * character)
@@ -87,7 +87,7 @@ def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -
             expected = transaction_s(kind, here)
             first = here.tap.requests_sent[0].start
             ends = [one.end for one in here.tap.replies_sent]
-            gap = max(kind.gap_characters * here.bench.line.character_s, kind.gap_floor_s)
+            gap = max(kind.gap_characters * here.bench.settings.character_s, kind.gap_floor_s)
             assert first == 1.0, "the line had been silent: nothing to wait for"
             for number, end in enumerate(ends, start=1):
                 assert end == pytest.approx(first - gap + number * expected, abs=1e-6)

@@ -43,9 +43,9 @@ def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_repla
             await asyncio.sleep(after_s)
             here.bench.unplug()
             outcome = await starting
-            if not getattr(outcome, "done", False):
-                assert isinstance(outcome, DrivebusError) or outcome.word in ("unknown", "failed")
-                assert getattr(outcome, "word", "") != "failed" or here.motor.starts == 0
+            if not getattr(outcome, "succeeded", False):
+                assert isinstance(outcome, DrivebusError) or outcome.status in ("unknown", "failed")
+                assert getattr(outcome, "status", "") != "failed" or here.motor.starts == 0
             starts, energised, asked = here.motor.starts, here.motor.energised, len(here.tap.requests_sent)
             await asyncio.sleep(1.0)
             here.bench.replug()
@@ -110,7 +110,7 @@ def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: SystemVarian
             here.bench.replug()
             await asyncio.sleep(2.0)
             stopped = await command_ending(here.drive.stop())
-            assert stopped.done and (not kind.reports_running or not here.motor.energised)
+            assert stopped.succeeded and (not kind.reports_running or not here.motor.energised)
 
     run_virtual(told())
 
@@ -122,8 +122,8 @@ def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(ki
     async def told() -> None:
         async with system_bench(kind) as here:
             station = here.station()
-            station.press_set(COMM_LOSS_ACTION, 2)
-            station.press_set(COMM_LOSS_TIME, 20)
+            station.keypad_set(COMM_LOSS_ACTION, 2)
+            station.keypad_set(COMM_LOSS_TIME, 20)
             await here.drive.run(20.0)
             with here.drive.monitor():
                 await asyncio.sleep(30.0)
@@ -137,7 +137,7 @@ def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(ki
             status = await here.drive.status()
             assert status.state == "fault" and status.fault is not None
             report = await command_ending(here.drive.run(20.0))
-            assert not getattr(report, "done", False) and here.motor.starts == 1
+            assert not getattr(report, "succeeded", False) and here.motor.starts == 1
 
     run_virtual(told())
 
@@ -230,7 +230,7 @@ def test_the_budget_of_saved_writes_ends_at_twenty_a_day(kind: SystemVariant) ->
                     await here.drive.write({parameter.notation: low + step * (2 + number)}, save=True)
             assert here.station().memory.eeprom_writes[key] == 20
             same = await command_ending(here.drive.write({parameter.notation: low + step * 21}, save=True))
-            assert getattr(same, "done", False), "the value it holds already is no write"
+            assert getattr(same, "succeeded", False), "the value it holds already is no write"
             assert here.station().memory.eeprom_writes[key] == 20
 
     run_virtual(told())
@@ -246,17 +246,17 @@ def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
         from fixtures.system_bench import WireTap
 
         port = open_port("sim://c320@1-3+vc660@14-16?baud=9600&format=8N1&ramp=2&weather=bytes")
-        tap = WireTap(port.bench)
+        tap = WireTap(port.simulated_bus)
         bus = Bus(port, allow_mixed=True)
         drives = [Drive(bus, "c320", n, store=MemoryStore()) for n in (1, 2, 3)]
         drives += [Drive(bus, "vc660", n, store=MemoryStore()) for n in (14, 15, 16)]
         async with bus:
             for drive in drives:
-                assert (await drive.run(15.0)).word == "confirmed"
+                assert (await drive.run(15.0)).status == "confirmed"
             report = await stop_bus(bus, drives)
             tap.bench.advance()
             assert report.confirmed and not any(s.motor.energised for s in tap.bench.stations)
-            assert len(report.outcomes) == 6 and all(o.evidence for _, o in report.outcomes)
+            assert len(report.outcomes) == 6 and all(o.exchanges for _, o in report.outcomes)
             assert [s.motor.starts for s in tap.bench.stations] == [1] * 6
 
     run_virtual(told())

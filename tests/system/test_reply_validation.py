@@ -64,7 +64,7 @@ class ReplyLedger:
             self.replies[station.address, value] = station.now
             return value
 
-        for name in ("monitor", "queried", "_monitor"):
+        for name in ("monitor", "query_word", "_monitor"):
             if hasattr(station, name):
                 setattr(station, name, next_value)
 
@@ -157,13 +157,13 @@ def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVaria
     async def told() -> None:
         async with system_bench(kind, "1", "echo" if echoes else "clean", echo=setting) as here:
             outcome = await command_ending(here.drive.run(20.0))
-            if getattr(outcome, "done", False):
+            if getattr(outcome, "succeeded", False):
                 assert here.motor.energised
             await command_ending(here.drive.stop())
             here.station().faults.silent = True
             starts = here.motor.starts
             outcome = await command_ending(here.drive.run(20.0))
-            assert not getattr(outcome, "done", False) and here.motor.starts == starts
+            assert not getattr(outcome, "succeeded", False) and here.motor.starts == starts
 
     run_virtual(told())
 
@@ -194,7 +194,7 @@ def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: S
             assert caught.value.key == "drives.foreign_master"
             assert here.station(2).motor.starts == starts
             stopped = await command_ending(here.drives[1].stop())
-            assert stopped.done and (not kind.reports_running or not here.station(1).motor.energised)
+            assert stopped.succeeded and (not kind.reports_running or not here.station(1).motor.energised)
             await other.close()
             await asyncio.sleep(61.0)
             assert not here.bus.health(2).foreign_master, "a minute of peace ends it"
@@ -207,7 +207,7 @@ def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: S
 async def duplicate_drive(kind: SystemVariant, here: SystemBench, skew_s: float) -> None:
     """A second drive at the first one's address, that answers so much later; and twenty seconds of polls."""
     double = make_station(kind.model, 1, dict(kind.options))
-    double.faults.slow_s = skew_s
+    double.faults.added_delay_s = skew_s
     here.bench.add(double)
     here.bus.start_polling(1, [Poll(here.drive.dialect.echo_test_read(), 0.5)], lambda answer: None)
     await asyncio.sleep(20.0)
@@ -224,11 +224,11 @@ def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind:
             )  # well behind the answer: what comes into the next one only looks like noise
             assert here.bus.health(1).duplicate_address
             outcome = await command_ending(here.drive.run(10.0))
-            assert not getattr(outcome, "done", False)
+            assert not getattr(outcome, "succeeded", False)
             here.bench.advance()
             assert all(station.motor.starts == 0 for station in here.bench.stations)
             for station in here.bench.stations:
-                station.press_run(10.0)
+                station.keypad_run(10.0)
             await asyncio.sleep(2.0)
             await command_ending(here.drive.stop())
             await asyncio.sleep(5.0)
@@ -247,7 +247,7 @@ def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, s
         async with system_bench(kind) as here:
             await duplicate_drive(kind, here, skew_s)
             outcome = await command_ending(here.drive.run(10.0))
-            assert not getattr(outcome, "done", False)
+            assert not getattr(outcome, "succeeded", False)
             here.bench.advance()
             assert all(station.motor.starts == 0 for station in here.bench.stations)
 
@@ -271,7 +271,7 @@ def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None
                 )
                 assert fine.error is None or isinstance(fine.error, NoReply)
             outcome = await command_ending(here.drives[1].run(10.0))
-            assert not getattr(outcome, "done", False)
+            assert not getattr(outcome, "succeeded", False)
             assert here.station(1).motor.starts == 0 and here.station(2).motor.starts == 0
 
     run_virtual(told())
@@ -285,10 +285,10 @@ def test_a_drive_whose_monitors_are_stuck_is_not_called_stopped(kind: SystemVari
         async with system_bench(kind) as here:
             drive = here.drive
             await drive.run(20.0, wait=True)
-            here.station().faults.stuck = True
+            here.station().faults.frozen_readings = True
             await drive.status()
             outcome = await command_ending(drive.stop())
-            assert outcome.word == ("confirmed" if kind is C320 else "unknown") and not here.motor.energised
+            assert outcome.status == ("confirmed" if kind is C320 else "unknown") and not here.motor.energised
 
     run_virtual(told())
 

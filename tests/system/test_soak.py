@@ -71,9 +71,9 @@ def disturb(here: SystemBench, chance: random.Random) -> None:
         case 4:
             station.power_cycle(chance.uniform(0.5, 5.0))
         case 5:
-            here.bench.weather = chance.choice(list(LINE_QUALITIES.values()))
+            here.bench.line_quality = chance.choice(list(LINE_QUALITIES.values()))
         case 6:
-            station.press_stop()
+            station.keypad_stop()
         case 7:
             here.bench.unplug()
         case _:
@@ -165,7 +165,7 @@ def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) ->
                 for address, monitor in monitors.items():
                     truth.check(address, monitor)
             here.bench.replug()
-            here.bench.weather = "clean"
+            here.bench.line_quality = "clean"
             for station in here.bench.stations:
                 station.faults.silent = station.faults.mute = False
                 station.motor.reset()
@@ -178,7 +178,7 @@ def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) ->
             for monitor in monitors.values():
                 monitor.close()
             for drive in here.drives.values():
-                assert (await drive.stop()).done
+                assert (await drive.stop()).succeeded
             assert all(not here.station(n).motor.energised for n in here.drives) or not kind.reports_running
 
     run_virtual(told())

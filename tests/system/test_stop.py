@@ -173,7 +173,7 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
             await asyncio.sleep(10.0)
             assert not here.motor.energised and here.motor.output_hz == 0.0
             assert here.motor.starts <= 1
-            assert stopped.word == ("confirmed" if kind.reports_running else "acknowledged")
+            assert stopped.status == ("confirmed" if kind.reports_running else "acknowledged")
             late = [one.data for one in here.tap.requests_sent[asked:]]
             start = here.link().codec.encode_request(
                 here.drive.dialect.start(None, here.drive.dialect.setpoint_word(20.0))[0].request
@@ -182,7 +182,7 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
             if isinstance(started, Exception):
                 assert isinstance(started, Superseded)
             else:
-                assert started.word in ("confirmed", "acknowledged", "unknown", "failed")
+                assert started.status in ("confirmed", "acknowledged", "unknown", "failed")
 
     for step in range(14):
         run_virtual(told(0.07 * step + 0.003))
@@ -219,7 +219,7 @@ def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
                 async with here.drive.jog(hz) as lease:
                     for _ in range(10):
                         await asyncio.sleep(0.2)
-                        if not lease.lost:
+                        if not lease.expired:
                             lease.renew()
 
             jogging = asyncio.ensure_future(command_ending(jog()))
@@ -242,11 +242,11 @@ def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stan
         async with system_bench(kind, "1", "clean", seed=seed) as here:
             assert (await command_ending(here.drive.run(20.0))).done
             await asyncio.sleep(1.0)
-            here.bench.weather = weather
+            here.bench.line_quality = weather
             stopped = await command_ending(here.drive.stop())
-            if stopped.word == "confirmed":
+            if stopped.status == "confirmed":
                 assert not here.motor.energised
-            here.bench.weather = "clean"
+            here.bench.line_quality = "clean"
             await asyncio.sleep(5.0)
             assert not here.motor.energised, "an unconfirmed stop is repeated until it is confirmed"
             await asyncio.sleep(20.0)
@@ -261,7 +261,7 @@ async def confirmed_or_alarmed(here: SystemBench, address: int) -> None:
     wished_at = here.bus.now()
     outcome = await command_ending(here.drives[address].stop())
     assert here.bus.now() - wished_at <= bound_s(here, address, "clean") + 2.0
-    if not outcome.done:
+    if not outcome.succeeded:
         assert outcome.key == "drives.stop_unconfirmed" and here.drives[address].stop_pending
         stop = here.link(address).codec.encode_request(stop_of(here, address).request)
         count = here.tap.requests(stop)
@@ -277,7 +277,7 @@ def test_g07_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free
     async def told() -> None:
         async with system_bench(kind, "1-5") as here:
             here.station(2).faults.silent = True
-            here.station(1).press_run(20.0)
+            here.station(1).keypad_run(20.0)
             tasks = full_load(here)
             try:
                 await asyncio.sleep(3.0)
@@ -313,14 +313,14 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
             for place, sent in enumerate(report.broadcasts):
                 assert said[place].data == sent.sent and said[place].start == sent.sent_at
                 assert sent.received == b""
-            words = {outcome.word for _, outcome in report.outcomes}
+            words = {outcome.status for _, outcome in report.outcomes}
             assert words == {"confirmed"} if kind.reports_running else words == {"acknowledged"}
             assert report.confirmed is kind.reports_running and (report.unconfirmed == ()) is kind.reports_running
             assert report.started_at == begun and report.ended_at == reported_at
             for address, outcome in report.outcomes:
                 stop = here.link(address).codec.encode_request(stop_of(here, address).request)
-                assert stop in [exchange.sent for exchange in outcome.evidence]
-                assert all(exchange.sent_at is not None and exchange.sent_at >= begun for exchange in outcome.evidence)
+                assert stop in [exchange.sent for exchange in outcome.exchanges]
+                assert all(exchange.sent_at is not None and exchange.sent_at >= begun for exchange in outcome.exchanges)
             starts = sum(station.motor.starts for station in here.bench.stations)
             refused = await command_ending(here.drive.run(10.0))
             assert refused.key in ("drives.latched", "bus.latched")
@@ -391,6 +391,6 @@ def test_a_drive_without_a_status_is_never_reported_stopped() -> None:
             await here.drive.run(10.0)
             outcome = await here.drive.stop()
             stop = here.link().codec.encode_request(stop_of(here, 1).request)
-            assert outcome.word == "acknowledged" and here.tap.requests(stop) == 3
+            assert outcome.status == "acknowledged" and here.tap.requests(stop) == 3
 
     run_virtual(told())

@@ -30,13 +30,13 @@ class HighestSetpoint:
 
     def __init__(self, here: SystemBench) -> None:
         self.hz = 0.0
-        station, direct = here.station(), here.station().direct
+        station, direct = here.station(), here.station().run_towards
 
         def seen(frequency_hz: float) -> None:
             self.hz = max(self.hz, abs(frequency_hz))
             direct(frequency_hz)
 
-        station.direct = seen
+        station.run_towards = seen
 
 
 @pytest.mark.parametrize("coding", CODINGS)
@@ -92,7 +92,7 @@ def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed
                     await here.drive.run(20.0)
                 return
             assert proof.coding == setpoint
-            assert (await here.drive.run(20.0)).word == "confirmed"
+            assert (await here.drive.run(20.0)).status == "confirmed"
             await asyncio.sleep(3.0)
             assert here.motor.output_hz == pytest.approx(20.0, abs=0.51 if setpoint == "hex-1" else 0.06)
             await here.drive.stop()
@@ -106,7 +106,7 @@ def test_a_coding_that_was_proved_is_remembered_for_that_drive_only() -> None:
             here.station(1).setpoint_hz = 12.3
             await here.drives[1].calibrate_query_coding()
             await here.drives[1].calibrate_setpoint_coding()
-            assert (await here.drives[1].run(20.0)).word == "confirmed"
+            assert (await here.drives[1].run(20.0)).status == "confirmed"
             with pytest.raises(LimitError):
                 await here.drives[2].run(20.0)
 
@@ -135,15 +135,15 @@ def test_a_df800_turns_the_asked_way_once_a_watched_jog_has_settled_its_field(ki
                 return Direction.FORWARD if turned[0] > 0 else Direction.REVERSE
 
             station = here.station()
-            direct = station.direct
+            direct = station.run_towards
 
             def seen(hz: float) -> None:
                 direct(hz)
                 turned.append(here.motor.target_hz)
 
-            station.direct = seen
+            station.run_towards = seen
             outcome = await here.drive.calibrate_direction(5.0, watched)
-            assert outcome.done and here.motor.starts == 1
+            assert outcome.succeeded and here.motor.starts == 1
             assert max(abs(hz) for hz in turned) <= 5.0
             await asyncio.sleep(3.0)
             assert not here.motor.energised, "half a second of jog and no more"
@@ -166,7 +166,7 @@ def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
         async with system_bench(DF800, settings={"direction_proved": False}, direction_field=field) as here:
             here.station().reverse = True
             for _ in range(3):
-                assert (await here.drive.run(10.0)).word == "acknowledged"
+                assert (await here.drive.run(10.0)).status == "acknowledged"
                 await asyncio.sleep(2.0)
                 assert here.motor.output_hz == pytest.approx(-10.0)
                 await here.drive.stop()

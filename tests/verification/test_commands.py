@@ -136,7 +136,7 @@ def test_a_start_that_the_bus_repeats_by_itself_is_found(monkeypatch: pytest.Mon
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda self: 3)
     monkeypatch.setattr(commands, "MEAN_TROUBLE_PAUSE_S", 0.2)
     monkeypatch.setattr(
-        commands.CommandEpisode, "_trouble", lambda self: [s.press_stop() for s in self.stand.bench.stations]
+        commands.CommandEpisode, "_trouble", lambda self: [s.keypad_stop() for s in self.stand.bench.stations]
     )
     only(monkeypatch, "c320-ascii")
     assert found(campaign(800), "I2")

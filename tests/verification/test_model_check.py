@@ -14,7 +14,7 @@ from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.station import Station
 from drivebus.drives import permissives
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from verification.campaign import CampaignRun
@@ -35,7 +35,7 @@ EVERYTHING = frozenset(
 
 def explored(
     model: str = "c320",
-    kind: Kind = Kind.START,
+    kind: CommandKind = CommandKind.START,
     *,
     only: set[str],
     grid: TimeGrid = COARSE,
@@ -90,7 +90,7 @@ def test_the_manuals_say_what_a_frame_does(model: str, frame: bytes, act: FrameE
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_what_the_manual_calls_motion_no_dialect_calls_less(model: str) -> None:
     """Two readings of each manual: every command word, operation and class."""
-    dialect = model_subject(model, Kind.RESET, COARSE).dialect
+    dialect = model_subject(model, CommandKind.RESET, COARSE).dialect
     encode = dialect.codec.encode_request
     for frame in _every_command(model, encode):
         if EFFECT_READERS[model](frame, 0) is FrameEffect.MOTION:
@@ -117,7 +117,7 @@ def _every_command(model: str, encode: Callable[[Any], bytes]) -> list[bytes]:
 def test_without_a_plant_nothing_is_found_and_every_condition_was_the_only_one_missing() -> None:
     """Not vacuous: the frame leaves with everything in order, and stays where one thing is missing, whichever."""
     all_but_waits = SearchDomain(rare=False, small=True, without=frozenset({"hang", "raw", "sleep", "read", "reply"}))
-    seen = StateSearch(model_subject("c320", Kind.START, COARSE), all_but_waits, 100_000).run()
+    seen = StateSearch(model_subject("c320", CommandKind.START, COARSE), all_but_waits, 100_000).run()
     assert seen.closed and seen.findings == [] and seen.moved > 0
     assert set(seen.refused_by_permissives_only) == {
         "unexpired",
@@ -148,11 +148,11 @@ def test_without_a_plant_nothing_is_found_and_every_condition_was_the_only_one_m
 
 def test_every_attribute_of_the_bus_is_known_to_the_campaign() -> None:
     """A new one might make two states look alike that are not: say in ``gate_copy.PARTS`` what it is."""
-    assert gate_copy.unlisted_attributes(GateState(model_subject("c320", Kind.START, COARSE)).core) == []
+    assert gate_copy.unlisted_attributes(GateState(model_subject("c320", CommandKind.START, COARSE)).core) == []
 
 
 def test_a_copy_goes_its_own_way() -> None:
-    one = GateState(model_subject("vc660", Kind.START, COARSE))
+    one = GateState(model_subject("vc660", CommandKind.START, COARSE))
     for event in ("open", "step", "read", "stop"):
         one = one.copy().apply(event)
     before = one.state_key()
@@ -163,7 +163,7 @@ def test_a_copy_goes_its_own_way() -> None:
 
 def test_the_same_exploration_gives_the_same_digest() -> None:
     def digest() -> str:
-        search = StateSearch(model_subject("df800", Kind.JOG, COARSE), SearchDomain(rare=False, small=True), 400)
+        search = StateSearch(model_subject("df800", CommandKind.JOG, COARSE), SearchDomain(rare=False, small=True), 400)
         search.run()
         return search.digest
 
@@ -201,13 +201,13 @@ def test_a_gate_that_ignores_the_generation_is_found(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(
         permissives,
         "_check_valid",
-        lambda command, effect, around: alive(replace(command, stop_epoch=around.generation), effect, around),
+        lambda command, effect, around: alive(replace(command, stop_epoch=around.stop_epoch), effect, around),
     )
     found("left without: no newer stop", only={"stop", "reply"})
 
 
 def test_a_gate_that_ignores_the_age_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(permissives, "COMMAND_TTL_S", dict.fromkeys(Kind, 60.0))
+    monkeypatch.setattr(permissives, "COMMAND_TTL_S", dict.fromkeys(CommandKind, 60.0))
     found("left without: unexpired", only=set())
 
 
@@ -247,7 +247,7 @@ def test_a_resend_that_is_not_checked_is_found(monkeypatch: pytest.MonkeyPatch) 
     refusal = PreparedRequest.permit_error
     monkeypatch.setattr(PreparedRequest, "permit_error", lambda job, now: None if job.attempts else refusal(job, now))
     only = {"stop", "reply", "garble"}
-    found("left without: no newer stop", model="vc660", kind=Kind.SETPOINT, only=only, world=KnownStationState)
+    found("left without: no newer stop", model="vc660", kind=CommandKind.SETPOINT, only=only, world=KnownStationState)
 
 
 def test_a_start_that_the_bus_sends_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,8 +277,8 @@ def test_a_station_that_is_registered_anew_and_free_is_found(monkeypatch: pytest
 
 def test_a_dialect_that_takes_a_start_for_a_setting_is_found() -> None:
     """The witness reads the bytes itself."""
-    one = model_subject("c320", Kind.RESET, COARSE)
-    start = model_subject("c320", Kind.START, COARSE).frames
+    one = model_subject("c320", CommandKind.RESET, COARSE)
+    start = model_subject("c320", CommandKind.START, COARSE).frames
     one.frames, one.permit_needs = start, {}
     one.dialect.station_config = replace(one.dialect.station_config, effect_of=lambda frame: Effect.SETTING)
     bad = StateSearch(one, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings

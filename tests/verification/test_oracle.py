@@ -94,7 +94,7 @@ def _always(talk: OperationContext, command: Any) -> Any:
 
 
 def _granted(command: Any, address: int, effect: Any, write_class: Any, around: Any, *rest: Any) -> Permit:
-    return Permit(address, effect, write_class, around.now + 2.0, around.generation)
+    return Permit(address, effect, write_class, around.now + 2.0, around.stop_epoch)
 
 
 @pytest.mark.parametrize("kind", [DZB100, DF800], ids=lambda kind: kind.name)
@@ -282,7 +282,7 @@ def test_i10_a_start_from_before_the_port_was_lost(session: CampaignRun, monkeyp
         here.unplug()
         here.replug()
         here.finish(run)
-        here.station(1).press_stop()
+        here.station(1).keypad_stop()
         here.run(20.0)
     assert found(session, "I10")
 
@@ -300,13 +300,13 @@ def _forgets_nothing(core: BusCore, error: Exception, now: float) -> list[Any]:
 def test_i11_a_read_that_acts(session: CampaignRun) -> None:
     here = stand(session)
     station = here.station(1)
-    answer = station.answer
+    answer = station.handle_request
 
     def acts(message: Any, codec: Any) -> Any:
         station.setpoint_hz += 1.0
         return answer(message, codec)
 
-    station.answer = acts
+    station.handle_request = acts
     here.monitor(1)
     here.run(1.0)
     assert found(session, "I11")
@@ -375,7 +375,7 @@ def test_a_lease_that_is_renewed_lives_on_the_loop_of_the_laboratory(session: Ca
             for _ in range(3):
                 await asyncio.sleep(0.3)
                 lease.renew()
-        return lease.begun
+        return lease.start_outcome
 
     here = stand(session)
     wish = here.command_by(jog, 1, "jog")

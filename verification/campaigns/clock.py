@@ -63,7 +63,7 @@ class ClockStory:
 
         with installed_clock(self.clock):
             self.scenario = Scenario(self.session, kind, (1, 2), loop=loop, name=name, seed=seed, around=record)
-            self.scenario.bench.weather = chance.choice(CLOCK_LINE_QUALITIES)
+            self.scenario.bench.line_quality = chance.choice(CLOCK_LINE_QUALITIES)
             for address in self.scenario.drives:
                 self._record_samples(address)
 

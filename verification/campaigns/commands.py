@@ -83,11 +83,11 @@ class CommandEpisode:
             echo=setting,
             seed=chance.randrange(2**31),
         )
-        stand.bench.weather = (
+        stand.bench.line_quality = (
             LINE_LOSS + chance.choice(COMMAND_LINE_QUALITIES) + ("," + self.adapter if self.adapter else "")
         )
         stand.bus.core.has_line_timing = chance.random() >= UNPACED_SHARE
-        batched = self.adapter == "echo" and stand.bench.weather.batch_s > 0.0
+        batched = self.adapter == "echo" and stand.bench.line_quality.batch_s > 0.0
         stand.oracle.frame_rules.misled_drives = not self.echoes_right or not stand.bus.core.has_line_timing or batched
         session.count(f"echo {self.adapter or 'no'}, set {setting}")
         self.addresses: tuple[int, ...] = (1, ABSENT, ABSENT) if not self.echoes_right else PRESENT
@@ -165,7 +165,7 @@ class CommandEpisode:
         hz = 2.0 if self.kind.model == "dzb100" else None
         async with self.scenario.drives[address].jog(hz) as lease:
             await asyncio.sleep(seconds)
-        return lease.begun
+        return lease.start_outcome
 
     def _on_command_ended(self, wish: UserCommand) -> None:
         """A stop that is not known to have worked goes on (F17); a written value is there."""
@@ -208,9 +208,9 @@ class CommandEpisode:
             case 3:
                 station.trip(chance.choice(list(Trip)))
             case 4:
-                station.press_run(chance.choice(FREQUENCIES_HZ))
+                station.keypad_run(chance.choice(FREQUENCIES_HZ))
             case _:
-                station.press_stop()
+                station.keypad_stop()
 
     def _can_receive(self, station: Any) -> None:
         station.faults.silent = station.faults.mute = False
@@ -221,7 +221,7 @@ class CommandEpisode:
         """The line and its settings are made good; everybody gets the time to say what became of it."""
         stand, loop = self.scenario, self.scenario.loop
         right = self.adapter if self.echoes_right else {"echo": "", "": "echo"}[self.adapter]
-        stand.bench.weather = f"batch={1000 * stand.bench.weather.batch_s:g}" + ("," + right if right else "")
+        stand.bench.line_quality = f"batch={1000 * stand.bench.line_quality.batch_s:g}" + ("," + right if right else "")
         for address in PRESENT:
             self._can_receive(stand.station(address))
         end = loop.time() + SETTLING_TIME_S

@@ -102,7 +102,7 @@ class FairnessBus:
     def _restore_station(self, address: int) -> float:
         """The station hears again; when that was."""
         station = self.stations[address]
-        station.faults.silent, self._replied_at[address] = False, station.replies
+        station.faults.silent, self._replied_at[address] = False, station.reply_count
         self.scenario.oracle.trace(f"{address} hears again")
         return self.scenario.loop.time()
 
@@ -182,7 +182,7 @@ def _case(session: CampaignRun, line: FairnessBus, alone_s: float, worst: dict[s
     stretch = _mean(cycles) / (alone_s * len(cycles))
     _record_worst(line, worst, "stretch", stretch, CYCLE_STRETCH_MAX)
     worst["stretch of a single drive"] = max(worst["stretch of a single drive"], max(cycles) / (alone_s * len(cycles)))
-    probe_s = TimingBounds(line.kind, line.scenario.bench.line).failed_poll_s
+    probe_s = TimingBounds(line.kind, line.scenario.bench.settings).failed_poll_s
     within_s = max(REDISCOVERY_MAX_S, line.number * probe_s / PROBE_SHARE_MAX)
     _record_worst(line, worst, "found after s", line.revive_one(within_s), within_s)
     if line.dead:

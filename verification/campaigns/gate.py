@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from verification.campaign import Campaign, CampaignRun
 from verification.model_check.core_copy import unlisted_attributes
 from verification.model_check.gate_state import GateState
@@ -27,7 +27,7 @@ class Exploration:
     """One exploration."""
 
     model: str
-    kind: Kind
+    kind: CommandKind
     grid: TimeGrid
     domain: SearchDomain
     world: type[GateState] = GateState
@@ -45,15 +45,21 @@ def full_explorations() -> list[Exploration]:
     plain, brief = SearchDomain(rare=False), SearchDomain(rare=False, without=frozenset({"raw", "sleep"}))
     spoiled = SearchDomain(without=frozenset({"raw", "sleep", "hang", "everyone", "remove", "lose", "latch"}))
     parts = [
-        Exploration(model, kind, COARSE_GRID, plain) for model in MODEL_NAMES for kind in (Kind.START, Kind.SETPOINT)
+        Exploration(model, kind, COARSE_GRID, plain)
+        for model in MODEL_NAMES
+        for kind in (CommandKind.START, CommandKind.SETPOINT)
     ]
-    parts += [Exploration(model, kind, COARSE_GRID, brief) for model in MODEL_NAMES for kind in (Kind.JOG, Kind.RESET)]
     parts += [
-        Exploration("c320", Kind.START, HALF_SECOND_GRID, plain),
-        Exploration("c320", Kind.START, FINE_GRID, brief),
+        Exploration(model, kind, COARSE_GRID, brief)
+        for model in MODEL_NAMES
+        for kind in (CommandKind.JOG, CommandKind.RESET)
     ]
-    parts.append(Exploration("vc660", Kind.SETPOINT, COARSE_GRID, spoiled))
-    return parts + [Exploration(model, Kind.START, COARSE_GRID, plain, WireState) for model in MODEL_NAMES]
+    parts += [
+        Exploration("c320", CommandKind.START, HALF_SECOND_GRID, plain),
+        Exploration("c320", CommandKind.START, FINE_GRID, brief),
+    ]
+    parts.append(Exploration("vc660", CommandKind.SETPOINT, COARSE_GRID, spoiled))
+    return parts + [Exploration(model, CommandKind.START, COARSE_GRID, plain, WireState) for model in MODEL_NAMES]
 
 
 EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove"})
@@ -63,10 +69,12 @@ EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove"})
 def ci_explorations() -> list[Exploration]:
     """One intent of each family, without some events; the gate's questions without their doubles."""
     parts = [
-        Exploration("c320", Kind.START, COARSE_GRID, SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI))
+        Exploration(
+            "c320", CommandKind.START, COARSE_GRID, SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI)
+        )
     ]
     less = SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI | {"lose", "latch"})
-    others = (("dzb100", Kind.SETPOINT), ("vc660", Kind.JOG), ("df800", Kind.START))
+    others = (("dzb100", CommandKind.SETPOINT), ("vc660", CommandKind.JOG), ("df800", CommandKind.START))
     return parts + [Exploration(model, kind, COARSE_GRID, less) for model, kind in others]
 
 

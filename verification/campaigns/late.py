@@ -67,7 +67,7 @@ class LateReplyBus:
         self.seed, self.bytes = chance.randrange(2**31), chance.random() < 0.1
         self.counts: Counter[str] = Counter()
         self.scenario = stand = Scenario(session, kind, LATE_ADDRESSES, name=name, seed=self.seed)
-        stand.bench.weather = self.line_quality
+        stand.bench.line_quality = self.line_quality
         self.reply_log, self.late_replies = ReplyLog(stand.bench), LateReplyCounter(stand, self.counts)
         self._product_accept, self.accepted = stand.bus.core._accept_reply, 0
         stand.bus.core._accept_reply = self._on_accept  # type: ignore[method-assign]
@@ -134,9 +134,9 @@ class LateReplyBus:
             options = {"baud": self.kind.baud, "seed": self.seed, **self.kind.options}
             query = "&".join(f"{name}={value}" for name, value in options.items())
             port: Any = open_port(f"sim://{self.kind.model}@{','.join(map(str, LATE_ADDRESSES))}?{query}")
-            port.bench.weather = self.line_quality
-            port.bench.now()
-            maker = ReplyLog(port.bench)
+            port.simulated_bus.line_quality = self.line_quality
+            port.simulated_bus.now()
+            maker = ReplyLog(port.simulated_bus)
 
             def believed(address: int, sent_at: float, now: float, data: bytes) -> None:
                 counts["believed"] += 1

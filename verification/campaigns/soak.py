@@ -112,13 +112,13 @@ class SoakDay:
             case 4:
                 station.power_cycle(chance.uniform(0.5, 20.0))
             case 5 | 6:
-                stand.bench.weather = chance.choice(SOAK_LINE_QUALITIES)
+                stand.bench.line_quality = chance.choice(SOAK_LINE_QUALITIES)
             case 7:
-                station.press_stop()
+                station.keypad_stop()
             case 8:
-                station.faults.slow_s = chance.choice((0.0, 0.0, 0.01, 0.3))
+                station.faults.added_delay_s = chance.choice((0.0, 0.0, 0.01, 0.3))
             case 9:
-                station.faults.late_s.append(chance.uniform(0.1, 2.0))
+                station.faults.next_added_delays_s.append(chance.uniform(0.1, 2.0))
             case _:
                 self._unplug_for(chance.uniform(0.1, 20.0))
 
@@ -128,7 +128,7 @@ class SoakDay:
         self.scenario.replug()
 
     def _restore_line(self) -> None:
-        self.scenario.bench.weather = "clean"
+        self.scenario.bench.line_quality = "clean"
         for address in self.addresses:
             station = self.scenario.station(address)
             station.faults = replace(station.faults, silent=False, mute=False, slow_s=0.0, overdue_s=[])

@@ -106,10 +106,10 @@ class StopBus(LoadGenerator):
         report: StopReport = await stop_bus(self.stand.bus, list(self.stand.drives.values()))
         self.stand.bus.release_start()
         for wish, (_, outcome) in zip(wishes, report.outcomes, strict=True):
-            wish.outcome, wish.error = outcome, None if outcome.done else StopUnconfirmed(outcome.key)
+            wish.outcome, wish.error = outcome, None if outcome.succeeded else StopUnconfirmed(outcome.key)
             self.stand.oracle.on_command_ended(wish)
             self._on_stop_ended(wish, False, inf)
-        if report.confirmed != all(outcome.word == "confirmed" for _, outcome in report.outcomes):
+        if report.confirmed != all(outcome.status == "confirmed" for _, outcome in report.outcomes):
             self.violation(f"I3 a bus stop with {report.outcomes} is called confirmed: {report.confirmed}")
 
     # --- what came of it -------------------------------------------------------------------------------------------
@@ -131,9 +131,9 @@ class StopBus(LoadGenerator):
         if wish.outcome is None or wish.ended_at is None:
             return self.violation(f"G07 {wish} ended with {wish.error!r}")
         unsure = isinstance(wish.error, StopUnconfirmed)
-        if not wish.outcome.done and not unsure and (waited or wish.outcome.key != "drives.stop_answered"):
+        if not wish.outcome.succeeded and not unsure and (waited or wish.outcome.key != "drives.stop_answered"):
             self.violation(f"G07 {wish} is {wish.result_word}, and nobody was alarmed")
-        if wish.outcome.done and unsure:
+        if wish.outcome.succeeded and unsure:
             self.violation(f"G07 {wish} is {wish.result_word}, told as {wish.error!r}")
         if waited and unsure and not self.stand.drives[wish.address].stop_pending:
             self.violation(f"G07 {wish} is {wish.result_word}, and it is not repeated")

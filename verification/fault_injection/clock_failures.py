@@ -73,7 +73,7 @@ async def _run_briefly(scarce: ScarceTimers) -> str:
         drive = Drive(bus, "vc660", 1, store=MemoryStore())
         await drive.status()
         await drive.run(5.0)
-        return str((await drive.stop()).word)
+        return str((await drive.stop()).status)
 
 
 def _open_files() -> int:

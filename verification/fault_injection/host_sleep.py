@@ -139,12 +139,12 @@ class HostSleepScenario:
         """A program that renews whenever it runs."""
         async with self.scenario.drives[JOGGED_ADDRESS].jog(2.0 if self.kind.model == "dzb100" else None) as lease:
             try:
-                while not lease.lost:
+                while not lease.expired:
                     await asyncio.sleep(0.1)
                     lease.renew()
             except StartInhibited:
                 self.session.count("leases lost over the sleep")
-        return lease.begun
+        return lease.start_outcome
 
     def _check_jog_ended(self, turning: bool) -> None:
         self.scenario.run(JOG_STOP_MAX_S)

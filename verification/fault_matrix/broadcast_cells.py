@@ -53,7 +53,7 @@ def broadcast_stop(at: CellRun) -> None:
     line = at.bus(1, 2, 3)
     for address in (1, 2):
         line.start_at(address, at.random_hz())
-    line.station(3).press_run(at.random_hz())
+    line.station(3).keypad_run(at.random_hz())
     line.run(1.0)
     mark = len(line.requests)
     report = _stop_all(line)
@@ -71,7 +71,7 @@ def broadcast_stop(at: CellRun) -> None:
         looked = any(o.address == address and status_read_key(line.kind, o.data) for o in sent)
         line.expect(looked or not at.kind.reports_running, f"{address} was not looked at")
         line.expect(not line.station(address).motor.energised, f"{address} runs")
-    words = {outcome.word.value for _, outcome in report.outcomes}
+    words = {outcome.status.value for _, outcome in report.outcomes}
     line.expect(words == {"confirmed" if at.kind.reports_running else "acknowledged"}, f"told {words}")
     line.expect(report.confirmed is at.kind.reports_running, "confirmed what nobody showed")
     _check_deaf_drive_named(at)

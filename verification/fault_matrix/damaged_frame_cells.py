@@ -24,7 +24,7 @@ def truncated_answer(at: CellRun) -> None:
     check_void(line, lambda say, data, when: say(data[:-cut], when), "NoReply")
     voided = next(event for event in line.events if event.kind is Became.INVALID)
     asked = next(one for one in line.requests[2:] if one.address == 1)
-    patience_s = at.kind.min_timeout_s + at.kind.min_timeout_characters * line.bench.line.character_s
+    patience_s = at.kind.min_timeout_s + at.kind.min_timeout_characters * line.bench.settings.character_s
     line.expect(voided.time - asked.end >= patience_s, f"void {voided.time - asked.end:.4f} s after the request")
     check_persistent_failure(line, lambda say, data, when: say(data[:-cut], when))
     if at.kind.model != "dzb100":

@@ -102,7 +102,7 @@ def jog_ends_with_its_lease(at: CellRun) -> None:
                 await asyncio.sleep(lease_s / 2)
                 lease.renew()
             await asyncio.sleep(8.0)  # the hand is gone, the program hangs
-            return lease.ended or lease.begun
+            return lease.stop_outcome or lease.start_outcome
 
     wish = line.command_by(jog, 1, "jog", 5.0)
     line.finish(wish)
@@ -227,7 +227,7 @@ def frequency_source(at: CellRun) -> None:
     )
     line.expect(abs(line.station(1).motor.target_hz - hz) < 0.006, f"it goes to {line.station(1).motor.target_hz}")
     other = at.bus(1)
-    other.station(1).press_set(101, at.rng.choice((0, 1, 3)))
+    other.station(1).keypad_set(101, at.rng.choice((0, 1, 3)))
     mark, wish = len(other.requests), other.command_to_end(1, "run", hz)
     other.expect(wish.result_word == "PreflightError" and "F1.01" in error_text(wish, "en"), f"{wish.result_word}")
     other.expect(

@@ -69,7 +69,7 @@ def _check_frame_not_received(at: CellRun, setting: str) -> None:
         line.loop.run(line.drives[1].preflight())
     tricks = [line.manipulate_replies(1, "deaf", does=does) for does in (RequestEffect.SET, RequestEffect.STOP)]
     _check_not_confirmed(line, 1, "set_frequency", at.random_hz())
-    line.station(1).press_run(at.random_hz())
+    line.station(1).keypad_run(at.random_hz())
     line.run(1.0)
     _check_not_confirmed(line, 1, "stop")
     line.expect(line.drives[1].stop_pending and line.station(1).motor.energised, "given up, or stopped unheard")

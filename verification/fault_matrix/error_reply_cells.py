@@ -44,7 +44,7 @@ def error_answers(at: CellRun) -> None:
 
 def _check_rejected(line: MatrixBus, notation: str, save: bool, code: int | None) -> None:
     station, kind = line.station(1), line.kind
-    answer = station.answer
+    answer = station.handle_request
 
     def refusing(message: Any, codec: Any) -> Any:
         request = getattr(message, "request", message)
@@ -54,10 +54,10 @@ def _check_rejected(line: MatrixBus, notation: str, save: bool, code: int | None
         found = error_reply(kind, code, request)
         return sunfar.SunfarReply(1, found.response) if getattr(found, "response", 0) in (6, 7, 8) else found
 
-    station.answer = refusing
+    station.handle_request = refusing
     mark, failed = len(line.requests), line.failure_count(1)
     wish = line.command_to_end(1, "write", {notation: 12.0}, save)
-    station.answer = answer
+    station.handle_request = answer
     line.expect(wish.result_word == "refused", f"code {code}: {wish.result_word}")
     line.expect(
         len(line.requests_since(mark, RequestEffect.SET)) == 1,

@@ -24,7 +24,9 @@ def duplicate_address(at: CellRun) -> None:
         second = make_station(at.kind.model, 1, dict(at.kind.options))
         second.set_ramps(2.0, 2.0)
         if apart:  # right behind the first one's answer, as a drive of another make or firmware
-            second.faults.slow_s = line.bench.line.seconds(LONGEST_FRAME[at.kind.name] + at.rng.uniform(0.5, 1.5))
+            second.faults.added_delay_s = line.bench.settings.seconds(
+                LONGEST_FRAME[at.kind.name] + at.rng.uniform(0.5, 1.5)
+            )
         with running(line.loop):
             line.bench.add(second)
         for _ in range(6):
@@ -46,7 +48,7 @@ def _check_only_stops(at: CellRun, line: MatrixBus, two: tuple[Station, Station]
     line.expect(not line.requests_since(mark, RequestEffect.MOVE, RequestEffect.SET), "a command was sent")
     line.expect(not any(station.motor.starts for station in two), "started")
     for station in two:
-        station.press_run(at.random_hz())
+        station.keypad_run(at.random_hz())
     line.run(1.0)
     stopping = line.command(1, "stop")
     line.run(5.0)
@@ -74,7 +76,7 @@ def foreign_master(at: CellRun) -> None:
     wish = line.command_to_end(1, "run", at.random_hz())
     line.expect(getattr(wish.error, "key", "") == "drives.foreign_master", f"a start is {wish.result_word}")
     line.expect(not line.requests_since(mark, RequestEffect.MOVE) and not line.station(1).motor.starts, "started")
-    line.station(1).press_run(at.random_hz())
+    line.station(1).keypad_run(at.random_hz())
     line.run(1.0)
     stop = line.command_to_end(1, "stop")
     line.expect(

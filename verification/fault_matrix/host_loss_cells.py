@@ -14,7 +14,7 @@ def host_restarted_while_running(at: CellRun) -> None:
     """The new host sends reads alone, and says what it finds (ruling 7). C320 stops by itself when nobody speaks."""
     line, hz = at.bus(1, 2), at.random_hz()
     if at.kind.model == "c320":
-        line.station(1).press_set(0x9_04, round(COMM_LOSS_TIMEOUT_S * 10))
+        line.station(1).keypad_set(0x9_04, round(COMM_LOSS_TIMEOUT_S * 10))
     line.start_at(1, hz)
     _check_restart(at, line, hz)
     if at.kind.model == "c320":
@@ -60,7 +60,7 @@ def communication_loss_reaction(at: CellRun) -> None:
         line.expect(report.stops_on_comm_loss is None and report.key == "drives.host_dies_unpublished", f"{report}")
         return
     line.expect(report.stops_on_comm_loss is False and report.key == "drives.host_dies_off", f"F9.4 = 0: {report}")
-    line.station(1).press_set(0x9_04, at.rng.randrange(10, 100))
+    line.station(1).keypad_set(0x9_04, at.rng.randrange(10, 100))
     report = line.loop.run(line.drives[1].comm_loss_behaviour())
     line.expect(
         report.stops_on_comm_loss is None and report.key == "drives.host_dies_unknown",

@@ -39,7 +39,7 @@ def late_reply_during_another_request(at: CellRun) -> None:
 
     def release(say: WireSend, data: bytes, when: float) -> Any:
         said = say(held[0], when)
-        return say(data, said.end + line.bench.line.seconds(5))
+        return say(data, said.end + line.bench.settings.seconds(5))
 
     mark = len(line.requests)
     line.manipulate_replies(1, hold, 1)
@@ -77,7 +77,7 @@ def reply_from_another_address(at: CellRun) -> None:
     foreign = line.unsolicited_count("foreign")
 
     def first_theirs(say: WireSend, data: bytes, when: float) -> Any:
-        character_s = line.bench.line.character_s
+        character_s = line.bench.settings.character_s
         said = say(theirs, line.loop.time() + character_s, line.station(2))
         return say(data, said.end + character_s)
 

@@ -33,7 +33,7 @@ def swapped_digits(at: CellRun, first: int, last: int) -> Any:
 def swapped_digits_meet_a_check(at: CellRun) -> None:
     """CRC and LRC see every swap of neighbours."""
     line = at.bus()
-    line.station(1).press_run(at.random_hz())
+    line.station(1).keypad_run(at.random_hz())
     for _ in range(4):
         line.run(DIGITS_OBSERVATION_S)
         size = len(line.replies[0].data)
@@ -82,7 +82,7 @@ def single_reads_decide_nothing(at: CellRun) -> None:
     monitor.close()
     line.monitors.clear()
     line.start_at(1, at.random_hz(15, 20))
-    line.station(1).faults.stuck = False
+    line.station(1).faults.frozen_readings = False
     for _ in range(3):
         line.manipulate_replies(1, falsified_replies(at, stands=True), 1)
         status = line.loop.run(line.drives[1].status())

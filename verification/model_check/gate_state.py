@@ -9,7 +9,7 @@ from typing import Any, Self
 from drivebus.bus.commands import CoreCommand as Deed
 from drivebus.bus.commands import DeliverResult, Send, SetTimer
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
 from drivebus.protocols.codec import BusRequest, Effect, RequestPriority, RetryPolicy
 from verification.model_check import permissive_inputs as gate_question
@@ -57,7 +57,7 @@ class GateState(ModelState):
         if present and core.is_open:
             found += ["read"] * (not busy)
             if "stop" not in busy and alive:
-                found += ["stop"] + ["lease"] * (self.subject.kind is Kind.JOG)
+                found += ["stop"] + ["lease"] * (self.subject.kind is CommandKind.JOG)
                 found += ["everyone"] * (rare and bool(self.subject.dialect.broadcast_stop()))
         if present and (self.command is None or self._command_is_void()):
             found.append("wish")

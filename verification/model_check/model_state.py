@@ -128,7 +128,7 @@ class ModelState:
             return None
         reason = _reason(self.monitor.counts.missing_since(self.model_command.counts))
         age_s = min(self.now - self.command.created_at, self.subject.limit_s(FrameEffect.SETTING) + FINE_STEP_S)
-        return self.command.generation == self.generation, reason, 0.0 if reason else age_s
+        return self.command.stop_epoch == self.generation, reason, 0.0 if reason else age_s
 
     def held_permit_key(self) -> tuple[Any, ...] | None:
         held = self.held_permit

@@ -11,7 +11,7 @@ from drivebus.drives.dialects.base import CommandFrame, Dialect, StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Direction
 from drivebus.drives.store import MemoryStore
@@ -36,7 +36,7 @@ class ModelSubject:
     """Shared by all states of one exploration; what changes in it (the levels a VC660 holds) is put back each time."""
 
     model: str
-    kind: Kind
+    kind: CommandKind
     grid: TimeGrid
     dialect: Dialect
     other: Dialect
@@ -80,9 +80,9 @@ class ModelSubject:
         return self.dialect.stop(how)[0]
 
 
-def model_subject(model: str, kind: Kind, grid: TimeGrid) -> ModelSubject:
+def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject:
     """Raises what the dialect raises."""
-    settings = {"direction_proved": True} if model == "df800" and kind is Kind.JOG else {}
+    settings = {"direction_proved": True} if model == "df800" and kind is CommandKind.JOG else {}
     ours, other = (
         create_dialect(profiles.load(model), address, settings=settings, timing=grid.timing)
         for address in (OUR_ADDRESS, OTHER_ADDRESS)
@@ -92,14 +92,14 @@ def model_subject(model: str, kind: Kind, grid: TimeGrid) -> ModelSubject:
     return ModelSubject(model, kind, grid, ours, other, talk, frames, foreign)
 
 
-def _command_frames(dialect: Dialect, kind: Kind, talk: OperationContext) -> tuple[CommandFrame, ...]:
+def _command_frames(dialect: Dialect, kind: CommandKind, talk: OperationContext) -> tuple[CommandFrame, ...]:
     model = dialect.profile.model
     word = talk.drive.check_frequency(START_FREQUENCY_HZ.get(model, 20.0))[0]
-    if kind is Kind.START:
+    if kind is CommandKind.START:
         return dialect.start(START_DIRECTION.get(model, Direction.FORWARD), word)
-    if kind is Kind.JOG:
+    if kind is CommandKind.JOG:
         return dialect.jog(Direction.FORWARD, None if dialect.profile.family == "modbus" else word)
-    return dialect.reset() if kind is Kind.RESET else dialect.set_frequency(word, _runs_forward())
+    return dialect.reset() if kind is CommandKind.RESET else dialect.set_frequency(word, _runs_forward())
 
 
 def _runs_forward() -> ReadingPairs:

@@ -15,7 +15,7 @@ from drivebus.bus.core import BusCore
 from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.operations.runner import bus_conditions
 from drivebus.drives.operations.steps import BusConditions, run_pure
-from drivebus.drives.permissives import DriveCommand, Kind
+from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
 from drivebus.profiles.model import Text
@@ -62,7 +62,7 @@ class PermissiveInputs:
 
 def all_permissives_met(subject: ModelSubject) -> PermissiveInputs:
     """Everything in order."""
-    return PermissiveInputs(state=DriveState.RUNNING if subject.kind is Kind.SETPOINT else DriveState.STOPPED)
+    return PermissiveInputs(state=DriveState.RUNNING if subject.kind is CommandKind.SETPOINT else DriveState.STOPPED)
 
 
 def input_combinations(subject: ModelSubject, small: bool) -> Iterator[PermissiveInputs]:
@@ -84,9 +84,9 @@ def input_combinations(subject: ModelSubject, small: bool) -> Iterator[Permissiv
 def missing_permissives(subject: ModelSubject, act: FrameEffect, shown: PermissiveInputs) -> tuple[str, ...]:
     """What is missing in the evidence for this frame, by the rulings (4, 12; RELIABILITY 4 and 6.4)."""
     found: list[tuple[str, bool | None]] = [("no foreign master", shown.foreign), ("no duplicate", shown.duplicate)]
-    if subject.kind is not Kind.RESET:
+    if subject.kind is not CommandKind.RESET:
         found.append(("limits checked", not shown.limits))
-    if act is FrameEffect.MOTION or subject.kind in (Kind.START, Kind.JOG):
+    if act is FrameEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
         bad = (
             shown.rate > FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
             and shown.damaged >= DAMAGE_COUNT_MIN

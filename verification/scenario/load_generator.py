@@ -75,7 +75,7 @@ class LoadGenerator:
             return
         if rng.random() < 0.5:
             self.drives_to_stop.discard(address)
-            self.stand.station(address).press_run(rng.choice((5.0, 20.0, 50.0)))
+            self.stand.station(address).keypad_run(rng.choice((5.0, 20.0, 50.0)))
         elif rng.random() < 0.3:
             self.drives_to_stop.discard(address)
             self.stand.command(address, "run", rng.choice((5.0, 20.0)))
@@ -83,11 +83,11 @@ class LoadGenerator:
     def fault(self, address: int, what: str) -> None:
         faults = self.stand.station(address).faults
         faults.silent, faults.mute = what == "silent", what == "mute"
-        faults.slow_s = self.rng.uniform(0.0, 0.15) if what == "slow" else 0.0
+        faults.added_delay_s = self.rng.uniform(0.0, 0.15) if what == "slow" else 0.0
 
     def restore_line(self) -> None:
         """The weather clears, nobody reads any more and every drive hears again."""
-        self.stand.bench.weather = "clean"
+        self.stand.bench.line_quality = "clean"
         with running(self.stand.loop):
             for task in self._reader_tasks:
                 task.cancel()

@@ -39,7 +39,7 @@ class Oracle:
         self.request_count = self.reply_count = self.accepted_count = self.command_count = 0
         self.open_commands: dict[int, list[UserCommand]] = {}
         """Open wishes by address."""
-        self.frame_rules = FrameRules(kind, character_s(bench.line), self.violation)
+        self.frame_rules = FrameRules(kind, character_s(bench.settings), self.violation)
         self._write_rules = WriteRules(kind, self.violation)
         self._requests: deque[tuple[Any, ClassifiedFrame]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
         self._replies: deque[tuple[Any, ClassifiedFrame | None]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
@@ -93,21 +93,21 @@ class Oracle:
 
     def observe_station(self, station: Any) -> None:
         """See what each frame does to the motor of this station (for one that joins later)."""
-        heard, deeds = station.heard, DriveHistory(station, self.now, self.trace)
+        heard, deeds = station.handle_frame, DriveHistory(station, self.now, self.trace)
         self.histories[station.address] = deeds
 
         def on_heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             before = _station_state(station)
-            frames = station.frames
+            frames = station.frame_count
             said = heard(message, codec, line, now, **named)
-            if self._current_request is not None and station.frames > frames:
+            if self._current_request is not None and station.frame_count > frames:
                 deeds.on_frame(self._current_request)
             if _station_state(station) != before and self._current_request is not None:
                 self._on_state_change(station, self._current_request, was_on=bool(before[0]))
             return said
 
-        station.heard = on_heard
+        station.handle_frame = on_heard
 
     def _on_request(self, said: Any, data: bytes) -> None:
         self.request_count += 1

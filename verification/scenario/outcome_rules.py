@@ -24,7 +24,7 @@ def check_outcome(wish: UserCommand, deeds: DriveHistory, tells: bool, violation
 
     match wish.result_word:
         case "confirmed":
-            if not deeds.station.faults.stuck:
+            if not deeds.station.faults.frozen_readings:
                 _check_confirmed(wish, deeds, tells, wrong)
         case "acknowledged":
             _check_acknowledged(wish, deeds, tells, wrong)

@@ -19,7 +19,7 @@ class ReplyLog:
         self._counter = 0
         self._replies: dict[int, deque[tuple[float, bytes]]] = {}
         for station in bench.stations:
-            self._watch(station, station.heard)
+            self._watch(station, station.handle_frame)
 
     def _watch(self, station: Any, heard: Any) -> None:
         made = self._replies[station.address] = deque(maxlen=64)
@@ -32,7 +32,7 @@ class ReplyLog:
                 made.append((now, said.data))
             return said
 
-        station.heard = on_heard
+        station.handle_frame = on_heard
 
     def _show_new_value(self, motor: Any) -> None:
         self._counter += 1

@@ -63,7 +63,7 @@ class Scenario:
         with running(self.loop):
             options_text = "&".join(f"{name}={value}" for name, value in query.items())
             port: Any = open_port(f"sim://{kind.model}@{listed}?{options_text}")
-            self.port, self.bench = port, port.bench
+            self.port, self.bench = port, port.simulated_bus
             self.bus = ObservedBus(around(self.port), name=self.name)
             self.oracle = self.bus.oracle = Oracle(session, kind, self.bench, self.name, self.loop.time)
             for station in self.bench.stations:

@@ -51,7 +51,7 @@ class StopTimer:
 
     def __init__(self, stand: Scenario, told: Callable[[PendingStop, SentRequest], None]) -> None:
         self.stand, self.on_stop_sent = stand, told
-        self.bounds = TimingBounds(stand.kind, stand.bench.line)
+        self.bounds = TimingBounds(stand.kind, stand.bench.settings)
         self.last_request: SentRequest | None = None
         self.stopped_at: dict[int, float] = {}
         """When the last stop left, by address."""

@@ -57,7 +57,7 @@ class UserCommand:
     def result_word(self) -> str:
         """What the user was told: the outcome's word, else the error's name."""
         if self.outcome is not None:
-            return str(self.outcome.word)
+            return str(self.outcome.status)
         return type(self.error).__name__ if self.error is not None else "nothing"
 
     def __str__(self) -> str:

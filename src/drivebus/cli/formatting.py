@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 def outcome_exit_code(outcome: Outcome) -> ExitCode:
     """0 confirmed or acknowledged, 4 unknown, 1 refused or failed."""
-    if outcome.done:
+    if outcome.succeeded:
         return ExitCode.DONE
-    return ExitCode.UNKNOWN if outcome.word == "unknown" else ExitCode.FAILED
+    return ExitCode.UNKNOWN if outcome.status == "unknown" else ExitCode.FAILED
 
 
 def outcome_json(outcome: Outcome, now: float) -> dict[str, Any]:
     """An outcome with its evidence: every frame of the command, and when."""
     return {
-        "outcome": str(outcome.word),
+        "outcome": str(outcome.status),
         "text": outcome.text(output.language()),
         "notes": [output.text(key, **params) for key, params in outcome.notes],
-        "evidence": [exchange_json(one) for one in outcome.evidence],
-        "status": status_json(outcome.status, now) if outcome.status else None,
+        "evidence": [exchange_json(one) for one in outcome.exchanges],
+        "status": status_json(outcome.drive_status, now) if outcome.drive_status else None,
     }
 
 
@@ -50,7 +50,7 @@ def outcome_text(outcome: Outcome) -> str:
     """The outcome in words: what became of it, then what the user should know besides."""
     text = outcome.text(output.language())
     notes = [said for key, params in outcome.notes if (said := output.text(key, **params)) != text]
-    told = output.wrap_for(output.text(f"outcome.{outcome.word}", text=text), sys.stdout)
+    told = output.wrap_for(output.text(f"outcome.{outcome.status}", text=text), sys.stdout)
     return "\n".join([told, *(output.wrap_for(note, sys.stdout, indent=2) for note in notes)])
 
 

@@ -34,7 +34,7 @@ class StopReport:
     @property
     def unconfirmed(self) -> tuple[int, ...]:
         """Addresses that did not report stopped: go and look."""
-        return tuple(address for address, outcome in self.outcomes if outcome.word != "confirmed")
+        return tuple(address for address, outcome in self.outcomes if outcome.status != "confirmed")
 
     @property
     def confirmed(self) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.eeprom_budget import DEFAULT_SAVES_PER_DAY, EepromBudget
 from drivebus.drives.operations.steps import BusConditions
-from drivebus.drives.permissives import DriveCommand, Kind
+from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ConfigurationError, LimitError
 from drivebus.profiles.model import Text
@@ -74,10 +74,10 @@ class DriveContext:
     on_read: Callable[[BusResult], None] = lambda _answer: None
     """Told of every read that a conversation took into its book."""
 
-    def create_command(self, kind: Kind, around: BusConditions) -> DriveCommand:
+    def create_command(self, kind: CommandKind, around: BusConditions) -> DriveCommand:
         """A new wish, made now."""
         self.command_count += 1
-        return DriveCommand(f"{kind.value}-{self.command_count}", kind, around.now, around.generation)
+        return DriveCommand(f"{kind.value}-{self.command_count}", kind, around.now, around.stop_epoch)
 
     def require_capability(self, capability: str) -> None:
         """Raises CapabilityError where the model can't; nothing is sent."""

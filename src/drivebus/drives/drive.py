@@ -359,7 +359,7 @@ class Drive:
     ) -> Outcome:
         """What became of a stop; where that is not known it is repeated from now on."""
         outcome = await self._run(conversation, begun)
-        if outcome.done:
+        if outcome.succeeded:
             self._cancel_stop_retry()
         else:
             self._start_stop_retry(how)
@@ -384,7 +384,7 @@ class Drive:
         """Repeat an unconfirmed stop until the drive confirms it, or the bus is closed for good."""
         while not self.bus.is_closed:
             outcome = await self._run(stopping.stop(OperationContext(self._context), how))
-            if outcome.done:
+            if outcome.succeeded:
                 return
             await asyncio.sleep(STOP_RETRY_S)
 

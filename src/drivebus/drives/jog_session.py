@@ -36,14 +36,14 @@ class JogSession:
         self._now, self._until = now or (lambda: asyncio.get_running_loop().time()), 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[Outcome] | None = None
-        self.lost = False
+        self.expired = False
         """The lease ran out and the jog was stopped."""
-        self.begun: Outcome | None = None
-        self.ended: Outcome | None = None
+        self.start_outcome: Outcome | None = None
+        self.stop_outcome: Outcome | None = None
 
     async def __aenter__(self) -> JogSession:
         try:
-            self.begun = await self._begin()
+            self.start_outcome = await self._begin()
         except asyncio.CancelledError:
             if self._may_turn():
                 await asyncio.shield(self._stop())
@@ -55,7 +55,7 @@ class JogSession:
         """Extend the lease. Raises StartInhibited once it was lost: only a new jog may begin then."""
         if self._timer is not None and self._now() > self._until:
             self._run_out()  # loop or machine was held up: the lease is over although its timer has not run yet
-        if self.lost or self._timer is None:
+        if self.expired or self._timer is None:
             raise StartInhibited("drives.lease_lost", lease_s=self.lease_s)
         self._arm(self.lease_s)
 
@@ -67,7 +67,7 @@ class JogSession:
 
     def _run_out(self) -> None:
         """Nobody renewed: stop now, whether or not the block goes on."""
-        self.lost, self._timer = True, None
+        self.expired, self._timer = True, None
         self._stop()
 
     def _stop(self) -> asyncio.Task[Outcome]:
@@ -81,7 +81,7 @@ class JogSession:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.ended = await asyncio.shield(self._stop())
+        self.stop_outcome = await asyncio.shield(self._stop())
 
 
 async def _awaited(end: Callable[[], Awaitable[Outcome]]) -> Outcome:

@@ -18,9 +18,9 @@ def raise_for_status(outcome: Outcome, *, stop: bool = False) -> Outcome:
     Raises Refused, TargetNotReached, OutcomeUnknown, StopUnconfirmed, so that a caller
     who ignores the return value cannot take a failed command for a done one.
     """
-    if outcome.done:
+    if outcome.succeeded:
         return outcome
-    kind = StopUnconfirmed if stop else _ERROR_CLASSES[outcome.word]
+    kind = StopUnconfirmed if stop else _ERROR_CLASSES[outcome.status]
     error = kind(outcome.key, **dict(outcome.params))
     error.outcome = outcome
     raise error

@@ -14,7 +14,7 @@ from drivebus.errors import Expired, NotPermitted, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect, Permit, RetryPolicy
 
 
-class Kind(LocalizedEnum):
+class CommandKind(LocalizedEnum):
     """What the user meant."""
 
     START = "start"
@@ -24,7 +24,13 @@ class Kind(LocalizedEnum):
     WRITE = "write"
 
 
-COMMAND_TTL_S = {Kind.START: 2.0, Kind.JOG: 2.0, Kind.SETPOINT: 5.0, Kind.RESET: 2.0, Kind.WRITE: 5.0}
+COMMAND_TTL_S = {
+    CommandKind.START: 2.0,
+    CommandKind.JOG: 2.0,
+    CommandKind.SETPOINT: 5.0,
+    CommandKind.RESET: 2.0,
+    CommandKind.WRITE: 5.0,
+}
 """Ruling 12; a fault reset is an edge that a person waits for, like a start."""
 
 MAX_STATUS_AGE_S = 2.0
@@ -44,25 +50,25 @@ class DriveCommand:
     """One wish of a user, once. It can't be renewed: a later wish is another command."""
 
     id: str
-    kind: Kind
+    kind: CommandKind
     created_at: float
-    generation: int
+    stop_epoch: int
 
     def expires_at(self, effect: Effect) -> float:
         """A frame that moves is never older than a start may be (I1), whatever it was meant as."""
         limit = COMMAND_TTL_S[self.kind]
-        return self.created_at + (min(limit, COMMAND_TTL_S[Kind.START]) if effect is Effect.MOTION else limit)
+        return self.created_at + (min(limit, COMMAND_TTL_S[CommandKind.START]) if effect is Effect.MOTION else limit)
 
 
 @dataclass(frozen=True, slots=True)
 class PermitInputs:
     """What a drive's own reports allow. ``can_tell`` is False where the family has no run status (DF800, ruling 4)."""
 
-    verdict: DerivedState
-    at: float | None
-    can_tell: bool
-    preflight_done: bool
-    within_limits: bool
+    derived: DerivedState
+    state_at: float | None
+    reports_run_state: bool
+    preflight_passed: bool
+    limits_checked: bool
 
 
 def grant_permit(
@@ -78,19 +84,19 @@ def grant_permit(
     _check_valid(command, effect, around)
     if effect not in (Effect.SETTING, Effect.MOTION):
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
-    if effect is Effect.MOTION and command.kind not in (Kind.START, Kind.JOG, Kind.SETPOINT):
+    if effect is Effect.MOTION and command.kind not in (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT):
         raise NotPermitted("drives.frame_would_move", kind=command.kind)
     _raise_first(unmet_bus_permissives(station, around))
-    if command.kind in (Kind.START, Kind.JOG) or effect is Effect.MOTION:
+    if command.kind in (CommandKind.START, CommandKind.JOG) or effect is Effect.MOTION:
         _raise_first(unmet_start_permissives(around, family))
         _check_drive_state(command, around, evidence)
-    if command.kind in (Kind.START, Kind.JOG, Kind.SETPOINT) and not evidence.within_limits:
+    if command.kind in (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT) and not evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
-    return Permit(station, effect, write_class, command.expires_at(effect), around.generation, command.id)
+    return Permit(station, effect, write_class, command.expires_at(effect), around.stop_epoch, command.id)
 
 
 def _check_valid(command: DriveCommand, effect: Effect, around: BusConditions) -> None:
-    if around.generation != command.generation:
+    if around.stop_epoch != command.stop_epoch:
         raise Superseded("drives.superseded")
     expires_at = command.expires_at(effect)
     if around.now > expires_at:
@@ -105,7 +111,7 @@ def _raise_first(errors: Iterator[StartInhibited]) -> None:
 
 def unmet_bus_permissives(station: int, around: BusConditions) -> Iterator[StartInhibited]:
     """What the bus has against every frame that acts on this station."""
-    if around.latched:
+    if around.start_inhibited:
         yield StartInhibited("drives.latched", station=station)
     if around.foreign_master:
         yield StartInhibited("drives.foreign_master", station=station)
@@ -122,20 +128,20 @@ def unmet_start_permissives(around: BusConditions, family: str) -> Iterator[Star
 
 
 def _check_drive_state(command: DriveCommand, around: BusConditions, evidence: PermitInputs) -> None:
-    if not evidence.preflight_done:
+    if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
-    if not evidence.can_tell:
+    if not evidence.reports_run_state:
         return
-    if evidence.at is None or around.now - evidence.at > MAX_STATUS_AGE_S:
-        age = None if evidence.at is None else round(around.now - evidence.at, 2)
+    if evidence.state_at is None or around.now - evidence.state_at > MAX_STATUS_AGE_S:
+        age = None if evidence.state_at is None else round(around.now - evidence.state_at, 2)
         raise StartInhibited("drives.status_stale", age_s=age, limit_s=MAX_STATUS_AGE_S)
-    if evidence.verdict.state not in _allowed_states(command.kind):
-        raise StartInhibited("drives.state_forbids", state=evidence.verdict.state, kind=command.kind)
+    if evidence.derived.state not in _allowed_states(command.kind):
+        raise StartInhibited("drives.state_forbids", state=evidence.derived.state, kind=command.kind)
 
 
-def _allowed_states(kind: Kind) -> frozenset[DriveState]:
+def _allowed_states(kind: CommandKind) -> frozenset[DriveState]:
     """A start or jog begins at standstill; a setpoint that is a motion frame (DZB100) only changes a run."""
-    return _SETPOINT_STATES if kind is Kind.SETPOINT else _START_STATES
+    return _SETPOINT_STATES if kind is CommandKind.SETPOINT else _START_STATES
 
 
 _START_STATES = frozenset({DriveState.STOPPED})

@@ -30,7 +30,7 @@ class LocalizedEnum(StrEnum):
         return f"drives.{_KEY_PREFIXES[type(self).__name__]}_{self.value}"
 
 
-_KEY_PREFIXES = {"DriveState": "state", "Direction": "way", "Kind": "kind"}
+_KEY_PREFIXES = {"DriveState": "state", "Direction": "way", "CommandKind": "kind"}
 
 
 class DriveState(LocalizedEnum):
@@ -151,22 +151,22 @@ class FrameExchange:
 class Outcome:
     """How a command ended, in one word, one sentence (``key`` and ``params``) and its frames."""
 
-    word: OutcomeStatus
+    status: OutcomeStatus
     key: str
     params: Mapping[str, Any] = field(default_factory=dict)
-    evidence: tuple[FrameExchange, ...] = ()
-    status: DriveStatus | None = None
+    exchanges: tuple[FrameExchange, ...] = ()
+    drive_status: DriveStatus | None = None
     notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     """Further sentences: what could not be checked, and how the user can."""
 
     @property
-    def done(self) -> bool:
+    def succeeded(self) -> bool:
         """Confirmed, or acknowledged where nothing more can be known."""
-        return self.word in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
+        return self.status in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
 
     def text(self, language: str = "en") -> str:
         """The sentence in ``language`` ("en" or "zh")."""
         return i18n.text(self.key, language, **self.params)
 
     def __str__(self) -> str:
-        return f"{self.word}: {self.text()}"
+        return f"{self.status}: {self.text()}"

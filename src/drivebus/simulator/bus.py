@@ -44,11 +44,11 @@ class SimulatedBus:
         name: str = "",
     ) -> None:
         self.stations = list(stations)
-        self.line = line or (self.stations[0].line if self.stations else SerialSettings())
+        self.settings = line or (self.stations[0].factory_settings if self.stations else SerialSettings())
         self.name = name
         self.rng = random.Random(seed)
         chosen = parse_line_quality(weather) if isinstance(weather, str) else weather
-        self.wire = Wire(self.line, chosen, self.rng)
+        self.wire = Wire(self.settings, chosen, self.rng)
         self.masters: list[BusMaster] = []
         self.on_replug: list[Callable[[], None]] = []
         """Called by ``replug``: servers put their ports back."""
@@ -88,12 +88,12 @@ class SimulatedBus:
         self._group_stations()
 
     @property
-    def weather(self) -> LineQuality:
-        return self.wire.weather
+    def line_quality(self) -> LineQuality:
+        return self.wire.line_quality
 
-    @weather.setter
-    def weather(self, weather: LineQuality | str) -> None:
-        self.wire.weather = parse_line_quality(weather) if isinstance(weather, str) else weather
+    @line_quality.setter
+    def line_quality(self, weather: LineQuality | str) -> None:
+        self.wire.line_quality = parse_line_quality(weather) if isinstance(weather, str) else weather
 
     def unplug(self) -> None:
         """Pull the adapter: every host loses its port, what is on its way is lost, the drives go on."""
@@ -128,7 +128,7 @@ class SimulatedBus:
     def transmit(self, master: BusMaster, data: bytes) -> None:
         """``host`` puts bytes on the wire, one after another from now on."""
         sides: tuple[Side, ...] = (Side.STATIONS,)
-        if self.weather.echo or len(self.masters) > 1:
+        if self.line_quality.echo or len(self.masters) > 1:
             sides += (Side.MASTERS,)
         self.wire.transmit(master, data, self.now(), sides, master.settings)
         self._arm_timer()
@@ -141,7 +141,7 @@ class SimulatedBus:
         for station in self.stations:
             key = (station.rule, tuple((codec.family, codec.encoding) for codec in station.codecs))
             if key not in groups:
-                groups[key] = (FrameReceiver(station.codecs, station.rule, self.line, self.jitter_tolerance_s), [])
+                groups[key] = (FrameReceiver(station.codecs, station.rule, self.settings, self.jitter_tolerance_s), [])
             groups[key][1].append(station)
         self._groups = list(groups.values())
         self.wire.station_delays = tuple(sorted({ear.decision_delay_s for ear, _ in self._groups}))
@@ -154,7 +154,7 @@ class SimulatedBus:
 
     def _switch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
         """Another loop, another time: what was on the wire is gone, the drives are as they were."""
-        self.wire = Wire(self.line, self.wire.weather, self.rng)
+        self.wire = Wire(self.settings, self.wire.line_quality, self.rng)
         self._group_stations()
         self.masters.clear()
         if self._timer is not None:
@@ -191,9 +191,9 @@ class SimulatedBus:
     def _deliver_to_masters(self, said: Transmission, first: int, last: int) -> None:
         data, marks = said.received(first, last)
         for host in list(self.masters):
-            if not data or (host is said.talker and not self.weather.echo):
+            if not data or (host is said.talker and not self.line_quality.echo):
                 continue
-            if host.settings is not None and host.settings != self.line:
+            if host.settings is not None and host.settings != self.settings:
                 host.receive(self.rng.randbytes(len(data)), len(data))
             else:
                 host.receive(data, marks)
@@ -220,7 +220,7 @@ class SimulatedBus:
                 continue
             station.record_gap(frame.silence_s, frame.short_gap)
             reply = station.handle_frame(
-                frame.message, frame.codec, self.line, now, error=frame.error, is_broadcast=everybody
+                frame.message, frame.codec, self.settings, now, error=frame.error, is_broadcast=everybody
             )
             if reply is not None:
                 self.wire.transmit_reply(station, reply.data, now, max(now, said.end + reply.delay_s))

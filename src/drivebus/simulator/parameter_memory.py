@@ -42,7 +42,7 @@ class ParameterMemory:
     """RAM and EEPROM words by key. ``eeprom_writes`` counts what wears the chip (G16)."""
 
     def __init__(self, cells: Mapping[int, ParameterSpec]) -> None:
-        self.cells = cells
+        self.specs = cells
         self.eeprom = {key: cell.factory for key, cell in cells.items()}
         self.ram = dict(self.eeprom)
         self.eeprom_writes: Counter[int] = Counter()
@@ -50,18 +50,18 @@ class ParameterMemory:
         self.locked = False
         """A password forbids every write from the bus."""
 
-    def refuses_read(self, key: int) -> RejectReason | None:
-        cell = self.cells.get(key)
+    def read_rejection(self, key: int) -> RejectReason | None:
+        cell = self.specs.get(key)
         if cell is None:
             return RejectReason.UNKNOWN
         return RejectReason.HIDDEN if cell.access is Access.HIDDEN else None
 
-    def refuses_write(self, key: int, value: int, running: bool) -> RejectReason | None:
+    def write_rejection(self, key: int, value: int, running: bool) -> RejectReason | None:
         """The first reason against a write, None where there is none."""
-        unreadable = self.refuses_read(key)
+        unreadable = self.read_rejection(key)
         if unreadable is not None:
             return unreadable
-        cell = self.cells[key]
+        cell = self.specs[key]
         if cell.access is Access.READ_ONLY:
             return RejectReason.READ_ONLY
         if self.locked:

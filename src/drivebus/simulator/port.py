@@ -39,7 +39,7 @@ class SimPort:
     def __init__(
         self, bench: SimulatedBus, settings: SerialSettings, url: str, echo: Literal["detect", "on", "off"]
     ) -> None:
-        self.bench = bench
+        self.simulated_bus = bench
         self.settings: SerialSettings | None = settings
         self.url = url
         self.echo = echo
@@ -47,27 +47,27 @@ class SimPort:
 
     @property
     def identity(self) -> str:
-        return f"sim:{self.bench.name or self.url}"
+        return f"sim:{self.simulated_bus.name or self.url}"
 
     async def open(self, receiver: Receiver) -> None:
         """Raises PortUnavailable while the bench is unplugged or this port is open."""
-        if not self.bench.wire.plugged:
+        if not self.simulated_bus.wire.plugged:
             raise PortUnavailable("sim.unplugged", port=self.url)
-        if self._receiver is not None and self in self.bench.masters:
+        if self._receiver is not None and self in self.simulated_bus.masters:
             raise PortUnavailable("sim.already-open", port=self.url)
-        self.bench.attach(self)
+        self.simulated_bus.attach(self)
         self._receiver = receiver
 
     def write(self, data: bytes, /) -> None:
         """Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("sim.not-open", port=self.url)
-        self.bench.transmit(self, data)
+        self.simulated_bus.transmit(self, data)
 
     async def close(self) -> None:
         """The drives go on."""
         self._receiver = None
-        self.bench.detach(self)
+        self.simulated_bus.detach(self)
 
     def receive(self, data: bytes, marks: int) -> None:
         if self._receiver is not None:
@@ -105,8 +105,8 @@ def open_port(link: Any) -> SimPort:
         bench = _create_bus(link, name)
         if name:
             _named_buses[name] = bench
-    settings = _master_settings(link, bench.stations[0].line)
-    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bench.weather.echo else "off")
+    settings = _master_settings(link, bench.stations[0].factory_settings)
+    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bench.line_quality.echo else "off")
     return SimPort(bench, settings, link.text, echo)
 
 
@@ -116,7 +116,7 @@ def _create_bus(link: Any, name: str) -> SimulatedBus:
     ramp_s = link.number("ramp", 10.0, 0.1, 3600.0)
     for station in stations if "ramp" in link.options else ():
         station.set_ramps(ramp_s, ramp_s)
-    line = _station_settings(link, _master_settings(link, stations[0].line))
+    line = _station_settings(link, _master_settings(link, stations[0].factory_settings))
     seed = int(link.number("seed", 1, 0, 2**31))
     return SimulatedBus(stations, line, weather=link.options.get("weather", "clean"), seed=seed, name=name)
 

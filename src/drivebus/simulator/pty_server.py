@@ -26,7 +26,7 @@ class PtyServer:
     """The far end of one pty. ``path`` is what a program opens. Made by ``serve_pty``."""
 
     def __init__(self, bench: SimulatedBus, link_path: str | os.PathLike[str] | None, check_baud: bool) -> None:
-        self.bench = bench
+        self.simulated_bus = bench
         self.settings: SerialSettings | None = None
         self._link = None if link_path is None else Path(link_path)
         self._check_baud = check_baud
@@ -44,13 +44,15 @@ class PtyServer:
 
     @property
     def url(self) -> str:
-        return f"serial://{self.path}?baud={self.bench.line.baud}&format={self.bench.line.format}"
+        return (
+            f"serial://{self.path}?baud={self.simulated_bus.settings.baud}&format={self.simulated_bus.settings.format}"
+        )
 
     async def close(self) -> None:
         """Take it away. Idempotent."""
-        if self._open in self.bench.on_replug:
-            self.bench.on_replug.remove(self._open)
-        self.bench.detach(self)
+        if self._open in self.simulated_bus.on_replug:
+            self.simulated_bus.on_replug.remove(self._open)
+        self.simulated_bus.detach(self)
         self.on_unplugged()
 
     def receive(self, data: bytes, marks: int) -> None:
@@ -77,7 +79,7 @@ class PtyServer:
         self._descriptors, self._slave = (master, slave), os.ttyname(slave)
         if self._link is not None:
             self._update_link()
-        self.bench.attach(self)
+        self.simulated_bus.attach(self)
         self._loop.add_reader(master, self._readable)
 
     def _update_link(self) -> None:
@@ -99,16 +101,16 @@ class PtyServer:
             return
         if data:
             self.settings = self._program_settings()
-            self.bench.transmit(self, data)
+            self.simulated_bus.transmit(self, data)
 
     def _program_settings(self) -> SerialSettings | None:
         """A wrong baud rate; None where it is right (or is not checked)."""
         if not self._check_baud or self._descriptors is None:
             return None
-        baud = _BAUDS.get(termios.tcgetattr(self._descriptors[0])[5], self.bench.line.baud)
-        if baud == self.bench.line.baud or not baud:
+        baud = _BAUDS.get(termios.tcgetattr(self._descriptors[0])[5], self.simulated_bus.settings.baud)
+        if baud == self.simulated_bus.settings.baud or not baud:
             return None
-        line = self.bench.line
+        line = self.simulated_bus.settings
         return SerialSettings(baud, line.data_bits, line.parity, line.stop_bits)
 
 

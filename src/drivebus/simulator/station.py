@@ -27,15 +27,15 @@ class InjectedFaults:
     """Hears nothing and says nothing; its motor goes on."""
     mute: bool = False
     """Obeys, but its replies never leave (a broken driver)."""
-    slow_s: float = 0.0
+    added_delay_s: float = 0.0
     """Added to every reply delay."""
-    late_s: list[float] = field(default_factory=list)
+    next_added_delays_s: list[float] = field(default_factory=list)
     """Added to the next replies, one each."""
     wrong_address: int | None = None
     """Answers under this address."""
-    stuck: bool = False
+    frozen_readings: bool = False
     """Monitors show what they showed when this was set."""
-    dead_until: float = float("-inf")
+    rebooting_until: float = float("-inf")
     """Rebooting."""
 
 
@@ -53,7 +53,7 @@ class Station(ABC):
     family: ClassVar[str]
     rule: FramingRule
     broadcast: ClassVar[int]
-    line: ClassVar[SerialSettings]
+    factory_settings: ClassVar[SerialSettings]
     """Factory line settings."""
     ramp_keys: ClassVar[tuple[int, int]]
     """Parameters of acceleration and deceleration time, in 0.1 s."""
@@ -65,7 +65,7 @@ class Station(ABC):
         self.motor = motor or Motor()
         self.faults = InjectedFaults()
         self.now: float | None = None
-        self.frames = self.replies = self.gap_violations = 0
+        self.frame_count = self.reply_count = self.gap_violations = 0
         self.shortest_gap_s = float("inf")
         self.setpoint_hz = 0.0
         self.reverse = False
@@ -75,10 +75,10 @@ class Station(ABC):
     # What families say.
 
     @abstractmethod
-    def answer(self, message: Any, codec: Codec) -> Any:
+    def handle_request(self, message: Any, codec: Codec) -> Any:
         """Obey a request and give the reply message, or None for silence."""
 
-    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+    def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
         """The reply to a frame that could not be understood; None for silence."""
         return None
 
@@ -101,9 +101,9 @@ class Station(ABC):
     # What all do alike.
 
     @property
-    def seen(self) -> Motor:
+    def displayed_motor(self) -> Motor:
         """The motor as its monitors show it."""
-        if not self.faults.stuck:
+        if not self.faults.frozen_readings:
             self._frozen_motor = None
             return self.motor
         if self._frozen_motor is None:
@@ -133,17 +133,17 @@ class Station(ABC):
     ) -> StationReply | None:
         """A frame for this station ended at ``now``. ``everybody``: a broadcast, obeyed in silence."""
         self.advance(now)
-        if self.faults.silent or now < self.faults.dead_until:
+        if self.faults.silent or now < self.faults.rebooting_until:
             return None
-        self.frames += 1
-        reply = self.refuse(error, codec) if error is not None else self.answer(message, codec)
+        self.frame_count += 1
+        reply = self.reply_to_error(error, codec) if error is not None else self.handle_request(message, codec)
         if reply is None or is_broadcast or self.faults.mute or self.address == self.broadcast:
             return None
-        self.replies += 1
+        self.reply_count += 1
         if self.faults.wrong_address is not None:
             reply = replace(reply, address=self.faults.wrong_address)
-        late_s = self.faults.late_s.pop(0) if self.faults.late_s else 0.0
-        return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + self.faults.slow_s + late_s)
+        late_s = self.faults.next_added_delays_s.pop(0) if self.faults.next_added_delays_s else 0.0
+        return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + self.faults.added_delay_s + late_s)
 
     def on_foreign_frame(self, now: float) -> None:
         """A frame for another station ended at ``now``."""
@@ -163,28 +163,28 @@ class Station(ABC):
         self.memory.power_cycle()
         self.motor.coast()
         self.motor.reset()
-        self.faults.dead_until = (self.now or 0.0) + off_s
+        self.faults.rebooting_until = (self.now or 0.0) + off_s
         self.setpoint_hz, self.reverse, self.jogging = 0.0, False, False
         self.power_up()
 
     def set_ramps(self, accel_s: float, decel_s: float) -> None:
         """Set both ramp times at the keypad: seconds per maximum frequency."""
         for key, seconds in zip(self.ramp_keys, (accel_s, decel_s), strict=True):
-            self.press_set(key, max(1, round(seconds * 10)))
+            self.keypad_set(key, max(1, round(seconds * 10)))
 
-    def direct(self, frequency_hz: float) -> None:
+    def run_towards(self, frequency_hz: float) -> None:
         """Run towards a frequency in the set direction."""
         self.motor.run(-frequency_hz if self.reverse else frequency_hz)
 
-    def press_run(self, frequency_hz: float, reverse: bool = False) -> None:
+    def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
         """A person starts the drive at the keypad."""
         self.setpoint_hz, self.reverse, self.jogging = frequency_hz, reverse, False
-        self.direct(frequency_hz)
+        self.run_towards(frequency_hz)
 
-    def press_stop(self) -> None:
+    def keypad_stop(self) -> None:
         """A person stops the drive at the keypad."""
         self.motor.stop()
 
-    def press_set(self, key: int, value: int) -> None:
+    def keypad_set(self, key: int, value: int) -> None:
         """A person changes a parameter at the keypad: saved, and asked nobody."""
         self.memory.write(key, value, save=True)

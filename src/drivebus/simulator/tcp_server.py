@@ -55,7 +55,7 @@ class TcpServer:
     """A listening bench. Made by ``serve_tcp``."""
 
     def __init__(self, bench: SimulatedBus, server: asyncio.Server, host: str) -> None:
-        self.bench = bench
+        self.simulated_bus = bench
         self.host = host
         self._server = server
 
@@ -67,14 +67,14 @@ class TcpServer:
 
     @property
     def url(self) -> str:
-        return f"tcp://{self.host}:{self.port}?baud={self.bench.line.baud}&format={self.bench.line.format}"
+        return f"tcp://{self.host}:{self.port}?baud={self.simulated_bus.settings.baud}&format={self.simulated_bus.settings.format}"
 
     async def close(self) -> None:
         """Stop listening and drop the connections of this bench's TCP hosts."""
         self._server.close()
-        for host in list(self.bench.masters):
+        for host in list(self.simulated_bus.masters):
             if isinstance(host, _TcpMaster):
-                self.bench.detach(host)
+                self.simulated_bus.detach(host)
                 host.on_unplugged()
         await self._server.wait_closed()
 

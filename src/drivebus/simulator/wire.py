@@ -72,7 +72,7 @@ class Wire:
 
     def __init__(self, settings: SerialSettings, weather: LineQuality, rng: Rng) -> None:
         self.settings = settings
-        self.weather = weather
+        self.line_quality = weather
         self.station_delays: tuple[float, ...] = (0.0,)
         """How long after a transmission stations look at it: RTU 3.5 characters, 0 where length decides."""
         self.plugged = True
@@ -109,7 +109,7 @@ class Wire:
         self._collide(said)
         self._recent.append(said)
         self.busy_s += said.end - said.start
-        if self.plugged and not self._chance(self.weather.loss):
+        if self.plugged and not self._chance(self.line_quality.loss):
             self._schedule(said, sides)
         return said
 
@@ -118,7 +118,7 @@ class Wire:
 
         However late, a station answers in order.
         """
-        weather = self.weather
+        weather = self.line_quality
         late = at + (self._rng.random() * weather.late_s if self._chance(weather.late) else 0.0)
         if self._chance(weather.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
@@ -159,7 +159,7 @@ class Wire:
         return share > 0.0 and self._rng.random() < share
 
     def _impair(self, said: Transmission, foreign: bool) -> None:
-        weather, rng, size = self.weather, self._rng, len(said.data)
+        weather, rng, size = self.line_quality, self._rng, len(said.data)
         if foreign:
             for index in range(size):
                 said.corrupt(index, rng.randrange(0, 256), True)
@@ -200,7 +200,7 @@ class Wire:
                 self._push(said.end + wait, Side.STATIONS, said, 0, place)
         if Side.MASTERS not in sides:
             return
-        if not self.weather.per_byte and not self.weather.batch_s:
+        if not self.line_quality.per_byte and not self.line_quality.batch_s:
             self._push(said.end, Side.MASTERS, said, 0, size)
             return
         first = 0
@@ -212,7 +212,7 @@ class Wire:
 
     def _delivery_time(self, said: Transmission, index: int) -> float:
         at = said.start + (index + 1) * said.character_s
-        grid = self.weather.batch_s
+        grid = self.line_quality.batch_s
         return ceil(at / grid - _EPSILON_S) * grid if grid else at
 
     def _push(self, at: float, side: Side, said: Transmission, first: int, last: int) -> None:

@@ -58,7 +58,7 @@ def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stan
             await kit.call("lease.take", ANN, drive="fan-1")
             unit = kit.service.plant.drives["fan-1"]
             if silent:
-                unit.bus.port.bench.unplug()  # type: ignore[attr-defined]
+                unit.bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
             await asyncio.sleep(15)
             assert unit.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
             assert ("lease_lost" in raised(kit)) is (silent and policy is OnClientLost.HOLD)
@@ -77,7 +77,7 @@ def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
             await asyncio.sleep(2)
             hall = kit.service.plant
             hall.parts.on_event = lambda event: heard.append((event["outcome"], event["actor"]))
-            port = hall.drives["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            port = hall.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
             port.unplug()
             await asyncio.sleep(2)
             (alarm,) = [one for one in hall.parts.alarms.active() if one.kind == SystemAlarm.PORT_LOST]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.drives.operations import context
-from drivebus.drives.permissives import COMMAND_TTL_S, Kind
+from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.state import Outcome
 from drivebus.errors import Expired
 from drivebus.service.config.model import GroupConfig
@@ -67,7 +67,7 @@ def test_each_further_drive_of_a_group_has_a_clock_of_its_own(
     stagger_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its turn comes seconds after the wish; the lease shows that somebody still wishes it."""
-    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[Kind.START])
+    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def story() -> None:
         group = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=stagger_s, at_once=3)
@@ -104,7 +104,7 @@ def test_a_frequency_is_as_old_as_its_wish_too() -> None:
 
 
 def test_a_group_that_has_to_wait_for_its_first_turn_begins_when_that_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[Kind.START])
+    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def story() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
@@ -123,5 +123,5 @@ def test_a_group_that_has_to_wait_for_its_first_turn_begins_when_that_comes(monk
 
 
 def test_the_limits_are_those_of_ruling_12() -> None:
-    assert COMMAND_TTL_S[Kind.START] == COMMAND_TTL_S[Kind.JOG] == 2.0
-    assert START_DEADLINE_S == context.CHECKS_TIMEOUT_S == COMMAND_TTL_S[Kind.SETPOINT] == 5.0
+    assert COMMAND_TTL_S[CommandKind.START] == COMMAND_TTL_S[CommandKind.JOG] == 2.0
+    assert START_DEADLINE_S == context.CHECKS_TIMEOUT_S == COMMAND_TTL_S[CommandKind.SETPOINT] == 5.0

@@ -234,7 +234,7 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
 
 def silence(kit: ServiceKit) -> None:
     """The drive's plug is pulled."""
-    bench = kit.service.plant.drives["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+    bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
     bench.stations.remove(bench.station(1))
     bench._group()
 
@@ -246,7 +246,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            bench = kit.service.plant.drives["fan-1"].bus.port.bench  # type: ignore[attr-defined]
+            bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
             station = bench.station(1)
             station.trip(Trip.OVERHEAT)
             await asyncio.sleep(5)

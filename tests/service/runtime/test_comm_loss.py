@@ -91,8 +91,8 @@ def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_wh
     async def story() -> None:
         async with running_service(plant_config(buses=(BUS,), drives=(SMALL,), groups=())) as kit:
             station = kit.station("small")
-            station.press_set(0x4_03, action)
-            station.press_set(0x4_04, time)
+            station.keypad_set(0x4_03, action)
+            station.keypad_set(0x4_04, time)
             await asyncio.sleep(8)
             found = (await kit.call("drives.get", drive="small"))["host_dies"]
             assert (found["kind"], found["after_s"]) == (kind, time / 10)
@@ -103,7 +103,7 @@ def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_wh
             await kit.call("drive.run", drive="small", frequency_hz=20.0)
             await asyncio.sleep(4)
             assert station.motor.energised
-            bench = kit.service.plant.drives["small"].bus.port.bench
+            bench = kit.service.plant.drives["small"].bus.port.simulated_bus
             await kit.service.plant.buses["s"].bus.close()
             await asyncio.sleep(15)
             bench.advance()

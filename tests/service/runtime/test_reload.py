@@ -249,7 +249,7 @@ def test_a_drive_whose_stop_is_under_way_is_not_taken_from_its_bus(tmp_path: Pat
         async with running_service(load(file)) as kit:
             await asyncio.sleep(3)
             unit = kit.service.plant.drives["fan-2"]
-            unit.bus.port.bench.unplug()  # type: ignore[attr-defined]
+            unit.bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
             await asyncio.sleep(5)
             stop = asyncio.create_task(kit.call("drive.stop", drive="fan-2"))
             await asyncio.sleep(0.1)

@@ -24,7 +24,7 @@ async def check_run_and_stop(rig: AcceptanceSession) -> StepOutcome:
     """Ruling 1, G07: it starts, it stops, the words are true; a person is the witness."""
     async with rig.drive() as (bus, drive), _stopped_afterwards(drive) as told:
         begun = bus.now()
-        told["run"] = str((await rig.race(drive.run(rig.frequency_hz))).word)
+        told["run"] = str((await rig.race(drive.run(rig.frequency_hz))).status)
         told["started_s"] = round(bus.now() - begun, 3)
         await rig.race(asyncio.sleep(RUN_DURATION_S))
         turned = await rig.confirm("hardware.ask.turns")
@@ -55,7 +55,7 @@ async def _stopped_afterwards(drive: Drive) -> AsyncIterator[dict[str, Any]]:
         yield told
     finally:
         try:
-            told["stop"] = str((await drive.stop()).word)
+            told["stop"] = str((await drive.stop()).status)
         except DrivebusError as error:
             told["stop"] = error.text("en")
 

@@ -111,7 +111,7 @@ def addresses_by_status(report: StopReport) -> dict[str, list[int]]:
     """Addresses by how their stop ended; everything that is neither confirmed nor acknowledged is unknown."""
     words: dict[str, list[int]] = {"confirmed": [], "acknowledged": [], "unknown": []}
     for address, outcome in report.outcomes:
-        words[str(outcome.word) if outcome.done else "unknown"].append(address)
+        words[str(outcome.status) if outcome.succeeded else "unknown"].append(address)
     return words
 
 

@@ -83,7 +83,7 @@ async def _jog_while_held(
 ) -> None:
     """Jog as long as the key repeats. Leaving the block stops the drive and confirms it."""
     async with drive.jog(frequency_hz, direction, lease_s=LEASE_S) as lease:
-        _print_jog_outcome(lease.begun, bus, "begun")
+        _print_jog_outcome(lease.start_outcome, bus, "begun")
         loop = asyncio.get_running_loop()
         while not ending.received and keys.last_key == key:
             left_s = keys.last_key_at + LEASE_S - loop.time()
@@ -93,7 +93,7 @@ async def _jog_while_held(
             pressed = await ending.interruptible(_next_key(keys, left_s))
             if pressed != key:
                 break
-    _print_jog_outcome(lease.ended, bus, "ended")
+    _print_jog_outcome(lease.stop_outcome, bus, "ended")
 
 
 async def _next_key(keys: KeyQueue, timeout_s: float) -> str | None:

@@ -62,7 +62,7 @@ def make_bench(
     stations = [make_station(model, address, settings, load) for address in addresses]
     for station in stations:
         station.set_ramps(ramp_s, ramp_s)
-    factory = stations[0].line
+    factory = stations[0].factory_settings
     line = SerialSettings.parse(baud or factory.baud, format or factory.format)
     return SimulatedBus(stations, line, weather=weather, seed=seed)
 
@@ -74,9 +74,9 @@ async def _serve(bench: SimulatedBus, listen: tuple[str, int] | None, link: str 
         server = await _open(bench, listen, link)
         try:
             output.print_json(
-                {"url": server.url, "line": str(bench.line), "stations": len(bench.stations)}, stream=True
+                {"url": server.url, "line": str(bench.settings), "stations": len(bench.stations)}, stream=True
             )
-            output.print_message("simulate.ready", url=server.url, line=bench.line, count=len(bench.stations))
+            output.print_message("simulate.ready", url=server.url, line=bench.settings, count=len(bench.stations))
             await ending.wait()
         finally:
             await server.close()

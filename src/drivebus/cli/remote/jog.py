@@ -22,14 +22,14 @@ class RemoteJog:
         self._jog_id = ""
         self._renewal_due = asyncio.Event()
         self._renewal: asyncio.Task[None] | None = None
-        self.begun: Outcome | None = None
-        self.ended: Outcome | None = None
+        self.start_outcome: Outcome | None = None
+        self.stop_outcome: Outcome | None = None
 
     async def __aenter__(self) -> RemoteJog:
         given = {"direction": str(self._direction), **await self._drive.arm()}
         given |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
         found = await self._drive.call("drive.jog", **given)
-        self._jog_id, self.begun = found["jog"], parse_outcome(found)
+        self._jog_id, self.start_outcome = found["jog"], parse_outcome(found)
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
 
@@ -53,6 +53,6 @@ class RemoteJog:
             self._renewal.cancel()
             await asyncio.gather(self._renewal, return_exceptions=True)
         try:
-            self.ended = parse_outcome(await self._drive.call("drive.jog_end", jog=self._jog_id))
+            self.stop_outcome = parse_outcome(await self._drive.call("drive.jog_end", jog=self._jog_id))
         except NotFound:
-            self.ended = await self._drive.stop()
+            self.stop_outcome = await self._drive.stop()

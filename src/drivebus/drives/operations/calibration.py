@@ -24,7 +24,7 @@ from drivebus.drives.operations.setpoint import write_setpoint
 from drivebus.drives.operations.start import confirm_start, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, Outcome, OutcomeStatus
 from drivebus.errors import CapabilityError, LimitError, StartInhibited, TargetNotReached
 
@@ -103,19 +103,19 @@ def _measure_at_word(
     if error is not None:
         raise error
     around = yield from get_bus_conditions()
-    command = talk.create_command(Kind.START, around)
+    command = talk.create_command(CommandKind.START, around)
     frames = dialect.start(direction, word)
     answer = yield from send_frames(talk, command, frames)
     if not answer.sent and answer.error is not None:
         raise answer.error
     begun = yield from confirm_start(talk, command, frames, direction, answer.error is None)
     seen: float | None = None
-    if begun.word is OutcomeStatus.CONFIRMED:
+    if begun.status is OutcomeStatus.CONFIRMED:
         yield from wait(CALIBRATION_RUN_S)
         yield from talk.check_not_superseded(command)
         seen = yield from _read_agreeing_hz(talk, dialect)
     stopped = yield from stop(talk, StopMode.STOP)
-    if seen is None or stopped.word is not OutcomeStatus.CONFIRMED:
+    if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
         failure = TargetNotReached(
             "drives.proof_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
         )
@@ -183,15 +183,15 @@ def calibration_jog(talk: OperationContext, frequency_hz: float) -> DriveOperati
     word, actual_hz = talk.check_frequency(frequency_hz)
     yield from ensure_preflight(talk)
     around = yield from get_bus_conditions()
-    command = talk.create_command(Kind.JOG, around)
+    command = talk.create_command(CommandKind.JOG, around)
     outcome = yield from write_setpoint(talk, command, word, actual_hz)
-    if not outcome.done:
+    if not outcome.succeeded:
         return outcome
     outcome = yield from send_jog(talk, dialect.calibration_jog())
-    if outcome.done:
+    if outcome.succeeded:
         yield from wait(CALIBRATION_JOG_S)
         stopped = yield from stop(talk, StopMode.STOP)
-        if not stopped.done:
+        if not stopped.succeeded:
             return stopped
     return outcome
 

@@ -14,7 +14,7 @@ from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, fault_from_code
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
-from drivebus.drives.permissives import DriveCommand, Kind, PermitInputs
+from drivebus.drives.permissives import CommandKind, DriveCommand, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import (
     STATE_NOT_READ,
@@ -49,7 +49,7 @@ class OperationContext:
     def __init__(
         self,
         drive: DriveContext,
-        generation: int | None = None,
+        stop_epoch: int | None = None,
         checks_started_at: float | None = None,
         requested_at: float | None = None,
     ) -> None:
@@ -57,7 +57,7 @@ class OperationContext:
         self.requested_at = requested_at
         """When the user wished for this, where that is known: its commands are as old, checks included (ruling 12).
         None: a command is made after its checks, which have limits of their own."""
-        self.generation = generation
+        self.stop_epoch = stop_epoch
         """Stop generation when the user wished for this; None: when the command is made. Our own stops count on."""
         self.dialect = drive.dialect
         self.reading_pairs = ReadingPairs()
@@ -98,8 +98,8 @@ class OperationContext:
         Reads go in the parameter lane: a stop takes queued commands away, and must not take away what confirms it.
         """
         expires_at = permit.expires_at if permit is not None else None
-        if self.generation is not None and self._effect(request) is Effect.STOP:
-            self.generation += 1
+        if self.stop_epoch is not None and self._effect(request) is Effect.STOP:
+            self.stop_epoch += 1
         turned, moves = self.may_be_running, permit is not None and permit.effect is Effect.MOTION
         self.may_be_running = turned or moves  # also where this conversation is cancelled while the frame is out
         answer = yield from transact(BusRequest(self.dialect.address, request, lane, write_class, permit, expires_at))
@@ -133,17 +133,17 @@ class OperationContext:
             raise Expired("drives.prepare_too_long", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
         return around
 
-    def create_command(self, kind: Kind, around: BusConditions) -> DriveCommand:
+    def create_command(self, kind: CommandKind, around: BusConditions) -> DriveCommand:
         """The user's wish: made now, but where the moment of the wish is known it expires ``PREPARE_S`` after that, the
         checks included; a stop since then takes it away (6.5)."""
-        generation = around.generation if self.generation is None else self.generation
+        generation = around.stop_epoch if self.stop_epoch is None else self.stop_epoch
         latest = (
             inf
             if self.requested_at is None
             else self.requested_at + max(0.0, CHECKS_TIMEOUT_S - permissives.COMMAND_TTL_S[kind])
         )
         made_at = min(around.now, latest)
-        return self.drive.create_command(kind, replace(around, now=made_at, generation=generation))
+        return self.drive.create_command(kind, replace(around, now=made_at, stop_epoch=generation))
 
     def read(self, request: Any) -> DriveOperation[BusResult]:
         """One read, taken into the book."""
@@ -264,7 +264,7 @@ class OperationContext:
     def check_not_superseded(self, command: DriveCommand) -> DriveOperation[float]:
         """The time, unless a newer stop took this command away. Raises Superseded."""
         around = yield from get_bus_conditions()
-        if around.generation != command.generation:
+        if around.stop_epoch != command.stop_epoch:
             raise self.superseded_error()
         return around.now
 

@@ -10,7 +10,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import check_readiness, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
 from drivebus.drives.operations.stop import send_stop, stop
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, Outcome, OutcomeStatus
 from drivebus.errors import LimitError
 
@@ -42,7 +42,7 @@ def begin_jog(talk: OperationContext, frequency_hz: float | None, direction: Dir
 def send_jog(talk: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:
     """The jog frame, once; whatever does not end in a yes is stopped."""
     around = yield from get_bus_conditions()
-    command = talk.create_command(Kind.JOG, around)
+    command = talk.create_command(CommandKind.JOG, around)
     answer = yield from send_frames(talk, command, frames)
     refused = talk.rejected_outcome(answer)
     if refused is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import read_raw_parameter
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.permissives import Kind
+from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.errors import (
     CapabilityError,
@@ -98,7 +98,7 @@ def write_values(talk: OperationContext, values: Mapping[str, float], save: bool
                 raise
             outcome = talk.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
         outcome = replace(outcome, notes=notes)
-        if not outcome.done:
+        if not outcome.succeeded:
             return outcome
         outcome = with_note(outcome, outcome.key, **outcome.params)
         notes = outcome.notes
@@ -147,18 +147,18 @@ def _write_one(talk: OperationContext, wanted: _ParameterWrite, save: bool) -> D
     else:
         yield from wear.mark_ram_only(notation)
     around = yield from talk.check_deadline()
-    command = talk.drive.create_command(Kind.WRITE, around)
+    command = talk.drive.create_command(CommandKind.WRITE, around)
     answer = yield from talk.send_command(command, talk.dialect.write_parameter(wanted.parameter, wanted.raw, save))
     refused = talk.rejected_outcome(answer, **said)
     if refused is not None:
         return refused
     outcome = yield from _read_back(talk, wanted, answer.error is None, said)
-    if held == wanted.raw and outcome.word is OutcomeStatus.CONFIRMED:
+    if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)
         outcome = talk.unverifiable_outcome(
             answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **said
         )
-    if save and outcome.done:
+    if save and outcome.succeeded:
         with suppress(ConfigurationError):  # not noted, the next save of this value is not skipped: safe
             yield from wear.mark_saved(notation)
     return outcome

@@ -38,14 +38,14 @@ def wait_at_speed(
 ) -> DriveOperation[Outcome]:
     """The outcome once the drive runs at ``frequency_hz``. Raises TargetNotReached with what it reports instead."""
     around = yield from get_bus_conditions()
-    generation = around.generation
+    generation = around.stop_epoch
     limit_s = ramp_timeout_s(talk.drive.acceleration_s, timeout_s)
     until = around.now + limit_s
     near_hz = speed_tolerance_hz(talk, frequency_hz)
     while True:
         error = yield from talk.read_verified_state()
         around = yield from get_bus_conditions()
-        if around.generation != generation:
+        if around.stop_epoch != generation:
             raise talk.superseded_error()
         state, output = talk.derived.state, _output_hz(talk)
         if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:

@@ -6,7 +6,7 @@ from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import COMMAND_SETTLE_S, MAX_RESENDS, resend_frames, send_frames
 from drivebus.drives.operations.steps import DriveOperation, wait
-from drivebus.drives.permissives import COMMAND_TTL_S, DriveCommand, Kind
+from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
 from drivebus.errors import StartInhibited
 
@@ -22,7 +22,7 @@ def reset_fault(talk: OperationContext) -> DriveOperation[Outcome]:
     if not (yield from _has_fault(talk)):
         return talk.outcome(OutcomeStatus.CONFIRMED, "drives.no_fault", state=talk.derived.state)
     around = yield from talk.check_deadline()
-    command = talk.create_command(Kind.RESET, around)
+    command = talk.create_command(CommandKind.RESET, around)
     frames = talk.dialect.reset()
     answer = yield from send_frames(talk, command, frames)
     answered = answer.error is None
@@ -58,7 +58,12 @@ def _wait_until_cleared(
         if error is None and talk.derived.state is not DriveState.UNKNOWN and talk.derived.state not in FAULT_STATES:
             return talk.outcome(OutcomeStatus.CONFIRMED, "drives.reset_confirmed", state=talk.derived.state)
         still = error is None and talk.derived.state in FAULT_STATES
-        if still and not answered and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[Kind.RESET]:
+        if (
+            still
+            and not answered
+            and sent_again < MAX_RESENDS
+            and now < command.created_at + COMMAND_TTL_S[CommandKind.RESET]
+        ):
             again = yield from resend_frames(talk, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
         elif now > command.created_at + RESET_CONFIRM_TIMEOUT_S:

@@ -6,7 +6,7 @@ from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.steps import DriveOperation, wait
-from drivebus.drives.permissives import DriveCommand, Kind
+from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, StartInhibited
 
@@ -26,11 +26,11 @@ def set_frequency(talk: OperationContext, frequency_hz: float) -> DriveOperation
         raise error
     preflight = talk.drive.preflight
     if talk.derived.state is DriveState.FAULT and (preflight is None or not preflight.passed):
-        raise StartInhibited("drives.state_forbids", state=talk.derived.state, kind=Kind.SETPOINT)
+        raise StartInhibited("drives.state_forbids", state=talk.derived.state, kind=CommandKind.SETPOINT)
     if (yield from ensure_preflight(talk)) is not preflight:
         yield from talk.read_verified_state()
     around = yield from talk.check_deadline()
-    command = talk.create_command(Kind.SETPOINT, around)
+    command = talk.create_command(CommandKind.SETPOINT, around)
     return (yield from write_setpoint(talk, command, word, actual_hz))
 
 

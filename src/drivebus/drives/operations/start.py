@@ -10,7 +10,7 @@ from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.outcome import raise_for_status
-from drivebus.drives.permissives import COMMAND_TTL_S, DriveCommand, Kind
+from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeStatus
 from drivebus.errors import CapabilityError, Expired, StartInhibited, Superseded
 from drivebus.protocols.codec import BusResult
@@ -54,7 +54,7 @@ def check_readiness(talk: OperationContext) -> DriveOperation[None]:
     yield from _require_state(talk)
     state = talk.derived.state
     if talk.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
-        raise StartInhibited("drives.state_forbids", state=state, kind=Kind.START)
+        raise StartInhibited("drives.state_forbids", state=state, kind=CommandKind.START)
     known = talk.drive.preflight
     if (yield from ensure_preflight(talk)) is not known:
         yield from _require_state(talk)
@@ -88,12 +88,12 @@ def _start_from_standstill(
     if talk.dialect.start_includes_setpoint:
         return (yield from _send_start(talk, frequency_hz, direction, word))
     around = yield from talk.check_deadline()
-    start = talk.create_command(Kind.START, around)
+    start = talk.create_command(CommandKind.START, around)
     yield from talk.request_permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
-    setpoint = talk.create_command(Kind.SETPOINT, around)
+    setpoint = talk.create_command(CommandKind.SETPOINT, around)
     outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
-    if not outcome.done:
-        return outcome if outcome.word is OutcomeStatus.REFUSED else _not_started_outcome(outcome)
+    if not outcome.succeeded:
+        return outcome if outcome.status is OutcomeStatus.REFUSED else _not_started_outcome(outcome)
     yield from talk.check_not_superseded(setpoint)
     try:
         if talk.dialect.reports_run_state:
@@ -107,21 +107,21 @@ def _send_start(
     talk: OperationContext, frequency_hz: float, direction: Direction | None, word: int
 ) -> DriveOperation[Outcome]:
     around = yield from talk.check_deadline()
-    command = talk.create_command(Kind.START, around)
+    command = talk.create_command(CommandKind.START, around)
     frames = talk.dialect.start(direction, word)
     answer = yield from send_frames(talk, command, frames)
     refused = talk.rejected_outcome(answer)
     if refused is not None:
         return refused
     outcome = yield from confirm_start(talk, command, frames, direction, answer.error is None)
-    if outcome.word is OutcomeStatus.CONFIRMED and talk.dialect.start_includes_setpoint:
+    if outcome.status is OutcomeStatus.CONFIRMED and talk.dialect.start_includes_setpoint:
         return (yield from _check_setpoint(talk, outcome, word, frequency_hz))
     return outcome
 
 
 def _not_started_outcome(outcome: Outcome) -> Outcome:
     """The frequency is not known to have been taken, so the start never left."""
-    return replace(outcome, word=OutcomeStatus.FAILED, key="drives.not_started", params={"why": outcome})
+    return replace(outcome, status=OutcomeStatus.FAILED, key="drives.not_started", params={"why": outcome})
 
 
 def send_frames(
@@ -176,7 +176,7 @@ def confirm_start(
             return talk.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
         taken = talk.motion_seen or talk.dialect.confirms_start(talk.reading_pairs)
         may_resend = state is DriveState.STOPPED and not answered and not taken
-        if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[Kind.START]:
+        if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[CommandKind.START]:
             again = yield from resend_frames(talk, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
         elif talk.motion_seen and state.output_off:
@@ -206,12 +206,12 @@ def _check_setpoint(
     if not talk.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
     found = yield from read_back_setpoint(talk, word, frequency_hz, answered=True)
-    if found.word is OutcomeStatus.FAILED:
+    if found.status is OutcomeStatus.FAILED:
         return raise_for_status(
             found
         )  # raises: it runs, but not at what was asked for (a wrong scale or a wrong drive)
-    merged = replace(outcome, evidence=found.evidence)
-    if found.word is OutcomeStatus.CONFIRMED:
+    merged = replace(outcome, exchanges=found.exchanges)
+    if found.status is OutcomeStatus.CONFIRMED:
         return merged
     return with_note(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
 

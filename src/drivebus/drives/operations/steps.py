@@ -49,9 +49,9 @@ class BusConditions:
     """Monotonic seconds."""
     day: str = ""
     """Calendar day (ISO), for the EEPROM budget only."""
-    generation: int = 0
+    stop_epoch: int = 0
     """Stop generation: it grows with every stop of this station (6.5)."""
-    latched: bool = False
+    start_inhibited: bool = False
     foreign_master: bool = False
     duplicate: bool = False
     error_rate: float = 0.0

@@ -73,7 +73,7 @@ def stop(
     outcome = yield from _send_and_confirm(
         talk, mode, wait_confirmed, progress or StopProgress(talk, (yield from get_bus_conditions()).now)
     )
-    talk.may_be_running = talk.may_be_running and not outcome.done
+    talk.may_be_running = talk.may_be_running and not outcome.succeeded
     return outcome
 
 

@@ -111,12 +111,12 @@ def _param_from_json(name: str, value: Any) -> Any:
 def outcome_json(outcome: Outcome, command: str = "") -> Json:
     """An outcome with its sentence and the frames that prove it."""
     return {
-        "word": str(outcome.word),
+        "word": str(outcome.status),
         "key": outcome.key,
         "text": localized(outcome.key, outcome.params),
         "params": to_plain(outcome.params),
         "notes": [{"key": key, "text": localized(key, params)} for key, params in outcome.notes],
-        "frames": [exchange_json(one) for one in outcome.evidence],
+        "frames": [exchange_json(one) for one in outcome.exchanges],
         "command": command,
     }
 

@@ -182,7 +182,7 @@ class DriveCommands:
             unit.id,
             f"plant.did_{word}",
             actor=actor.name,
-            outcome=str(outcome.word),
+            outcome=str(outcome.status),
             **params,
             how=outcome,
         )
@@ -197,7 +197,7 @@ class DriveCommands:
         finally:
             unit.invalidate_comm_loss()  # what was read meanwhile may have been the old value
         self.plant.publish_event(
-            "configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.word)
+            "configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.status)
         )
         return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
 

@@ -53,8 +53,8 @@ class RemoteJogs:
         await self.commands.run_motion(unit, _start_session(lease))
         word = secrets.token_urlsafe(12)
         self._active[word] = ActiveJog(unit, actor, lease)
-        assert lease.begun is not None
-        told = self.commands.publish_outcome(unit, "jog", lease.begun, actor)
+        assert lease.start_outcome is not None
+        told = self.commands.publish_outcome(unit, "jog", lease.start_outcome, actor)
         return {"jog": word, "lease_s": lease.lease_s, **told}
 
     async def renew(self, params: ask.ActiveJogParams, actor: Actor) -> Json:
@@ -82,7 +82,7 @@ class RemoteJogs:
     def expire(self) -> None:
         """Jogs whose lease was lost: their stop is on its way already; who hears of it is told how it ended."""
         for word, held in tuple(self._active.items()):
-            if held.lease.lost:
+            if held.lease.expired:
                 del self._active[word]
                 self.plant.note_stop(held.drive)
                 self.plant.publish_event("lease", held.drive.id, "plant.jog_lost", actor=held.actor.name)
@@ -105,9 +105,9 @@ class RemoteJogs:
 
 async def _start_session(lease: JogSession) -> Any:
     await lease.__aenter__()
-    return lease.begun
+    return lease.start_outcome
 
 
 async def _stop_session(lease: JogSession) -> Any:
     await lease.__aexit__(None, None, None)
-    return lease.ended
+    return lease.stop_outcome

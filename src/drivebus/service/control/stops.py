@@ -58,7 +58,7 @@ class StopCommands:
             unit = by_address[address]
             outcomes[unit.id] = outcome_json(outcome, self.plant.command_id("stop"))
             self.plant.stop_counters.count_outcome(outcome)
-            if outcome.done:
+            if outcome.succeeded:
                 unit.started_by_service, unit.commanded_hz = False, None
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
             else:

@@ -39,8 +39,8 @@ class StopCounters:
     """The drive said yes, and can't be read."""
 
     def count_outcome(self, outcome: Outcome) -> None:
-        self.confirmed += outcome.word is OutcomeStatus.CONFIRMED
-        self.acknowledged += outcome.word is OutcomeStatus.ACKNOWLEDGED
+        self.confirmed += outcome.status is OutcomeStatus.CONFIRMED
+        self.acknowledged += outcome.status is OutcomeStatus.ACKNOWLEDGED
 
     def as_json(self) -> Json:
         return asdict(self)

@@ -44,7 +44,7 @@ class C320Station(C320Drive):
     family: ClassVar[str] = "c320"
     rule: FramingRule = FramingRule(5.0, requires_gap=True, start_bytes=b"\x2a\x5a")
     broadcast: ClassVar[int] = sunfar.BROADCAST
-    line: ClassVar[SerialSettings] = SerialSettings(9600, 8, "E")
+    factory_settings: ClassVar[SerialSettings] = SerialSettings(9600, 8, "E")
 
     def __init__(
         self,
@@ -92,13 +92,13 @@ class C320Station(C320Drive):
             self.advance(now)
             self.silent_s = 0.0
 
-    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+    def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
         """Codes 6, 7 and 8 in the short frame; a bad sum or end mark gets no answer (section 3)."""
         self.silent_s = 0.0
         reply = sunfar.error_reply(error)
         return reply if reply is not None and reply.address == self.address else None
 
-    def answer(self, message: Any, codec: Codec) -> Any:
+    def handle_request(self, message: Any, codec: Codec) -> Any:
         self.silent_s = 0.0
         request, operation = message.request, message.operation
         before = self.state
@@ -159,7 +159,7 @@ class C320Station(C320Drive):
 
     def _read(self, group: int, item: int) -> SunfarReply:
         key = group << 8 | item
-        refusal = self.memory.refuses_read(key)
+        refusal = self.memory.read_rejection(key)
         response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
         data = 0 if refusal else self.memory[key]
         return SunfarReply(self.address, response, group=group, item=item, data=data)
@@ -167,7 +167,7 @@ class C320Station(C320Drive):
     def _write(self, request: sunfar.SunfarWriteParameter) -> SunfarReply:
         """Classes 3 (RAM) and 5 (EEPROM too). Refused: the data read 0000."""
         key = request.group << 8 | request.item
-        refusal = self.memory.refuses_write(key, request.data, self.running)
+        refusal = self.memory.write_rejection(key, request.data, self.running)
         if refusal is None:
             self.memory.write(key, request.data, save=request.save)
         response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK

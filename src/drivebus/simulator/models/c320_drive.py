@@ -122,11 +122,11 @@ class C320Drive(Station):
         self.motor.step(1e-3)
         if self.restarting:
             self.restarting = False
-            self.direct(self.reference_hz)
+            self.run_towards(self.reference_hz)
 
     def monitor(self, number: int) -> int:
         """d.n. Known: d.0, d.1, d.4, d.15, d.37 (and d.6 on the E series); d.2, d.3, d.5 are the sim's own."""
-        motor = self.seen
+        motor = self.displayed_motor
         match number:
             case 0:
                 return round(abs(motor.output_hz) / self.step_hz)
@@ -187,19 +187,19 @@ class C320Drive(Station):
             self.motor.reset()
         return SunfarResponse.OK
 
-    def press_run(self, frequency_hz: float, reverse: bool = False) -> None:
+    def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
         """Not while an emergency stop stands, as from the bus: the manual names no way to run in that state."""
         if not self.emergency:
-            super().press_run(frequency_hz, reverse)
+            super().keypad_run(frequency_hz, reverse)
 
     def _set_frequency(self, frequency_hz: float) -> None:
         self.setpoint_hz = frequency_hz
         if self.running and not self.jogging and not self.motor.stopping:
-            self.direct(self.reference_hz)
+            self.run_towards(self.reference_hz)
 
     def _start(self, direction: int) -> None:
         self.jogging, self.reverse = False, direction < 0
-        self.direct(self.reference_hz)
+        self.run_towards(self.reference_hz)
 
     def _jog(self, direction: int, data: int | None) -> None:
         """A drive that runs does not jog."""

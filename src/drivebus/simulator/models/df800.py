@@ -52,7 +52,7 @@ class DF800Station(Station):
     family: ClassVar[str] = "df800"
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
-    line: ClassVar[SerialSettings] = SerialSettings(9600)
+    factory_settings: ClassVar[SerialSettings] = SerialSettings(9600)
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class DF800Station(Station):
         """2001H with F1.01 = 5, else F1.00."""
         return self.bus_hz if self.memory[FREQUENCY_SOURCE] == 5 else self.memory[KEYPAD_HZ] / 100.0
 
-    def answer(self, message: Any, codec: Codec) -> Any:
+    def handle_request(self, message: Any, codec: Codec) -> Any:
         if message.address == self.broadcast and not self.accepts_broadcast:
             return None
         match message:
@@ -105,7 +105,7 @@ class DF800Station(Station):
                     return modbus.WriteAck(message.address, 6, message.register, message.value)
         return modbus.ExceptionReply(message.address, message.function, None)
 
-    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+    def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
         """Its error is the function unchanged and one byte 00 (T15), whatever was wrong."""
         if not isinstance(error, modbus.IllegalRequest):
             return None
@@ -126,11 +126,11 @@ class DF800Station(Station):
             return shown if self.reads_command else None
         if register < 16:
             return self._monitor(register) & 0xFFFF
-        return None if self.memory.refuses_read(register) else self.memory[register]
+        return None if self.memory.read_rejection(register) else self.memory[register]
 
     def _monitor(self, number: int) -> int:
         """F0.03 is the current and F0.05 the speed; the other places are the sim's own."""
-        motor = self.seen
+        motor = self.displayed_motor
         match number:
             case 0:
                 return round(abs(motor.output_hz) * 100)
@@ -154,7 +154,7 @@ class DF800Station(Station):
             return True
         if register == FREQUENCY:
             return self._set_frequency(value)
-        if self.memory.refuses_write(register, value, self.running) is not None:
+        if self.memory.write_rejection(register, value, self.running) is not None:
             return False
         self.memory.write(register, value, save=True)
         return True
@@ -164,7 +164,7 @@ class DF800Station(Station):
             return False
         self.bus_hz = value / 100.0
         if self.running and not self.jogging and not self.motor.stopping:
-            self.direct(self.reference_hz)
+            self.run_towards(self.reference_hz)
         return True
 
     def _command(self, word: int) -> None:
@@ -180,10 +180,10 @@ class DF800Station(Station):
             self.motor.stop()
         elif run == START:
             self.jogging = False
-            self.direct(self.reference_hz)
+            self.run_towards(self.reference_hz)
         elif run == JOG and not self.running:
             self.jogging = True
-            self.direct(self.memory[JOG_HZ] / 100.0)
+            self.run_towards(self.memory[JOG_HZ] / 100.0)
 
     def _apply_direction(self, field: int) -> None:
         if self.direction_field == "b2b3":
@@ -192,7 +192,7 @@ class DF800Station(Station):
             return
         self.reverse = not self.reverse if field == TOGGLE else field == BACKWARD
         if self.running and not self.motor.stopping:
-            self.direct(abs(self.motor.target_hz))
+            self.run_towards(abs(self.motor.target_hz))
 
     def trip_code(self, trip: Trip) -> int:
         return list(Trip).index(trip) + 1

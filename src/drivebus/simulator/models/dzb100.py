@@ -79,7 +79,7 @@ class DZB100Station(Station):
     rule: FramingRule = FramingRule(5.0, start_bytes=b"CPRQ")
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
-    line: ClassVar[SerialSettings] = SerialSettings(4800, 8, "E")
+    factory_settings: ClassVar[SerialSettings] = SerialSettings(4800, 8, "E")
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class DZB100Station(Station):
         self.motor.decel_s = max(1, decode_steps(self.memory[DECEL_TIME], self.parameter_coding) or 1) / 10.0
         super().elapse(dt)
 
-    def answer(self, message: Any, codec: Codec) -> Any:
+    def handle_request(self, message: Any, codec: Codec) -> Any:
         match message:
             case dzb100.Dzb100Control():
                 return self._control(message)
@@ -144,7 +144,7 @@ class DZB100Station(Station):
             self.motor.stop()
         elif command in (1, 3):
             self.jogging, self.reverse = False, command == 3
-            self.direct(self.setpoint_hz)
+            self.run_towards(self.setpoint_hz)
         elif command in (4, 5, 6, 7) and (self.jogging or not self.running):
             self.jogging = True
             hz = (decode_steps(self.memory[JOG_HZ], self.parameter_coding) or 0) / _STEPS_PER_HZ[self.parameter_coding]
@@ -159,24 +159,24 @@ class DZB100Station(Station):
             self.setpoint_hz = steps / _STEPS_PER_HZ[self.setpoint_coding]
 
     def _read(self, request: dzb100.Dzb100ReadParameter) -> Any:
-        known = self.memory.refuses_read(request.parameter) is None
+        known = self.memory.read_rejection(request.parameter) is None
         data = self.memory[request.parameter] if known else 0
         return dzb100.Dzb100Reply("R", self.address, request.parameter, data, known)
 
     def _write(self, request: dzb100.Dzb100WriteParameter) -> Any:
-        refused = self.memory.refuses_write(request.parameter, request.data, self.running) is not None
+        refused = self.memory.write_rejection(request.parameter, request.data, self.running) is not None
         if not refused:
             self.memory.write(request.parameter, request.data, save=True)
         return dzb100.Dzb100Reply("P", self.address, request.parameter, request.data, not refused)
 
     def _query(self, request: dzb100.Dzb100Query) -> Any:
         """X0-X3: only the low digit counts."""
-        word = self.queried(request.item % 10)
+        word = self.query_word(request.item % 10)
         return dzb100.Dzb100Reply("Q", self.address, request.item, word or 0, word is not None)
 
-    def queried(self, item: int) -> int | None:
+    def query_word(self, item: int) -> int | None:
         """The word of Q00-Q03; None for an item that does not exist."""
-        motor, steps = self.seen, _STEPS_PER_HZ[self.query_coding]
+        motor, steps = self.displayed_motor, _STEPS_PER_HZ[self.query_coding]
         match item:
             case 0:
                 return encode_steps(round(self.setpoint_hz * steps), self.query_coding)
@@ -197,7 +197,7 @@ class DZB100Station(Station):
     def set_ramps(self, accel_s: float, decel_s: float) -> None:
         """In 0.1 s, spelled as this drive spells its parameters."""
         for key, seconds in zip(self.ramp_keys, (accel_s, decel_s), strict=True):
-            self.press_set(key, encode_steps(max(1, round(seconds * 10)), self.parameter_coding))
+            self.keypad_set(key, encode_steps(max(1, round(seconds * 10)), self.parameter_coding))
 
     def trip_code(self, trip: Trip) -> int:
         return FAULT_CODES[trip]

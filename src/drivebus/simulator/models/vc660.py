@@ -57,7 +57,7 @@ class VC660Station(Station):
     rule: FramingRule = FramingRule(3.5, ends_by_silence=True)
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
-    line: ClassVar[SerialSettings] = SerialSettings(9600)
+    factory_settings: ClassVar[SerialSettings] = SerialSettings(9600)
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class VC660Station(Station):
         if self.emergency and not self.motor.energised:
             self.emergency = False
 
-    def answer(self, message: Any, codec: Codec) -> Any:
+    def handle_request(self, message: Any, codec: Codec) -> Any:
         match message:
             case modbus.Diagnostics():
                 return modbus.DiagnosticsReply(message.address, message.data)
@@ -102,7 +102,7 @@ class VC660Station(Station):
                 return self._write(message)
         return modbus.ExceptionReply(message.address, message.function, ILLEGAL_FUNCTION)
 
-    def refuse(self, error: ProtocolError, codec: Codec) -> Any:
+    def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
         """A whole frame with a good CRC that asks for what does not exist gets an exception, anything else silence."""
         if not isinstance(error, modbus.IllegalRequest):
             return None
@@ -136,7 +136,7 @@ class VC660Station(Station):
         return self._monitor(register - 0x3000) & 0xFFFF
 
     def _monitor(self, number: int) -> int:
-        motor = self.seen
+        motor = self.displayed_motor
         match number:
             case 0x00:
                 return self._status(motor)
@@ -199,7 +199,7 @@ class VC660Station(Station):
         if 0x2000 <= register <= 0x2009:
             return self._control_register(register - 0x2000, value)
         key = register & ~SAVE_BIT
-        refusal = self.memory.refuses_write(key, value, self.running)
+        refusal = self.memory.write_rejection(key, value, self.running)
         if refusal is None:
             self.memory.write(key, value, save=bool(register & SAVE_BIT))
             return 0
@@ -233,7 +233,7 @@ class VC660Station(Station):
         if self.memory[FREQUENCY_SOURCE] == 4:
             self.setpoint_hz = value / 100.0
             if self.running and not self.jogging and not self.paused and not self.motor.stopping:
-                self.direct(self.setpoint_hz)
+                self.run_towards(self.setpoint_hz)
         return 0
 
     def _command(self, word: int) -> None:
@@ -256,7 +256,7 @@ class VC660Station(Station):
             self.motor.stop()
         elif pulses & START:
             self.jogging = False
-            self.direct(0.0 if self.paused else self.reference_hz)
+            self.run_towards(0.0 if self.paused else self.reference_hz)
         else:
             self._jog(word, fresh, gone)
 
@@ -267,9 +267,9 @@ class VC660Station(Station):
         self.motor.hold = bool(word & HOLD)
         if self.running and not self.jogging and not self.motor.stopping:
             if self.paused:
-                self.direct(0.0)
+                self.run_towards(0.0)
             elif turned or paused:
-                self.direct(self.reference_hz)
+                self.run_towards(self.reference_hz)
 
     def _jog(self, word: int, fresh: int, gone: int) -> None:
         jogs = JOG_FORWARD | JOG_REVERSE
