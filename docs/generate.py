@@ -8,9 +8,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from generator import pages
-
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT))  # the package `verification` is not installed
+
+from generator import pages  # noqa: E402
 
 
 def main(arguments: list[str]) -> int:

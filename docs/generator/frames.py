@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from generator.layouts import layout
+from generator.frame_layouts import layout
 from generator.words import colon, phrase, say, side, table
 
 SOURCES = (

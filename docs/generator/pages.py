@@ -9,18 +9,18 @@ from pathlib import Path
 from drivebus import profiles
 from drivebus.i18n import LANGUAGES
 from generator import (
-    arithmetic,
-    campaigns,
+    bus_load,
     cli_reference,
     drives,
     error_reference,
+    fault_matrix,
     frames,
-    matrix,
     metrics_reference,
     plant_reference,
     profile_tables,
     python_reference,
     rest_reference,
+    verification,
 )
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
@@ -44,11 +44,11 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         readme = root / f"README{suffix}.md"
         yield readme, _filled(readme, {"drives": drives.table(language)})
         proof = root / "docs" / "explanation" / f"what-we-prove{suffix}.md"
-        yield proof, _filled(proof, {"campaigns": campaigns.campaign_table(root / "docs" / "reports", language)})
+        yield proof, _filled(proof, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
-        yield page, _filled(page, matrix.page_parts(root, language))
+        yield page, _filled(page, fault_matrix.page_parts(root, language))
         page = root / "docs" / "explanation" / f"timing{suffix}.md"
-        yield page, _filled(page, {"arithmetic": arithmetic.bus_load_page(language)})
+        yield page, _filled(page, {"arithmetic": bus_load.bus_load_page(language)})
         page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
         yield page, _filled(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
         reference = root / "docs" / "reference"

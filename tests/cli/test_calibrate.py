@@ -29,7 +29,7 @@ class Person:
         self.keys = list(keys)
         self.asked: list[int] = []
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         self.asked.append(station().motor.starts)
 
     async def get(self, timeout_s: float | None = None) -> str | None:

@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus import errors as exits
-from drivebus import profiles
-from drivebus.cli import errors
+from drivebus import errors, profiles
+from drivebus.cli import errors as cli_errors
 from drivebus.cli.root import cli
 from drivebus.simulator.port import clear_simulated_buses
 
@@ -93,7 +92,7 @@ def test_g16_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
     words = ("write", "sim://df800@1", "--save", "--model", "df800", "--address", "1")
     assert ask(*words, "F1.07=12", "--saves-per-day", "1")["outcome"] == "confirmed"
     error = ask(*words, "F1.07=13", "--saves-per-day", "1", code=1)["error"]
-    assert (error["type"], error["params"]["budget"]) == ("WearBudget", 1)
+    assert (error["type"], error["params"]["budget"]) == ("EepromBudgetExceeded", 1)
     assert "--saves-per-day" in error["hint"]
     assert ask(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
 
@@ -280,7 +279,7 @@ def test_run_refuses_an_uncapped_frequency_until_the_coding_is_settled() -> None
     ],
 )
 def test_each_error_has_its_exit_code(error: errors.DrivebusError, code: int) -> None:
-    assert exits.exit_code_of(error) == code
+    assert cli_errors.exit_code_of(error) == code
 
 
 def test_nothing_that_moved_or_may_have_moved_the_motor_goes_without_a_stop() -> None:

@@ -127,7 +127,7 @@ class LazyGroup(_LocalizedHelp, click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            if not hasattr(error, "command_key"):
+            if not hasattr(error, "command_name"):
                 raise
             from difflib import get_close_matches
 

@@ -113,7 +113,7 @@ def usage_text(error: click.ClickException) -> str:
         return _with_suggestions("cli.no_such_option", error.option_name, error.possibilities)
     if isinstance(error, click.exceptions.UsageError) and type(error).__name__ == "NoSuchCommand":
         return _with_suggestions(
-            "cli.no_such_verb", getattr(error, "command_key", ""), getattr(error, "possibilities", None)
+            "cli.no_such_verb", getattr(error, "command_name", ""), getattr(error, "possibilities", None)
         )
     if isinstance(error, click.MissingParameter):
         return output.text("cli.missing", name=_parameter_name(error))

@@ -40,7 +40,7 @@ def _row(name: str, profile: Any) -> dict[str, Any]:
         "maker": output.to_json_value(profile.maker),
         "family": profile.family,
         "encodings": list(profile.encodings),
-        "line": {"baud": profile.line.baud, "format": profile.line.format},
+        "line": {"baud": profile.serial.baud, "format": profile.serial.format},
         "addresses": list(profile.addresses),
         "broadcast": profile.broadcast,
         "grade": profile.grade,

@@ -77,11 +77,13 @@ class RemoteDrive:
         found = await self.call("parameters.read", names=list(names))
         return {name: parse_reading(one, RemoteBus.now()) for name, one in found["parameters"].items()}
 
-    async def if_host_dies(self) -> Any:
+    async def comm_loss_behaviour(self) -> Any:
         """As the service has read it from the drive."""
         found = (await self.call("drives.get"))["host_dies"]
         text = found["text"] or {}
-        return SimpleNamespace(trips=found["kind"] == "trips", text=lambda language: text.get(language, ""))
+        return SimpleNamespace(
+            stops_on_comm_loss=found["kind"] == "trips", text=lambda language: text.get(language, "")
+        )
 
     # --- commands -----------------------------------------------------------------------------------------------
 
