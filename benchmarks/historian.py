@@ -28,7 +28,7 @@ from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
 from drivebus.service.historian.blocks import encode_points
 from drivebus.service.historian.points import Points
-from drivebus.service.historian.resolution import DAY_MS, HOUR_MS, MINUTE_MS, RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.points import DAY_MS, HOUR_MS, MINUTE_MS, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.store import Block, Compaction
 from drivebus.service.live.views import Sample
 from drivebus.values import Quality

@@ -114,7 +114,7 @@ def free_port() -> int:
 def _add_token(directory: Path) -> None:
     from drivebus.service.auth.rights import Right, Role
     from drivebus.service.auth.sessions import secret_digest
-    from drivebus.service.auth.user_file import UserFile
+    from drivebus.service.auth.users import UserFile
     from drivebus.service.auth.users import Token, User, UserDatabase
 
     user = User("bench", Role.ADMINISTRATOR, "never used", 0)

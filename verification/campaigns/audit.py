@@ -11,8 +11,8 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 from drivebus.service.audit.chain import AuditChain
-from drivebus.service.audit.entry import AuditEntry, entry_json
-from drivebus.service.audit.paths import AuditPaths
+from drivebus.service.audit.records import AuditEntry, entry_json
+from drivebus.service.audit.chain import AuditPaths
 from drivebus.service.audit.verify import AuditReport, verify
 from verification.campaign import Campaign, CampaignRun
 from verification.security import audit_tampering

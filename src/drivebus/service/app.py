@@ -15,8 +15,8 @@ from drivebus.service.api.dispatcher import Dispatcher
 from drivebus.service.api.frames import LazyFrame
 from drivebus.service.api.queries import Queries
 from drivebus.service.auth.actor import Actor, local_actor
+from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
-from drivebus.service.config.polling import profile_of
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs

@@ -15,8 +15,8 @@ from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.api import operations as ask
 from drivebus.service.audit import AuditTrail
 from drivebus.service.auth.actor import Actor
+from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import PlantConfig
-from drivebus.service.config.polling import profile_of
 from drivebus.service.historian import Historian
 from drivebus.service.incidents import IncidentStore
 from drivebus.service.incidents.service import AlarmIncidentService

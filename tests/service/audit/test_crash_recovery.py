@@ -14,9 +14,8 @@ from typing import Any
 import pytest
 
 from drivebus.service.audit import records
-from drivebus.service.audit.chain import AuditChain
-from drivebus.service.audit.entry import entry_json
-from drivebus.service.audit.paths import AuditPaths
+from drivebus.service.audit.chain import AuditChain, AuditPaths
+from drivebus.service.audit.records import entry_json
 from drivebus.service.audit.verify import verify
 from fixtures.audit import sample_entry
 

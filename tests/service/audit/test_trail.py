@@ -15,8 +15,7 @@ from drivebus.profiles.model import Text
 from drivebus.service.api.errors import os_reason
 from drivebus.service.assemble import ServiceStores
 from drivebus.service.audit import AuditEntry
-from drivebus.service.audit.entry import MAX_TEXT_LENGTH
-from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES
+from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage import append_log, batch_writer
 from fixtures.audit import LI, counting_clock, new_trail, problem_kinds, sample_entry, verify_report, written_trail

@@ -418,7 +418,7 @@ def test_s07_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest
     """The monotonic clock begins anew with the machine: ages would be wrong."""
     access, clock = auth_service(tmp_path)
     secret, _ = login(access)
-    monkeypatch.setattr("drivebus.service.auth.session_store._BOOT", tmp_path / "another")
+    monkeypatch.setattr("drivebus.service.auth.sessions._BOOT", tmp_path / "another")
     assert restarted(access, clock).session_credential(secret) is None
     (tmp_path / "another").write_text("another boot")
     assert restarted(access, clock).session_credential(secret) is None
@@ -443,7 +443,7 @@ def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.Mo
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("drivebus.service.auth.session_store.replace_private", full)
+    monkeypatch.setattr("drivebus.service.auth.sessions.replace_private", full)
     secret, visitor = login(access)
     assert access.session_credential(secret) is not None
     run(access.logout(visitor.session))

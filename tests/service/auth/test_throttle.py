@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.service.auth.errors import NotAuthenticated, TooManyAttempts
-from drivebus.service.auth.throttle import (
+from drivebus.service.auth.passwords import (
     FREE_ATTEMPTS,
     MAX_LOGIN_DELAY_S,
     MAX_THROTTLED_KEYS,

@@ -24,8 +24,7 @@ from drivebus.service.auth.errors import (
     retry_after,
 )
 from drivebus.service.auth.rights import Right, Role
-from drivebus.service.auth.user_file import UserFile
-from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase
+from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
 
 ADMIN = User("ann", Role.ADMINISTRATOR, "$hash", 1)
 TOKEN = Token("t1", "scada", "ann", (Right.VIEW,), "d" * 64, 1, 2)

@@ -9,8 +9,8 @@ import pytest
 from drivebus.errors import ConfigurationError
 from drivebus.ports.url import parse_port_url
 from drivebus.service import config
+from drivebus.service.config.check import redact_url
 from drivebus.service.config.check_buses import device_of
-from drivebus.service.config.check_paths import redact_url
 from drivebus.service.config.model import AlarmKind, AlarmPriority, PlantConfig
 from drivebus.service.interlocks.expression import STATE_WORDS
 from fixtures.service import FAN_FILE

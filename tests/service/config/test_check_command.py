@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from drivebus.cli.root import cli
 from drivebus.service import config
-from drivebus.service.config import requirements
+from drivebus.service.config import bus_load
 from drivebus.service.config.bus_load import bus_loads
 from fixtures.service import FAN_FILE
 
@@ -92,10 +92,10 @@ def test_a_demand_that_means_nothing_is_a_usage_error(plant: Path, text: str) ->
 
 
 def test_a_demand_is_read_in_seconds_and_percent() -> None:
-    assert requirements.parse_requirement("stop<250ms").limit == 0.25
+    assert bus_load.parse_requirement("stop<250ms").limit == 0.25
     assert (
-        requirements.parse_requirement(" load <= 80 % ").limit,
-        requirements.parse_requirement("load<=80%").sign,
+        bus_load.parse_requirement(" load <= 80 % ").limit,
+        bus_load.parse_requirement("load<=80%").sign,
     ) == (
         80.0,
         "<=",

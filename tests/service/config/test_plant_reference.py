@@ -68,8 +68,8 @@ def test_the_example_on_the_page_loads(page: Path) -> None:
 
 
 def test_states_and_paces_on_the_page_are_the_codes_own() -> None:
+    from drivebus.service.config.bus_load import CANDIDATE_INTERVALS_S
     from drivebus.service.config.diff import REPOLL_FIELDS, UPDATE_FIELDS
-    from drivebus.service.config.polling import CANDIDATE_INTERVALS_S
 
     for suffix in ("", ".zh"):
         page = (ROOT / "docs" / "reference" / f"plant-toml{suffix}.md").read_text(encoding="utf-8")

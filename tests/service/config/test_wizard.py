@@ -18,8 +18,7 @@ from drivebus.cli.root import cli
 from drivebus.commissioning.scan import DetectedDrive
 from drivebus.serial_settings import SerialSettings
 from drivebus.service import config
-from drivebus.service.config.generate import plant_toml
-from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers, read_answers
+from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers, plant_toml, read_answers
 
 ANSWERS = """
 title = "Boiler house 锅炉房"

@@ -17,7 +17,7 @@ from drivebus.service.api.operations import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as room
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
-from drivebus.service.historian.write_queue import WriteQueue
+from drivebus.service.historian.writer import WriteQueue
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, trend
 
 HOUR = 3_600_000

@@ -19,7 +19,7 @@ from typing import Any
 from drivebus.service.api.operations import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
-from drivebus.service.historian.resolution import DAY_MS
+from drivebus.service.historian.points import DAY_MS
 from fixtures.historian import NOON_MS, samples_of, trend
 
 KILLS = int(os.environ.get("DRIVEBUS_KILLS", "20"))

@@ -12,9 +12,19 @@ from hypothesis import strategies as st
 from drivebus.service.historian import blocks, points
 from drivebus.service.historian.blocks import DamagedBlock
 from drivebus.service.historian.compaction import compact_samples
-from drivebus.service.historian.points import BAD, GOOD, UNCERTAIN, Points
-from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
-from drivebus.service.historian.trend import coarsest_covering, coarsest_sufficient, downsample, series_json, with_gaps
+from drivebus.service.historian.points import (
+    BAD,
+    GOOD,
+    RESOLUTIONS,
+    UNCERTAIN,
+    Points,
+    ResolutionLevel,
+    coarsest_covering,
+    coarsest_sufficient,
+    downsample,
+    series_json,
+    with_gaps,
+)
 from fixtures.historian import NOON_MS
 
 TIMES = st.integers(-3_600_000, 4 * 3_600_000)

@@ -8,8 +8,8 @@ import pytest
 
 from drivebus.service.api.operations import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
-from drivebus.service.historian import Historian, retention, writer
-from drivebus.service.historian.resolution import DAY_MS, HOUR_MS, ResolutionLevel
+from drivebus.service.historian import Historian, compaction, writer
+from drivebus.service.historian.points import DAY_MS, HOUR_MS, ResolutionLevel
 from fixtures.historian import NOON_MS, FakeWallClock, HistoryDatabase, compact_all, samples, trend
 
 TEN_YEARS = 3650 * DAY_MS
@@ -55,7 +55,7 @@ async def test_each_level_stays_as_long_as_it_is_set(
             historian.put_event({"id": n, "time_ms": NOON_MS, "kind": "command"})
         await compact_all(historian)
         day = 86_400_000
-        monkeypatch.setattr(retention, "MAX_EVENTS", 1)
+        monkeypatch.setattr(compaction, "MAX_EVENTS", 1)
         story = []
         for days in (1, 1.5, 5, 23, 61):
             await clocks.passes(round(days * day), round(days * day))
@@ -105,10 +105,10 @@ async def test_a_clock_that_jumps_deletes_nothing(database: HistoryDatabase, jum
 
 
 def test_a_pause_counts_as_a_day_at_most_and_never_backwards() -> None:
-    assert retention.clock_at_start(None, NOON_MS) == 0
-    assert retention.clock_at_start((5000, NOON_MS), NOON_MS + 300) == 5300
-    assert retention.clock_at_start((5000, NOON_MS), NOON_MS + TEN_YEARS) == 5000 + DAY_MS
-    assert retention.clock_at_start((5000, NOON_MS), NOON_MS - TEN_YEARS) == 5000
+    assert compaction.clock_at_start(None, NOON_MS) == 0
+    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS + 300) == 5300
+    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS + TEN_YEARS) == 5000 + DAY_MS
+    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS - TEN_YEARS) == 5000
 
 
 async def test_age_goes_on_over_a_restart(database: HistoryDatabase) -> None:
@@ -153,7 +153,7 @@ async def test_enough_room_deletes_nothing(database: HistoryDatabase) -> None:
         await compact_all(historian)
         later = 10 * HOUR_MS
         assert not await historian._on_writer_thread(
-            lambda: retention.delete_oversize(historian.writer._store, database.setting, later)
+            lambda: compaction.delete_oversize(historian.writer._store, database.setting, later)
         )
         assert await kept(historian) == [True] * 4
 

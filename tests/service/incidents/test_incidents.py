@@ -20,9 +20,14 @@ from drivebus.errors import NoReply, NotFound
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.incidents import IncidentRecorder, IncidentStore
-from drivebus.service.incidents.parameters import incident_parameters
-from drivebus.service.incidents.recorder import INCIDENT_REPEAT_S, TRIP_ALARM_KINDS, BusSnapshot
-from drivebus.service.incidents.ring_buffer import MAX_BUFFERED_SAMPLES, RingBuffer
+from drivebus.service.incidents.recorder import (
+    INCIDENT_REPEAT_S,
+    MAX_BUFFERED_SAMPLES,
+    TRIP_ALARM_KINDS,
+    BusSnapshot,
+    RingBuffer,
+    incident_parameters,
+)
 from drivebus.service.live.views import Sample
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 
 from drivebus.drives import MemoryStore
 from drivebus.service.app import Service
-from drivebus.service.auth.setup_secret import SETUP_SECRET_FILE
+from drivebus.service.auth.service import SETUP_SECRET_FILE
 from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.process.web_args import WebArguments

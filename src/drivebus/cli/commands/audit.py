@@ -15,7 +15,7 @@ from drivebus.cli.errors import ExitCode
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from drivebus.service.audit.paths import AuditPaths
+    from drivebus.service.audit.chain import AuditPaths
     from drivebus.service.config.model import AuditConfig
 
 MAX_TIME_MS = 253_402_300_799_999
@@ -65,7 +65,7 @@ def escape_control_characters(text: str) -> str:
 
 def _places(plant: str | None, checkpoints: str | None, key: str | None) -> AuditPaths:
     """Of a plant's file, of a state directory, or of the only plant that this user has. Raises ConfigurationError."""
-    from drivebus.service.audit.paths import AuditPaths
+    from drivebus.service.audit.chain import AuditPaths
 
     folder, kept = _state_directory(plant)
     places = AuditPaths.of(

@@ -13,20 +13,20 @@ from drivebus.cli.errors import ExitCode
 if TYPE_CHECKING:
     from drivebus.service.config.bus_load import BusLoadEstimate, DriveLoadEstimate
     from drivebus.service.config.model import PlantConfig
-    from drivebus.service.config.requirements import LoadRequirement, RequirementViolation
+    from drivebus.service.config.bus_load import LoadRequirement, RequirementViolation
 
 
 def _demand(text: str) -> LoadRequirement:
-    from drivebus.service.config import requirements
+    from drivebus.service.config import bus_load
 
-    return requirements.parse_requirement(text)
+    return bus_load.parse_requirement(text)
 
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """2 where the file is refused (ConfigurationError), 1 where it does not keep what was demanded."""
     from drivebus.service.config.bus_load import bus_loads
     from drivebus.service.config.load import load
-    from drivebus.service.config.requirements import violations
+    from drivebus.service.config.bus_load import violations
 
     setting = load(plant)
     buses = bus_loads(setting)

@@ -32,7 +32,7 @@ def _init(
     force: bool,
 ) -> ExitCode:
     """1 where nobody answered a scan; 2 where the file exists or the answers make no plant."""
-    from drivebus.service.config.generate import plant_toml
+    from drivebus.service.config.wizard import plant_toml
     from drivebus.service.config.load import loads
     from drivebus.service.config.wizard import read_answers
 

@@ -27,7 +27,7 @@ def _folder(plant: str | None, directory: str | None) -> Path:
         return Path(directory)
     if plant is None:
         raise ConfigurationError("stop_all.which")
-    from drivebus.service.config.state_dir import state_directory_of
+    from drivebus.service.config.load import state_directory_of
 
     return state_directory_of(plant)
 

@@ -1,22 +1,130 @@
-"""Every alarm of the plant: raised, acknowledged, shelved, cleared. Pure: time is an argument, the log is handed in.
+"""What is put aside for a while. By the monotonic clock; the UTC label is for people (F21).
+
+A new alarm, and what it says in both languages with its numbers.
+
+Every alarm of the plant: raised, acknowledged, shelved, cleared. Pure: time is an argument, the log is handed in.
 
 ``now`` is the monotonic second, by which delays and shelves run; ``now_ms`` the UTC label that people read (F21).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
+from drivebus import i18n
 from drivebus.errors import NotFound
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import Text
-from drivebus.service.alarms import texts
-from drivebus.service.alarms.condition import AlarmCondition
-from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS, Alarm, AlarmChange, AlarmKey, SystemAlarm
-from drivebus.service.alarms.shelf import AlarmShelf
+from drivebus.service.alarms.condition import AlarmCondition, Observation
+from drivebus.service.alarms.model import (
+    SYSTEM_ALARM_KINDS,
+    SYSTEM_ALARM_PRIORITIES,
+    Alarm,
+    AlarmChange,
+    AlarmKey,
+    SystemAlarm,
+)
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig
 from drivebus.service.live.views import DriveView, Json
+
+MAX_SHELVED_MS = 86_400_000
+"""Nothing is put aside for longer than a day, whatever a clock was set to in between."""
+
+
+class AlarmShelf:
+    """An alarm's key → until when."""
+
+    def __init__(self) -> None:
+        self._until: dict[AlarmKey, tuple[float, int]] = {}
+
+    def shelve(self, key: AlarmKey, minutes: int, now: float, now_ms: int) -> int:
+        """The label of its end."""
+        self._until[key] = (now + minutes * 60.0, now_ms + minutes * 60_000)
+        return self._until[key][1]
+
+    def restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
+        """It was put aside when the service ended: for what is left of that, as far as the label can tell."""
+        if alarm.shelved_until_ms is not None:
+            left_ms = min(max(0, alarm.shelved_until_ms - now_ms), MAX_SHELVED_MS)
+            self._until[alarm.key] = (now + left_ms / 1000, alarm.shelved_until_ms)
+
+    def until_ms(self, key: AlarmKey) -> int | None:
+        found = self._until.get(key)
+        return None if found is None else found[1]
+
+    def expired(self, now: float) -> list[AlarmKey]:
+        """Whose time is over."""
+        return [key for key, (until, _) in self._until.items() if now >= until]
+
+    def remove(self, key: AlarmKey) -> None:
+        """It is no longer put aside. Idempotent."""
+        self._until.pop(key, None)
+
+
+def formatted_number(value: Any) -> Any:
+    """As short as it can be said: 50, not 50.000; a word stays a word."""
+    return f"{round(value, 3):.12g}" if isinstance(value, float) else value
+
+
+def signal_name(name: str) -> Text:
+    """``output_frequency`` as people say it, where the catalogues know it."""
+    key = f"signal.{name}"
+    return bilingual_text(key) if i18n.known(key) else Text(name, name)
+
+
+def alarm_title(setting: AlarmConfig, params: Mapping[str, Any]) -> Text:
+    """The plant's own title, else what the kind is called."""
+    if setting.title.en or setting.title.zh:
+        return Text(setting.title.en or setting.title.zh, setting.title.zh or setting.title.en)
+    return bilingual_text(f"alarms.title.{setting.kind}", **params)
+
+
+def alarm_text(kind: AlarmKind, params: Mapping[str, Any]) -> Text:
+    """What is the matter, with the numbers."""
+    return bilingual_text(f"alarms.text.{kind}", **params)
+
+
+def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, Any]:
+    """The numbers of a sentence."""
+    fault = found.get("fault") or {}
+    signals = [signal_name(name) for name in found.get("signals", ())]
+    return {
+        "drive": drive,
+        "value": formatted_number(value),
+        "unit": found.get("unit", ""),
+        "threshold": formatted_number(found.get("threshold")),
+        "signal": signal_name(str(found.get("signal"))),
+        "signals": Text(", ".join(one.en for one in signals), "、".join(one.zh for one in signals)),
+        "fault": _fault_text(fault),
+    }
+
+
+def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, found: Observation, now_ms: int) -> Alarm:
+    """An alarm that a value raises."""
+    params = text_params(name, found.params or {}, found.value)
+    title, text = alarm_title(setting, params), alarm_text(setting.kind, params)
+    return Alarm(id, setting.id, drive, setting.priority, str(setting.kind), title, text, now_ms, found.value)
+
+
+def system_alarm(
+    id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, about: str, params: Mapping[str, Any]
+) -> Alarm:
+    """An alarm that the service itself raises."""
+    named = {"drive": name, "about": about, "reason": ""} | {
+        key: formatted_number(value) for key, value in params.items()
+    }
+    title, text = bilingual_text(f"alarms.title.{kind}", **named), bilingual_text(f"alarms.text.{kind}", **named)
+    return Alarm(id, str(kind), drive, SYSTEM_ALARM_PRIORITIES[kind], str(kind), title, text, now_ms, about=about)
+
+
+def _fault_text(fault: Mapping[str, Any]) -> Text:
+    """Its label and what it means; once where the meaning is no more than the label."""
+    label, text = str(fault.get("label") or fault.get("code") or ""), fault.get("text") or {}
+    said = [str(text.get(language) or "") for language in ("en", "zh")]
+    return Text(*(one if label in one else f"{label} {one}".strip() for one in said))
+
 
 DEFAULT_ALARMS = (
     AlarmConfig("fault", AlarmKind.FAULT, (), priority=AlarmPriority.CRITICAL),
@@ -115,7 +223,7 @@ class AlarmEngine:
             if risen is not None:
                 name = self._titles[watch.drive]
                 changes += self._raise(
-                    texts.configured_alarm(self._new_id(), watch.setting, watch.drive, name, risen, now_ms)
+                    configured_alarm(self._new_id(), watch.setting, watch.drive, name, risen, now_ms)
                 )
         return changes
 
@@ -128,7 +236,7 @@ class AlarmEngine:
     ) -> list[AlarmChange]:
         """Something that the service itself found; nothing where it is raised already. ``params``: of its sentence."""
         name = self._titles.get(drive, Text(drive, drive))
-        alarm = texts.system_alarm(self._new_id(), kind, drive, name, now_ms, about, params)
+        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, about, params)
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
     def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, about: str = "") -> list[AlarmChange]:

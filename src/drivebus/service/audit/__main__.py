@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-from drivebus.service.audit.paths import AuditPaths
+from drivebus.service.audit.chain import AuditPaths
 from drivebus.service.audit.verify import verify
 from drivebus.service.process.tuning import NICE_BATCH, set_nice
 

@@ -1,23 +1,147 @@
-"""The trail's files as they are written: records in a chain, checkpoints beside it, and what a killed writer left.
+"""Where the trail lies: the file that is written, the full ones before it, its lines from either end.
+
+The end of a file that a writer may have left in the middle of a line, or a power cut with holes.
+
+The trail's files as they are written: records in a chain, checkpoints beside it, and what a killed writer left.
 
 No thread and no loop lives here; every function may take as long as a disk does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import errno
+import os
+import re
+import secrets
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 from drivebus.atomic_write import fsync_directory
 from drivebus.service.audit import records
-from drivebus.service.audit.entry import AuditEntry
-from drivebus.service.audit.paths import AuditPaths, lines_backwards
-from drivebus.service.audit.recovery import TornTail, torn_tail, unterminated_tail
+from drivebus.service.audit.records import AuditEntry
 from drivebus.service.live.views import Json
+from drivebus.service.storage import append_log
 from drivebus.service.storage.append_log import AppendLog, write_durably
+
+AUDIT_FILE: Final = "audit.jsonl"
+ROTATED_FILE: Final = re.compile(r"audit-(\d{12})\.jsonl")
+"""A file that is full is called after the number of its first record."""
+READ_BLOCK_BYTES: Final = 1 << 16
+MIN_KEY_BYTES: Final = 32
+"""Octets."""
+
+
+@dataclass(frozen=True, slots=True)
+class AuditPaths:
+    """The files of one plant's trail."""
+
+    folder: Path
+    checkpoints: Path
+    """The second file: on another disk or machine it shows more."""
+    key: Path
+    """What the checkpoints are made under; outside ``folder``, so that a copy of that does not hold it."""
+
+    @classmethod
+    def of(cls, folder: Path, checkpoints: Path | None = None, key: Path | None = None) -> AuditPaths:
+        return cls(
+            folder,
+            checkpoints or folder / "checkpoints.jsonl",
+            key or folder.parent / f"{folder.name}.audit.key",
+        )
+
+    @property
+    def current(self) -> Path:
+        return self.folder / AUDIT_FILE
+
+    def rotated(self, first: int) -> Path:
+        return self.folder / f"audit-{first:012}.jsonl"
+
+    def files(self) -> list[Path]:
+        """All there are, oldest first. Raises OSError."""
+        there = [*self.folder.iterdir()] if self.folder.exists() else []
+        full = sorted(path for path in there if ROTATED_FILE.fullmatch(path.name))
+        return [*full, self.current] if self.current in there else full
+
+    def create_key(self) -> bytes:
+        """The key; made where there is none. Raises OSError."""
+        if not self.key.exists():
+            write_durably(self.key, secrets.token_hex(32).encode() + b"\n")
+        return self.read_key()
+
+    def read_key(self) -> bytes:
+        """Raises OSError, also where it is too short to be one."""
+        key = self.key.read_bytes().strip()
+        if len(key) < MIN_KEY_BYTES:
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        return key
+
+
+def first_number_of(path: Path) -> int | None:
+    """The number of the first record of a full file; None for the file that is written."""
+    found = ROTATED_FILE.fullmatch(path.name)
+    return int(found[1]) if found else None
+
+
+def lines_backwards(path: Path) -> Iterator[bytes]:
+    """Whole lines without their ends, the last one first, without an unfinished one. Raises OSError."""
+    with path.open("rb") as file:
+        at = file.seek(0, os.SEEK_END)
+        rest, ended = b"", False
+        while at > 0:
+            size = min(READ_BLOCK_BYTES, at)
+            at -= size
+            file.seek(at)
+            first, *lines = (file.read(size) + rest).split(b"\n")
+            rest = first
+            if lines and not ended:
+                lines.pop()
+                ended = True
+            yield from reversed(lines)
+        if ended:
+            yield rest
+
+
+@dataclass(frozen=True, slots=True)
+class TornTail:
+    """``rest``: the octets from ``ended`` on, which were never acknowledged."""
+
+    path: Path
+    valid_bytes: int
+    torn: bytes
+
+
+def unterminated_tail(path: Path) -> TornTail:
+    """What follows the last line end. Raises OSError."""
+    size, data = path.stat().st_size, append_log.read_tail(path)
+    return _tail_from(path, size, data, data.rfind(b"\n") + 1)
+
+
+def torn_tail(path: Path, safe: int) -> TornTail:
+    """What follows the last whole record, and from the first broken one on, but never at or before record ``safe``:
+    a checkpoint tells that those were whole once, so that only somebody's hand can have broken them. Raises OSError.
+    """
+    size, data = path.stat().st_size, append_log.read_tail(path)
+    cut = end = data.rfind(b"\n") + 1
+    while end > 0:
+        start = data.rfind(b"\n", 0, end - 1) + 1
+        if start == 0 and len(data) < size:  # the middle of a line
+            break
+        found = records.decode_record(data[start : end - 1])
+        if found is None:
+            cut = start
+        elif found.n <= safe:
+            break
+        end = start
+    return _tail_from(path, size, data, cut)
+
+
+def _tail_from(path: Path, size: int, data: bytes, at: int) -> TornTail:
+    return TornTail(path, size - len(data) + at, data[at:])
+
 
 RECORDS_MISSING: Final = "audit.cut"
 """What is recorded where records are missing at the start."""

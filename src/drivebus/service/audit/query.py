@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.service.api.paging import decode_cursor, page
 from drivebus.service.audit import records
-from drivebus.service.audit.paths import AuditPaths, first_number_of, lines_backwards
+from drivebus.service.audit.chain import AuditPaths, first_number_of, lines_backwards
 from drivebus.service.live.views import Json
 
 

@@ -16,10 +16,9 @@ from pathlib import Path
 
 from drivebus import clock
 from drivebus.errors import AuditUnavailable
-from drivebus.service.audit.chain import MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain
-from drivebus.service.audit.entry import AuditEntry, entry_json
-from drivebus.service.audit.paths import AuditPaths
+from drivebus.service.audit.chain import MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
+from drivebus.service.audit.records import AuditEntry, entry_json
 from drivebus.service.live.views import Json
 from drivebus.service.storage.batch_writer import BatchWriter
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from drivebus.service.api.errors import localized
 from drivebus.service.audit import records
-from drivebus.service.audit.paths import AuditPaths, first_number_of
+from drivebus.service.audit.chain import AuditPaths, first_number_of
 from drivebus.service.audit.records import AuditCheckpoint
 from drivebus.service.live.views import Json
 

@@ -9,8 +9,7 @@ from contextlib import asynccontextmanager
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.service.audit import AuditTrail
 from drivebus.service.auth.actor import local_actor
-from drivebus.service.auth.user_file import UserFile
-from drivebus.service.auth.users import UserDatabase
+from drivebus.service.auth.users import UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET

@@ -1,8 +1,12 @@
-"""``Access``: who is it? Logging in, out, and finding whoever comes with a cookie or a token."""
+"""The one-time set-up secret: shown locally where there is no administrator yet; there is no default password (S06).
+
+``Access``: who is it? Logging in, out, and finding whoever comes with a cookie or a token.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import ipaddress
 import secrets
 import time
@@ -13,14 +17,39 @@ from pathlib import Path
 from drivebus.clock import Clock, wall_ms
 from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, TooManyAttempts
-from drivebus.service.auth.passwords import Passwords, check_password_policy
+from drivebus.service.auth.passwords import LoginThrottle, Passwords, check_password_policy
 from drivebus.service.auth.rights import Role
-from drivebus.service.auth.session_store import SessionStore
-from drivebus.service.auth.sessions import Session, SessionTable, secret_digest
-from drivebus.service.auth.setup_secret import SetupSecret
-from drivebus.service.auth.throttle import LoginThrottle
-from drivebus.service.auth.user_file import UserFile
-from drivebus.service.auth.users import OneTimeCode, User, UserDatabase, normalized_name
+from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
+from drivebus.service.auth.users import OneTimeCode, User, UserDatabase, UserFile, normalized_name, replace_private
+
+SETUP_SECRET_FILE = "setup-secret"
+
+
+class SetupSecret:
+    """The secret, in ``<directory>/setup-secret`` (0600) while it is needed, in memory for the comparison."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / SETUP_SECRET_FILE
+        self._secret: str | None = None
+
+    def issue(self) -> str:
+        """Make a secret and write its file; the same one while this process lives and it is not used."""
+        if self._secret is None:
+            self._secret = secrets.token_urlsafe(16)
+            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            replace_private(self.path, self._secret.encode() + b"\n")
+        return self._secret
+
+    def verify(self, given: str) -> bool:
+        if self._secret is None:
+            return False
+        return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), self._secret.encode())
+
+    def consume(self) -> None:
+        """There is an administrator now."""
+        self._secret = None
+        self.path.unlink(missing_ok=True)
+
 
 SESSION_SAVE_INTERVAL_S = 60.0
 """How far back the last touch of a session may lie after a crash of the web process."""

@@ -1,9 +1,8 @@
 """``plant.toml``: read, judged, costed and compared. Opens no port and sends nothing."""
 
-from drivebus.service.config.bus_load import bus_loads
+from drivebus.service.config.bus_load import bus_loads, dialect_of, polls_of, profile_of, serial_settings_in
 from drivebus.service.config.diff import ConfigDiff, ReloadAction, apply_diff, config_diff
 from drivebus.service.config.load import load, loads
-from drivebus.service.config.polling import dialect_of, polls_of, profile_of, serial_settings_in
 
 __all__ = [
     "ConfigDiff",

@@ -1,20 +1,129 @@
-"""What a well-formed ``plant.toml`` must still satisfy: names that exist, drives that fit, rules that can hold."""
+"""What a well-formed ``plant.toml`` must still satisfy: names that exist, drives that fit, rules that can hold.
+
+Texts of the file that would write more than themselves into a log, a terminal or a page (S13).
+
+Files, folders, addresses of the network: what the service will need at its start.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any
+from urllib.parse import urlsplit
 
-from drivebus.profiles.diagnostics import Diagnostic, Issue
-from drivebus.service.config import check_bus_load, check_buses, check_drives, check_paths, check_rules, check_text
-from drivebus.service.config.parsed import ParsedPlant
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, Diagnostic, Issue, KeyPath, issue
+from drivebus.service.config import check_buses, check_rules
+from drivebus.service.config.build import ParsedPlant, state_directory
+from drivebus.service.config.loopback import is_loopback
 
 
 def all_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     """Everything that does not fit together. Fills in the draft's profiles, links and dialects on the way."""
     draft.read_profiles()
-    yield from check_text.text_problems(draft.raw)
-    yield from check_paths.path_problems(draft)
+    yield from text_problems(draft.raw)
+    yield from path_problems(draft)
     yield from check_buses.bus_problems(draft)
-    yield from check_drives.drive_problems(draft)
-    yield from check_bus_load.bus_load_problems(draft)
+    yield from check_buses.drive_problems(draft)
+    yield from check_buses.bus_load_problems(draft)
     yield from check_rules.rule_problems(draft)
+
+
+_ALLOWED_IN_EXPRESSIONS = re.compile(r"[\n\t]")
+"""An expression may stand on several lines."""
+
+
+def text_problems(raw: Mapping[str, Any]) -> Iterator[Issue]:
+    """Every text of the file, wherever it stands."""
+    yield from _check_value(raw, ())
+
+
+def _check_value(value: Any, path: KeyPath) -> Iterator[Issue]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _check_value(inner, (*path, name))
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _check_value(inner, path)
+    elif isinstance(value, str):
+        text = _ALLOWED_IN_EXPRESSIONS.sub(" ", value) if path[-1:] == ("require",) else value
+        found = CONTROL_CHARACTERS.search(text)
+        if found is not None:
+            yield issue("control", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
+
+
+_ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
+
+
+def path_problems(draft: ParsedPlant) -> Iterator[Issue]:
+    yield from _check_directory(draft)
+    yield from _check_users(draft)
+    yield from _check_audit(draft)
+    yield from _check_web(draft)
+    yield from _check_history(draft)
+
+
+def _check_directory(draft: ParsedPlant) -> Iterator[Issue]:
+    plant = draft.file.plant
+    where = draft.resolve_path(plant.directory) if plant.directory else state_directory(plant.id)
+    if where.exists() and not where.is_dir():
+        yield issue("not_a_folder", ("plant", "directory"), str(where))
+
+
+def _check_users(draft: ParsedPlant) -> Iterator[Issue]:
+    if draft.file.plant.users is None:
+        return
+    where = draft.resolve_path(draft.file.plant.users)
+    if where.is_dir() or not where.parent.is_dir():
+        yield issue("users_file", ("plant", "users"), str(where))
+
+
+def _check_audit(draft: ParsedPlant) -> Iterator[Issue]:
+    for name in ("checkpoints", "key"):
+        text = getattr(draft.file.audit, name)
+        where = None if text is None else draft.resolve_path(text)
+        if where is not None and (where.is_dir() or not where.parent.is_dir()):
+            yield issue("audit_file", ("audit", name), str(where))
+
+
+def _check_web(draft: ParsedPlant) -> Iterator[Issue]:
+    web = draft.file.web
+    for name, other in (("certificate", "key"), ("key", "certificate")):
+        text = getattr(web, name)
+        if text is None:
+            continue
+        if not draft.resolve_path(text).is_file():
+            yield issue("web_file", ("web", name), str(draft.resolve_path(text)))
+        if getattr(web, other) is None:
+            yield issue("needs_other", ("web", name), text, other=other)
+    if web.enabled and web.certificate is None and not is_loopback(web.host):
+        yield issue("tls", ("web", "host"), web.host)
+    for origin in web.origins:
+        if not _ORIGIN.fullmatch(origin):
+            yield issue("origin", ("web", "origins"), origin)
+
+
+def _check_history(draft: ParsedPlant) -> Iterator[Issue]:
+    history = draft.file.history
+    if history.url is not None and not _is_postgres(history.url):
+        yield issue("history_url", ("history", "url"), redact_url(history.url))
+    steps = ("raw_days", "second_days", "minute_days", "hour_days")
+    for shorter, longer in pairwise(steps):
+        least, found = getattr(history, shorter), getattr(history, longer)
+        if found < least:
+            also = (("history", shorter),)
+            yield issue("retention", ("history", longer), found, shorter=shorter, least=f"{least:g}", related=also)
+
+
+def _is_postgres(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in ("postgresql", "postgres") and bool(parts.path.strip("/")) and parts.port != 0
+    except ValueError:
+        return False
+
+
+def redact_url(url: str) -> str:
+    """The URL without its password: complaints are shown, logged and sent."""
+    return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:…@", url)

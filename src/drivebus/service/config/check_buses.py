@@ -1,18 +1,40 @@
-"""Buses: LINKs that can be understood, and no device twice. Opens nothing."""
+"""Buses: LINKs that can be understood, and no device twice. Opens nothing.
+
+Drives, each for itself: its bus, model, address, settings, limits, signals; and no two at one address.
+
+A line and all that is on it: one setting that everybody can have, one family, and polls that it can carry.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import Any
 
 from drivebus import i18n, ports
+from drivebus.bus.compatibility import protocol_of
+from drivebus.bus.poll_schedule import Poll, estimate_bus_load
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.ports.url import NETWORK_SCHEMES, PortUrl, parse_port_url
-from drivebus.profiles.diagnostics import Issue, issue
-from drivebus.profiles.model import Text
+from drivebus.profiles.diagnostics import Diagnostic, Issue, issue
+from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.notation import nearest_names
 from drivebus.serial_settings import SerialSettings
-from drivebus.service.config.parsed import ParsedPlant
-from drivebus.service.config.schema import BusTable
+from drivebus.service.config import build
+from drivebus.service.config.build import ParsedPlant, is_model_path, polled_signals
+from drivebus.service.config.bus_load import (
+    CANDIDATE_INTERVALS_S,
+    FULL_LOAD_PERCENT,
+    polling_load,
+    serial_settings_of,
+    with_periods,
+)
+from drivebus.service.config.model import DriveConfig
+from drivebus.service.config.schema import BusTable, DriveTable
 
 _UNOPENED_SCHEMES = ("memory", "replay")
 """To make a port of these takes one end of a wire, or reads a file; one with a name is shared with whoever has it."""
@@ -68,3 +90,220 @@ def device_of(link: PortUrl) -> tuple[str, ...]:
         return ("serial", os.path.realpath(link.path))
     name = link.options.get("name", "") if link.scheme == "sim" else link.path
     return (link.scheme, name) if name else (link.scheme, link.text, str(id(link)))
+
+
+def drive_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
+    taken: dict[tuple[str, int], str] = {}
+    for id, drive in draft.file.drive.items():
+        path = ("drive", id)
+        if drive.bus not in draft.known_ids("bus"):
+            yield issue("unknown_bus", (*path, "bus"), drive.bus, **suggestions(drive.bus, draft.known_ids("bus")))
+        where = (drive.bus, drive.address)
+        if where in taken:
+            yield issue("same_address", (*path, "address"), drive.address, other=taken[where], bus=drive.bus)
+        taken.setdefault(where, id)
+        if id in draft.profile_errors:
+            yield from _check_profile(draft, id, drive)
+        elif id in draft.profiles:
+            yield from _check_drive(draft, id, drive, draft.profiles[id])
+
+
+def suggestions(name: str, known: list[str]) -> dict[str, Any]:
+    """Places of a sentence about a name that nobody knows."""
+    close = nearest_names(name, known) or get_close_matches(name, known, 1, 0.0)
+    return {"known": ", ".join(known) or "-", "near": ", ".join(close) or "-"}
+
+
+def _check_profile(draft: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
+    """Its profile: no such model, or the faults of its file."""
+    found = draft.profile_errors[id].params
+    path = ("drive", id, "model")
+    kinds = [one.kind for one in found["complaints"]]
+    if kinds == ["no_model"]:
+        from drivebus import profiles
+
+        yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
+        return
+    if kinds == ["no_file"] and is_model_path(drive.model):
+        yield issue("no_file", path, draft.model_of(drive))
+        return
+    yield issue("refused_model", path, drive.model, count=len(kinds))
+    first = next(one for one in draft.profile_errors if draft.profile_errors[one] is draft.profile_errors[id])
+    yield from found["complaints"] if first == id else ()
+
+
+def _check_drive(draft: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    faults = [
+        *_check_address(id, drive, profile),
+        *_check_encoding(id, drive, profile),
+        *_check_settings(id, drive, profile),
+    ]
+    yield from faults
+    yield from _check_limits(id, drive, profile)
+    yield from _check_signals(draft, id, drive, profile)
+    if not faults:
+        asked = with_periods(profile, drive.signals)
+        draft.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, settings=drive.settings)
+
+
+def _check_address(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    low, high = profile.addresses
+    path = ("drive", id, "address")
+    if drive.address == profile.broadcast:
+        yield issue("broadcast_address", path, drive.address, model=profile.model, low=low, high=high)
+    elif not low <= drive.address <= high:
+        yield issue("address", path, drive.address, model=profile.model, low=low, high=high)
+
+
+def _check_encoding(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    if drive.encoding is not None and drive.encoding not in profile.encodings:
+        yield issue("choice", ("drive", id, "encoding"), drive.encoding, choices=", ".join(profile.encodings))
+
+
+def _check_settings(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    for name, value in drive.settings.items():
+        path = ("drive", id, "settings", name)
+        if name not in profile.settings:
+            yield issue("unknown_setting", path, name, model=profile.model, **suggestions(name, list(profile.settings)))
+        elif not _is_choice(profile, name, value):
+            yield issue("choice", path, value, choices=_choices(profile, name))
+
+
+def _is_choice(profile: DriveProfile, name: str, value: Any) -> bool:
+    """This value is one that the open question can have."""
+    question = next((one for one in profile.open_questions if one.setting == name), None)
+    if question is None or not (question.choices or question.span):
+        return type(value) is type(profile.settings[name])
+    low, high = question.span or (1, 0)
+    spanned = type(value) is int and low <= value <= high
+    return spanned or any(type(value) is type(choice) and value == choice for choice in question.choices)
+
+
+def _choices(profile: DriveProfile, name: str) -> str:
+    question = next((one for one in profile.open_questions if one.setting == name), None)
+    if question is None or not (question.choices or question.span):
+        return type(profile.settings[name]).__name__
+    span = [f"{question.span[0]} … {question.span[1]}"] if question.span else []
+    shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in question.choices]
+    return ", ".join([*shown, *span])
+
+
+def _check_limits(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    """Nothing wider than the model's own: what a profile does not allow, its file must be changed for."""
+    limits, own = drive.limits, profile.limits
+    path = ("drive", id, "limits")
+    highest = own.maximum_hz if limits.maximum_hz is None else limits.maximum_hz
+    if highest > own.maximum_hz:
+        yield issue("limit_wide", (*path, "maximum_hz"), highest, bound=f"<= {own.maximum_hz:g}", model=profile.model)
+    if "minimum_hz" in limits.model_fields_set and limits.minimum_hz < own.minimum_hz:
+        bound = f">= {own.minimum_hz:g}"
+        yield issue("limit_wide", (*path, "minimum_hz"), limits.minimum_hz, bound=bound, model=profile.model)
+    if limits.minimum_hz >= highest:
+        yield issue("limits", (*path, "minimum_hz"), limits.minimum_hz, maximum=f"{highest:g}")
+    if not (limits.forward or limits.reverse):
+        yield issue("no_direction", (*path, "forward"), False)
+
+
+def _check_signals(draft: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    known = polled_signals(draft, id, drive.model_copy(update={"signals": {}}))
+    for name in drive.signals:
+        if name not in profile.signals:
+            yield issue("unknown_signal", ("drive", id, "signals", name), name, drive=id, **suggestions(name, known))
+
+
+SettingPath = tuple[str | int, ...]
+
+
+def bus_load_problems(draft: ParsedPlant) -> Iterator[Issue]:
+    for bus in draft.file.bus:
+        drives = [(id, one) for id, one in draft.drives_on(bus) if id in draft.profiles]
+        faults = list(_check_families(draft, drives)) or list(_check_serial_settings(draft, bus, drives))
+        yield from faults
+        clear = bus in draft.links and not faults
+        if clear and drives and all(id in draft.dialects for id, _ in drives):
+            yield from _check_load(draft, bus, drives)
+
+
+def _check_families(draft: ParsedPlant, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+    """T18: bytes of one protocol may look like a frame of another."""
+    spoken = [(id, draft.dialects[id]) for id, _ in drives if id in draft.dialects]
+    for id, dialect in spoken[1:]:
+        first, other = spoken[0]
+        if protocol_of(dialect.codec) != protocol_of(other.codec):
+            found, expected = ("/".join(protocol_of(one.codec)) for one in (dialect, other))
+            yield issue("mixed", ("drive", id, "bus"), found, other=first, expected=expected)
+
+
+def _check_serial_settings(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+    """The line's baud rate and format: known, and offered by every model on it."""
+    link = draft.links.get(bus)
+    if link is None:
+        return
+    for name in ("baud", "format"):
+        path = _setting_path(draft, bus, name)
+        if name in link.explicit:
+            value = getattr(link.settings, name)
+            yield from _not_offered(draft, drives, name, value, path)
+        else:
+            factory = {getattr(draft.profiles[id].serial, name) for id, _ in drives}
+            if len(factory) > 1:
+                values = ", ".join(str(one) for one in sorted(factory))
+                yield issue("line_unclear", path, "-", name=name, values=values)
+
+
+def _setting_path(draft: ParsedPlant, bus: str, name: str) -> SettingPath:
+    """Where the value stands: a key of its own, else in the LINK."""
+    own = getattr(draft.file.bus[bus], name) is not None
+    return ("bus", bus, name) if own else ("bus", bus, "link")
+
+
+def _not_offered(
+    draft: ParsedPlant, drives: list[tuple[str, DriveTable]], name: str, value: int | str, path: SettingPath
+) -> Iterator[Issue]:
+    for id, _ in drives:
+        offered = _offered(draft.profiles[id], name)
+        if value not in offered:
+            choices = ", ".join(str(one) for one in offered)
+            yield issue("line_not_offered", path, value, drive=id, model=draft.profiles[id].model, choices=choices)
+            return
+
+
+def _offered(profile: DriveProfile, name: str) -> tuple[int | str, ...]:
+    return profile.serial.bauds if name == "baud" else profile.serial.formats
+
+
+def _check_load(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+    setting = build.bus_config(draft.file, bus)
+    line = serial_settings_of(setting, draft.profiles[drives[0][0]])
+    found = list(_check_periods(draft, drives, line))
+    yield from found
+    paced = [(one, draft.dialects[one.id]) for one in build.drives_on_bus(draft, setting)]
+    load = polling_load(paced, line).load_percent
+    if load > FULL_LOAD_PERCENT and not found:
+        least = sufficient_interval(paced, line)
+        yield issue("overload", ("bus", bus), f"{load:.0f} %", line=str(line), drives=len(paced), least=least)
+
+
+def _check_periods(draft: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
+    """One question and its answer take longer than the period that was asked for."""
+    for id, drive in drives:
+        for name, period_s in drive.signals.items():
+            least_s = _poll_time_s(draft.dialects[id], name, line)
+            if name in draft.profiles[id].signals and max(period_s, drive.fastest_s or 0.0) < least_s:
+                path = ("drive", id, "signals", name)
+                yield issue("too_often", path, f"{period_s:g} s", least=f"{least_s:.3f}", line=str(line))
+
+
+def _poll_time_s(dialect: Dialect, name: str, line: SerialSettings) -> float:
+    """The longest that one of the questions for this signal may take."""
+    polls = [Poll(request, 1.0) for request, _ in dialect.polls((name,))]
+    return max((estimate_bus_load([(dialect.station_config, [poll])], line).cycle_s for poll in polls), default=0.0)
+
+
+def sufficient_interval(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> str:
+    """The ``fastest_s`` with which the line could carry all these drives."""
+    for pace_s in CANDIDATE_INTERVALS_S:
+        paced = [(replace(drive, fastest_s=max(pace_s, drive.fastest_s)), dialect) for drive, dialect in drives]
+        if polling_load(paced, line).load_percent <= FULL_LOAD_PERCENT:
+            return f"{pace_s:g}"
+    return f"> {CANDIDATE_INTERVALS_S[-1]:g}"

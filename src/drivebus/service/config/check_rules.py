@@ -1,14 +1,36 @@
-"""Groups, interlocks and alarms: what they name exists, and what they ask for can happen."""
+"""Groups, interlocks and alarms: what they name exists, and what they ask for can happen.
+
+Interlocks before they run: expressions that can be read, names, units, and no drive that waits for itself.
+
+Alarms: what each kind needs, signals that its drives have, thresholds that can be reached and left again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
 
-from drivebus.profiles.diagnostics import Issue, KeyPath, issue
-from drivebus.service.config import check_alarms, check_interlocks
-from drivebus.service.config.check_drives import suggestions
-from drivebus.service.config.parsed import ParsedPlant
-from drivebus.service.config.schema import GroupTable
+from drivebus.errors import ConfigurationError
+from drivebus.profiles.diagnostics import Issue, KeyPath, bilingual_text, issue
+from drivebus.profiles.model import Signal
+from drivebus.service.config.build import ParsedPlant, alarm_drives, polled_signals
+from drivebus.service.config.check_buses import error_text, suggestions
+from drivebus.service.config.schema import AlarmTable, GroupTable, InterlockTable
+from drivebus.service.interlocks.evaluation import UNIT_MEASURES, requires_running
+from drivebus.service.interlocks.expression import (
+    STATE_NAME,
+    STATE_WORDS,
+    Comparison,
+    Expression,
+    Operand,
+    Quantity,
+    SignalReference,
+    StateWord,
+    comparisons,
+    parse,
+    references,
+)
 
 
 def rule_problems(draft: ParsedPlant) -> Iterator[Issue]:
@@ -19,8 +41,8 @@ def rule_problems(draft: ParsedPlant) -> Iterator[Issue]:
         yield from check_drive_names(draft, interlock.drives, ("interlock", id, "drives"))
     for id, alarm in draft.file.alarm.items():
         yield from check_drive_names(draft, alarm.drives, ("alarm", id, "drives"))
-    yield from check_interlocks.interlock_problems(draft)
-    yield from check_alarms.alarm_problems(draft)
+    yield from interlock_problems(draft)
+    yield from alarm_problems(draft)
 
 
 def check_drive_names(draft: ParsedPlant, drives: Sequence[str], path: KeyPath) -> Iterator[Issue]:
@@ -44,3 +66,204 @@ def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
             yield issue("not_in_group", (*path, "ratios", drive), drive, drives=", ".join(group.drives))
         elif drive == group.leader:
             yield issue("ratio_of_leader", (*path, "ratios", drive), drive)
+
+
+def interlock_problems(draft: ParsedPlant) -> Iterator[Issue]:
+    read: dict[str, Expression] = {}
+    for id, interlock in draft.file.interlock.items():
+        path = ("interlock", id, "require")
+        try:
+            read[id] = parse(interlock.require)
+        except ConfigurationError as error:
+            yield issue("expression", path, interlock.require, why=error_text(error))
+            continue
+        yield from _check_names(draft, read[id], path)
+        for comparison in comparisons(read[id]):
+            yield from _check_sides(draft, comparison, path)
+    yield from _check_cycles({id: draft.file.interlock[id] for id in read}, read)
+
+
+def _check_names(draft: ParsedPlant, expression: Expression, path: KeyPath) -> Iterator[Issue]:
+    known = draft.known_ids("drive")
+    for one in references(expression):
+        if one.drive not in known:
+            yield issue("expression_drive", path, str(one), column=one.column, **suggestions(one.drive, known))
+        elif one.drive in draft.profiles:
+            yield from _check_signal(draft, one, path)
+
+
+def _check_signal(draft: ParsedPlant, one: SignalReference, path: KeyPath) -> Iterator[Issue]:
+    """It is asked for, and its values can be good."""
+    profile = draft.profiles[one.drive]
+    if one.name == STATE_NAME:
+        if "status" not in profile.capabilities:
+            yield issue("expression_no_state", path, str(one), column=one.column, model=profile.model)
+        return
+    asked = polled_signals(draft, one.drive, draft.file.drive[one.drive])
+    if one.name not in asked:
+        names = suggestions(one.name, list(dict.fromkeys((STATE_NAME, *asked))))
+        yield issue("expression_signal", path, str(one), column=one.column, drive=one.drive, **names)
+    elif profile.signals[one.name].uncertain:
+        yield issue("expression_uncertain", path, str(one), column=one.column, model=profile.model)
+
+
+def _check_sides(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
+    """Both sides measure the same; states are compared with their words."""
+    left, right = comparison.left, comparison.right
+    if not any(isinstance(side, SignalReference) for side in (left, right)):
+        yield issue("expression_constant", path, str(comparison), column=left.column)
+        return
+    for word in (side for side in (left, right) if isinstance(side, StateWord)):
+        if word.text not in STATE_WORDS:
+            close = ", ".join(get_close_matches(word.text, STATE_WORDS, 3, 0.5) or STATE_WORDS)
+            yield issue(
+                "expression_state", path, word.text, column=word.column, known=", ".join(STATE_WORDS), near=close
+            )
+    if any(_is_state(side) for side in (left, right)) and comparison.operator not in ("==", "!="):
+        yield issue("expression_order", path, str(comparison), column=left.column)
+    for number in (side for side in (left, right) if isinstance(side, Quantity) and side.unit not in UNIT_MEASURES):
+        units = ", ".join(unit for unit in UNIT_MEASURES if unit)
+        yield issue("expression_unit", path, number.unit, column=number.column, units=units)
+    yield from _check_units(draft, comparison, path)
+
+
+def _check_units(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
+    sides = [(side, quantity_of(draft, side)) for side in (comparison.left, comparison.right)]
+    if any(what is None for _, what in sides):
+        return
+    (left, one), (right, other) = sides
+    if one != other:
+        shown = str(comparison)
+        units: dict[str, Any] = {"left": _with_unit(draft, left), "right": _with_unit(draft, right)}
+        yield issue("expression_measures", path, shown, column=left.column, **units)
+
+
+def _with_unit(draft: ParsedPlant, side: Operand) -> str:
+    return str(side) if isinstance(side, Quantity | StateWord) else f"{side} [{_unit(draft, side) or '-'}]"
+
+
+def _is_state(side: Operand) -> bool:
+    return isinstance(side, StateWord) or (isinstance(side, SignalReference) and side.name == STATE_NAME)
+
+
+def quantity_of(draft: ParsedPlant, side: Operand) -> str | None:
+    """What a side measures; None where that is not known (and has been complained about)."""
+    if _is_state(side):
+        return STATE_NAME
+    unit = _unit(draft, side)
+    return None if unit is None or unit not in UNIT_MEASURES else UNIT_MEASURES[unit][0]
+
+
+def _unit(draft: ParsedPlant, side: Operand) -> str | None:
+    if isinstance(side, Quantity):
+        return side.unit
+    if _is_state(side):
+        return STATE_NAME
+    assert isinstance(side, SignalReference)
+    profile = draft.profiles.get(side.drive)
+    signal = None if profile is None else profile.signals.get(side.name)
+    return None if signal is None else signal.unit
+
+
+def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, Expression]) -> Iterator[Issue]:
+    """Drives that could only start after each other: none of them ever would."""
+    first: dict[str, list[tuple[str, str]]] = {}
+    for id, expression in read.items():
+        wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
+        for drive in interlocks[id].drives:
+            first.setdefault(drive, []).extend((other, id) for other in wanted)
+    told: set[frozenset[str]] = set()
+    for drive in first:
+        ring = _shortest_cycle(drive, first)
+        if ring and frozenset(ring) not in told:
+            told.add(frozenset(ring))
+            last = next(id for other, id in first[ring[-1]] if other == drive)
+            yield issue("cycle", ("interlock", last, "require"), " -> ".join([*ring, drive]))
+
+
+def _shortest_cycle(start: str, first: Mapping[str, list[tuple[str, str]]]) -> list[str] | None:
+    """The shortest way from a drive over those that must run before it back to itself."""
+    ways = [[start]]
+    seen = {start}
+    while ways:
+        way = ways.pop(0)
+        for other, _ in first.get(way[-1], ()):
+            if other == start:
+                return way
+            if other not in seen:
+                seen.add(other)
+                ways.append([*way, other])
+    return None
+
+
+_THRESHOLD_KINDS = ("above", "below")
+_SIGNAL_KINDS = (*_THRESHOLD_KINDS, "stale")
+
+
+def alarm_problems(draft: ParsedPlant) -> Iterator[Issue]:
+    for id, alarm in draft.file.alarm.items():
+        path = ("alarm", id)
+        yield from _check_keys(alarm, path)
+        if alarm.signal is not None and alarm.kind in _SIGNAL_KINDS:
+            yield from _check_alarm_signal(draft, alarm, alarm.signal, path)
+
+
+def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
+    """What a kind needs and what means nothing to it."""
+    for name in ("signal", "threshold") if alarm.kind in _THRESHOLD_KINDS else ():
+        if getattr(alarm, name) is None:
+            yield issue("alarm_needs", (*path, "kind"), alarm.kind, name=name)
+    idle = () if alarm.kind in _THRESHOLD_KINDS else ("threshold", "hysteresis")
+    for name in (*idle, *(() if alarm.kind in _SIGNAL_KINDS else ("signal",))):
+        if name in alarm.model_fields_set:
+            yield issue("alarm_idle", (*path, name), getattr(alarm, name), kind=alarm.kind)
+
+
+def _check_alarm_signal(draft: ParsedPlant, alarm: AlarmTable, name: str, path: KeyPath) -> Iterator[Issue]:
+    drives = [one for one in alarm_drives(draft, alarm) if one in draft.profiles]
+    if not alarm.drives and not drives:
+        known = {signal for id, one in draft.file.drive.items() for signal in polled_signals(draft, id, one)}
+        yield issue(
+            "alarm_signal",
+            (*path, "signal"),
+            name,
+            drive=bilingual_text("plant_config.any_drive"),
+            **suggestions(name, sorted(known)),
+        )
+        return
+    signals: dict[str, Signal] = {}
+    for drive in drives:
+        asked = polled_signals(draft, drive, draft.file.drive[drive])
+        if name not in asked:
+            yield issue("alarm_signal", (*path, "signal"), name, drive=drive, **suggestions(name, asked))
+        elif name in draft.profiles[drive].signals:
+            signals[drive] = draft.profiles[drive].signals[name]
+    units = {signal.unit: drive for drive, signal in signals.items()}
+    if alarm.kind in _THRESHOLD_KINDS and len(units) > 1:
+        shown = ", ".join(f"{drive}: {unit or '-'}" for unit, drive in units.items())
+        yield issue("alarm_units", (*path, "signal"), name, units=shown)
+    elif alarm.threshold is not None:
+        yield from _check_threshold(alarm, alarm.threshold, signals, path)
+
+
+def _check_threshold(alarm: AlarmTable, threshold: float, signals: dict[str, Signal], path: KeyPath) -> Iterator[Issue]:
+    """It can be crossed, and left again by the hysteresis."""
+    for drive, signal in signals.items():
+        low, high = signal.minimum, signal.maximum
+        bounds = f"{_bound_text(low)} … {_bound_text(high)} {signal.unit}".rstrip()
+        if _outside(threshold, low, high):
+            yield issue("alarm_threshold", (*path, "threshold"), threshold, drive=drive, range=bounds)
+            return
+        back = threshold - alarm.hysteresis if alarm.kind == "above" else threshold + alarm.hysteresis
+        if alarm.hysteresis and _outside(back, low, high):
+            found = alarm.hysteresis
+            yield issue("alarm_hysteresis", (*path, "hysteresis"), found, back=f"{back:g}", drive=drive, range=bounds)
+            return
+
+
+def _outside(value: float, low: float | None, high: float | None) -> bool:
+    return (low is not None and value < low) or (high is not None and value > high)
+
+
+def _bound_text(bound: float | None) -> str:
+    return "-" if bound is None else f"{bound:g}"

@@ -1,4 +1,7 @@
-"""TOML → ``PlantConfig``, or a refusal that names every mistake: file, line, key, found, expected, remedy."""
+"""TOML → ``PlantConfig``, or a refusal that names every mistake: file, line, key, found, expected, remedy.
+
+Where a plant keeps its state, from a file that may be full of mistakes: whoever stops everything needs no more.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from drivebus.errors import ConfigurationError
 from drivebus.profiles import schema_errors, toml_lines
 from drivebus.profiles.diagnostics import Diagnostic, Issue, error_params, issue, to_diagnostic
 from drivebus.service.config import build, check
+from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.model import PlantConfig
-from drivebus.service.config.parsed import ParsedPlant
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 
 CATALOGUE = "plant_config"
@@ -159,3 +162,31 @@ def _complaint_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: st
     path = tuple(str(part) for part in found.path)
     line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
     return to_diagnostic(found, source, line, CATALOGUE)
+
+
+_PLANT_TABLE = re.compile(r"^[ \t]*\[[ \t]*plant[ \t]*\][^\n]*\n(.*?)(?=^[ \t]*\[|\Z)", re.MULTILINE | re.DOTALL)
+"""The table, in a file whose rest may be no TOML."""
+_PLANT_ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+
+
+def state_directory_of(plant: str) -> Path:
+    """The state directory that ``[plant]`` names, whatever else is wrong (ruling 5: no check drops a stop).
+
+    Raises ConfigurationError, with every mistake, where not even that can be read.
+    """
+    table = _plant_table(Path(plant))
+    directory, id = table.get("directory"), table.get("id")
+    if isinstance(directory, str) and directory:
+        return (Path(plant).resolve().parent / Path(directory).expanduser()).resolve()
+    if directory is None and isinstance(id, str) and _PLANT_ID.fullmatch(id):
+        return state_directory(id)
+    return load(plant).directory
+
+
+def _plant_table(file: Path) -> dict[str, Any]:
+    """``[plant]``; empty where it can't be read."""
+    try:
+        found = _PLANT_TABLE.search(file.read_text(encoding="utf-8", errors="replace"))
+        return {} if found is None else tomllib.loads(found[1])
+    except (OSError, tomllib.TOMLDecodeError):
+        return {}

@@ -1,21 +1,26 @@
-"""What a new plant.toml is made of: what a scan found, or what somebody answered. Values, and their file."""
+"""What a new plant.toml is made of: what a scan found, or what somebody answered. Values, and their file.
+
+Answers → the text of a commented plant.toml, in the user's language. What it writes loads (a test).
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
+from drivebus import i18n, profiles
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import schema_errors, toml_lines
 from drivebus.profiles.diagnostics import issue, to_diagnostic
 from drivebus.service.config.load import CATALOGUE, config_error, toml_complaint, unreadable_complaint
-from drivebus.service.config.schema import ShortText, StrictModel
+from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +120,116 @@ def unique_id(wanted: str, taken: Iterable[str]) -> str:
     known = set(taken)
     tries: Sequence[str] = [wanted, *(f"{wanted}-{number}" for number in range(2, len(known) + 3))]
     return next(one for one in tries if one not in known)
+
+
+_BUS_LETTERS = "abcdefghijklmnopqrstuvwxyz"
+_EXAMPLE_PERIODS = {"output_frequency": "0.5", "output_current": "1.0"}
+"""Signals of the examples, where a model has them."""
+
+
+def plant_toml(answers: PlantAnswers, language: str) -> str:
+    """The whole file. Raises ProfileError for a model that nobody knows."""
+    return "\n".join(_file_lines(answers, language)) + "\n"
+
+
+def _file_lines(answers: PlantAnswers, language: str) -> Iterator[str]:
+    yield from comment_lines("head", language)
+    yield from (
+        f"format = {PLANT_FILE_FORMAT}",
+        "",
+        "[plant]",
+        f"id = {toml_string(id_from_title(answers.title, 'plant'))}",
+    )
+    yield f"title = {toml_string(answers.title)}"
+    yield from comment_lines("plant", language)
+    examples: _Examples | None = None
+    ids: list[str] = []
+    for index, line in enumerate(answers.buses):
+        yield ""
+        yield from _bus_lines(index, line, language)
+        for drive in line.drives:
+            ids.append(unique_id(_wanted_id(drive), ids))
+            yield from ("", *(comment_lines("drive", language) if len(ids) == 1 else ()))
+            yield from _drive_lines(ids[-1], bus_id(index), drive, language)
+            if examples is None:
+                examples = _Examples(ids[0], drive.model)
+                yield from comment_lines("limits", language, asked=examples.signals)
+    yield from examples.rules(ids, language) if examples is not None else ()
+
+
+def bus_id(index: int) -> str:
+    return _BUS_LETTERS[index] if index < len(_BUS_LETTERS) else f"line-{index + 1}"
+
+
+def _wanted_id(drive: DriveAnswer) -> str:
+    return id_from_title(drive.title, f"{id_from_title(Path(drive.model).stem, 'drive')}-{drive.address}")
+
+
+def _bus_lines(index: int, line: BusAnswer, language: str) -> Iterator[str]:
+    yield from comment_lines("bus", language) if index == 0 else ()
+    yield from (f"[bus.{bus_id(index)}]", f"link = {toml_string(line.link)}")
+    if line.baud is not None:
+        yield f"baud = {line.baud}"
+    if line.format is not None:
+        yield f"format = {toml_string(line.format)}"
+
+
+def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
+    yield from (f"[drive.{id}]", f'bus = "{bus}"', f"address = {drive.address}")
+    sisters = trailing_comment("sisters", language, models=", ".join(drive.others)) if drive.others else ""
+    yield f"model = {toml_string(drive.model)}{sisters}"
+    if drive.encoding is not None:
+        yield f"encoding = {toml_string(drive.encoding)}"
+    if drive.title:
+        yield f"title = {toml_string(drive.title)}"
+
+
+class _Examples:
+    """What nobody could answer yet, as examples that are commented out and good: with a drive of this plant."""
+
+    def __init__(self, drive: str, model: str) -> None:
+        self._drive = drive
+        self._profile = profiles.load(model)
+        self._signals = [name for name in _EXAMPLE_PERIODS if name in self._profile.signals]
+
+    @property
+    def signals(self) -> str:
+        """For ``signals``."""
+        return "{ " + ", ".join(f"{name} = {_EXAMPLE_PERIODS[name]}" for name in self._signals) + " }"
+
+    def _require(self, alone: bool) -> str | None:
+        """For an interlock; None where the model reports nothing that could be required."""
+        signal = self._profile.signals.get("output_frequency")
+        if signal is None or signal.uncertain is not None:
+            return None
+        if alone:
+            return f"{self._drive}.output_frequency <= 45 Hz"
+        state = f"{self._drive}.state == running and " if "status" in self._profile.capabilities else ""
+        return f"{state}{self._drive}.output_frequency >= 10 Hz"
+
+    def rules(self, ids: list[str], language: str) -> Iterator[str]:
+        drives = ", ".join(toml_string(id) for id in ids)
+        yield from ("", *comment_lines("group", language, drives=drives))
+        require = self._require(len(ids) == 1)
+        if require is not None:
+            yield from ("", *comment_lines("interlock", language, last=ids[-1], require=require))
+        if self._signals:
+            signal = self._signals[-1]
+            threshold = "45.0" if signal == "output_frequency" else "12.0"
+            yield from ("", *comment_lines("alarm", language, first=ids[0], signal=signal, threshold=threshold))
+        yield from ("", *comment_lines("history", language), "", *comment_lines("web", language))
+
+
+def comment_lines(name: str, language: str, **params: str) -> list[str]:
+    """A paragraph of the catalogues as comment lines."""
+    said = i18n.text(f"plant_init.file_{name}", language, **params)
+    return [f"# {line}".rstrip() for line in said.split("\n")]
+
+
+def trailing_comment(name: str, language: str, **params: str) -> str:
+    return "   # " + i18n.text(f"plant_init.file_{name}", language, **params)
+
+
+def toml_string(value: str) -> str:
+    """A TOML string: JSON's escapes are TOML's, but for DEL, which TOML wants escaped."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

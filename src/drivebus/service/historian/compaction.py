@@ -1,15 +1,119 @@
-"""Samples of one tag become blocks at every level. Pure, but for the rows of merged levels, which it asks for."""
+"""Samples that are durable (in the journal) but not yet in blocks: one buffer a tag, shared by writer and readers.
+
+Samples of one tag are numbered 0, 1, 2 … in the order in which they came. The numbers know nothing of the wall clock:
+when it is set back, later samples have later numbers and earlier times, and nothing is lost or put in another place.
+
+Samples of one tag become blocks at every level. Pure, but for the rows of merged levels, which it asks for.
+
+How long history stays: by age at each level, and by size. Pure but for the store that it is given.
+
+Age is the time that the service has been running since a row was stored, and at most a day of each pause: no wall clock
+that jumps, in whatever direction, makes a row older (G15).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from array import array
+from collections.abc import Callable, Container, Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import groupby
+from threading import Lock
 
+from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import blocks
 from drivebus.service.historian.blocks import SampleColumns
-from drivebus.service.historian.points import Points, concat, points_of_samples, roll_up, split_partitions
-from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
-from drivebus.service.historian.store import Block, Compaction
+from drivebus.service.historian.points import (
+    DAY_MS,
+    HOUR_MS,
+    RESOLUTIONS,
+    Points,
+    ResolutionLevel,
+    concat,
+    points_of_samples,
+    roll_up,
+    split_partitions,
+)
+from drivebus.service.historian.store import Block, Compaction, HistoryStore
+
+
+@dataclass(slots=True)
+class TagBuffer:
+    """One tag's samples from number ``first`` on."""
+
+    first: int
+    oldest_batch: int = 0
+    """Journal row that holds sample ``first``."""
+    time: array[int] = field(default_factory=lambda: array("q"))
+    value: array[float] = field(default_factory=lambda: array("d"))
+    quality: bytearray = field(default_factory=bytearray)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def next_number(self) -> int:
+        return self.first + len(self.time)
+
+    def samples(self, skip: int = 0) -> SampleColumns:
+        return self.time[skip:].tolist(), self.value[skip:].tolist(), bytes(self.quality[skip:])
+
+
+class OpenBlocks:
+    """Every tag's buffer. The writer changes it, readers copy out of it."""
+
+    def __init__(self) -> None:
+        self._buffers: dict[int, TagBuffer] = {}
+        self._lock = Lock()
+        self.total = 0
+
+    def add_tag(self, tag: int, first: int) -> None:
+        """Know a tag whose samples before number ``first`` are in blocks."""
+        self._buffers[tag] = TagBuffer(first)
+
+    def next_number(self, tag: int) -> int:
+        return self._buffers[tag].next_number
+
+    def add(self, batch: int, groups: Iterable[tuple[int, int, SampleColumns]]) -> None:
+        """Samples of journal row ``batch``; those already in blocks are skipped (after a restart)."""
+        with self._lock:
+            for tag, first, (time, value, quality) in groups:
+                buffer = self._buffers[tag]
+                skip = max(0, buffer.next_number - first)
+                if skip >= len(time):
+                    continue
+                buffer.oldest_batch = buffer.oldest_batch if len(buffer) else batch
+                buffer.time.extend(time[skip:])
+                buffer.value.extend(value[skip:])
+                buffer.quality.extend(quality[skip:])
+                self.total += len(time) - skip
+
+    def copy(self, tag: int) -> tuple[int, SampleColumns]:
+        """The number of the first and the samples."""
+        with self._lock:
+            buffer = self._buffers[tag]
+            return buffer.first, buffer.samples()
+
+    def drop_compacted(self, tag: int, upto: int) -> None:
+        """All before number ``upto`` are in blocks now. A tag nobody began is passed over."""
+        with self._lock:
+            if (buffer := self._buffers.get(tag)) is None:
+                return
+            done = min(max(0, upto - buffer.first), len(buffer))
+            rest = TagBuffer(max(upto, buffer.first), buffer.oldest_batch)
+            rest.time, rest.value, rest.quality = buffer.time[done:], buffer.value[done:], buffer.quality[done:]
+            self._buffers[tag] = rest
+            self.total -= done
+
+    def oldest_first(self) -> list[tuple[int, int]]:
+        """``(tag, how many samples)``, the one that holds the oldest journal row first."""
+        held = [(buffer.oldest_batch, -len(buffer), tag) for tag, buffer in self._buffers.items() if len(buffer)]
+        return [(tag, -size) for _, size, tag in sorted(held)]
+
+    def oldest_batch(self, without: Container[int] = ()) -> int | None:
+        """The oldest journal row that is still needed once the tags ``without`` are in blocks."""
+        held = (buffer.oldest_batch for tag, buffer in self._buffers.items() if len(buffer) and tag not in without)
+        return min(held, default=None)
+
 
 MergedBlockLookup = Callable[[ResolutionLevel, int, int], bytes | None]
 """The row of a merged level's partition: level, tag, beginning (ms)."""
@@ -47,3 +151,54 @@ def _rollup_blocks(
             part = roll_up(concat([blocks.decode_points(start_ms, grain.width_ms, there), part]), grain.width_ms)
         data = blocks.encode_points(start_ms, grain.width_ms, part)
         yield Block(level, tag, start_ms, 0 if grain.merged else first, data)
+
+
+MAX_COUNTED_PAUSE_MS = DAY_MS
+MAX_EVENTS = 1_000_000
+"""So many of the newest stay: some 300 MB."""
+DELETE_BATCH_ROWS = 200
+"""Rows deleted in one transaction: some tens of milliseconds."""
+MIN_RETENTION_MS = 2 * HOUR_MS
+"""What only the size forbids stays so long all the same: the chart of the last hour is never empty."""
+
+
+def clock_at_start(kept: tuple[int, int] | None, wall_ms: int) -> int:
+    """The clock of age when the service begins; ``kept``: that clock and the wall clock when both were last written."""
+    if kept is None:
+        return 0
+    clock_ms, then_ms = kept
+    return clock_ms + min(max(0, wall_ms - then_ms), MAX_COUNTED_PAUSE_MS)
+
+
+def retention_days(setting: HistoryConfig, level: ResolutionLevel) -> float:
+    return {
+        ResolutionLevel.RAW: setting.raw_days,
+        ResolutionLevel.SECOND: setting.second_days,
+        ResolutionLevel.MINUTE: setting.minute_days,
+        ResolutionLevel.HOUR: setting.hour_days,
+    }[level]
+
+
+def delete_expired(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> bool:
+    """Delete some of what is too old; is there more? Raises StoreError."""
+    oldest = {level: now_ms - round(retention_days(setting, level) * DAY_MS) for level in ResolutionLevel}
+    store.delete_events(MAX_EVENTS)
+    return DELETE_BATCH_ROWS in [
+        store.delete_blocks(level, before, DELETE_BATCH_ROWS) for level, before in oldest.items()
+    ]
+
+
+def delete_oversize(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> bool:
+    """Delete some where there is too much, the finest level's oldest first; may there be more to delete?
+
+    Raises StoreError.
+    """
+    if store.size_bytes() <= setting.largest_mb * 1e6:
+        return False
+    for level in RESOLUTIONS:
+        oldest = store.oldest_stored_ms(level, DELETE_BATCH_ROWS) or store.oldest_stored_ms(level, 0)
+        if oldest is not None and store.delete_blocks(
+            level, min(oldest + 1, now_ms - MIN_RETENTION_MS), DELETE_BATCH_ROWS
+        ):
+            return True
+    return False

@@ -13,9 +13,8 @@ from drivebus.errors import ConfigurationError, InvalidParameters
 from drivebus.service.api.operations import ExportParams
 from drivebus.service.api.param_errors import param_fault
 from drivebus.service.historian.cursors import decode_cursor, encode_cursor
-from drivebus.service.historian.points import QUALITY_BY_CODE
+from drivebus.service.historian.points import LEVEL_BY_NAME, QUALITY_BY_CODE, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.reader import HistoryReader
-from drivebus.service.historian.resolution import LEVEL_BY_NAME, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.store import Tag
 
 Json = dict[str, Any]

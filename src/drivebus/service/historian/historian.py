@@ -20,11 +20,9 @@ from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.profiles.model import Text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian.queries import HistoryQueries
-from drivebus.service.historian.sql import SqlStore
 from drivebus.service.historian.sqlite import SqliteConnection
-from drivebus.service.historian.store import Document, EventRow, HistoryStore, StoreError
-from drivebus.service.historian.write_queue import WriteQueue
-from drivebus.service.historian.writer import HistoryWriter
+from drivebus.service.historian.store import Document, EventRow, HistoryStore, SqlStore, StoreError
+from drivebus.service.historian.writer import HistoryWriter, WriteQueue
 from drivebus.service.live.views import Sample
 
 Json = dict[str, Any]

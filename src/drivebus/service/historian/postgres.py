@@ -15,7 +15,7 @@ from typing import Any
 
 import asyncpg  # type: ignore[import-untyped]
 
-from drivebus.service.historian.sql import SqlRow
+from drivebus.service.historian.store import SqlRow
 
 POSTGRES_CONNECT_TIMEOUT_S = 5.0
 POSTGRES_QUERY_TIMEOUT_S = 20.0

@@ -12,12 +12,18 @@ from typing import Any, TypeVar
 from drivebus.errors import InvalidParameters, NotFound, ServiceUnavailable
 from drivebus.service.api.operations import ExportParams, TimeRangeParams, TrendParams
 from drivebus.service.api.param_errors import param_fault
-from drivebus.service.historian import trend
 from drivebus.service.historian.cursors import decode_cursor, encode_cursor
 from drivebus.service.historian.export import HistoryExporter
-from drivebus.service.historian.points import Points
+from drivebus.service.historian.points import (
+    RESOLUTIONS,
+    Points,
+    ResolutionLevel,
+    coarsest_covering,
+    coarsest_sufficient,
+    downsample,
+    series_json,
+)
 from drivebus.service.historian.reader import HistoryReader
-from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.store import EventQuery, HistoryStore, StoreError, Tag
 from drivebus.service.historian.writer import HistoryWriter
 
@@ -67,12 +73,12 @@ class HistoryQueries:
 
         def read(level: ResolutionLevel) -> dict[str, Points]:
             found = self._reader.points(level, list(names), *span)
-            return {names[tag]: trend.downsample(points, level, *span, asked.points) for tag, points in found}
+            return {names[tag]: downsample(points, level, *span, asked.points) for tag, points in found}
 
-        level, shown = trend.coarsest_covering(trend.coarsest_sufficient(*span, asked.points), *span, read)
+        level, shown = coarsest_covering(coarsest_sufficient(*span, asked.points), *span, read)
         return {
             "resolution": RESOLUTIONS[level].name,
-            "series": {name: trend.series_json(one) for name, one in shown.items()},
+            "series": {name: series_json(one) for name, one in shown.items()},
         }
 
     async def events(self, asked: TimeRangeParams) -> Json:

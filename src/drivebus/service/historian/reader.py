@@ -11,9 +11,16 @@ from dataclasses import dataclass
 
 from drivebus.service.historian import blocks
 from drivebus.service.historian.blocks import DamagedBlock, SampleColumns
-from drivebus.service.historian.open_blocks import OpenBlocks
-from drivebus.service.historian.points import Points, concat, points_of_samples, roll_up, slice_time
-from drivebus.service.historian.resolution import RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.compaction import OpenBlocks
+from drivebus.service.historian.points import (
+    RESOLUTIONS,
+    Points,
+    ResolutionLevel,
+    concat,
+    points_of_samples,
+    roll_up,
+    slice_time,
+)
 from drivebus.service.historian.store import Block, HistoryStore, StoreError
 
 

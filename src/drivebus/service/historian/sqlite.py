@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from drivebus.service.historian.sql import SqlRow
+from drivebus.service.historian.store import SqlRow
 
 VACUUM_PAGES = 1000
 """Free pages given back at a time: some milliseconds."""

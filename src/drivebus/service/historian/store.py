@@ -2,15 +2,19 @@
 
 A store is used by one thread. Every writing method is one transaction and durable on return. After StoreError nobody
 knows whether it was done: the store is opened again, and tells.
+
+The historian's tables and statements, in the SQL that SQLite and PostgreSQL share. A ``Door`` is one connection.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from drivebus.service.historian.resolution import ResolutionLevel
+from drivebus.service.historian.points import ResolutionLevel
 
 SCHEMA_VERSION = 1
 """Version of the tables; a store of a later one is left alone."""
@@ -170,3 +174,203 @@ class HistoryStore(Protocol):
     def documents(self, kind: str) -> list[Document]:
         """By id."""
         ...
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+SqlRow = Sequence[Any]
+
+CREATE_TABLES = (
+    "CREATE TABLE meta (key TEXT PRIMARY KEY, value BIGINT NOT NULL)",
+    "CREATE TABLE tag (id BIGINT PRIMARY KEY, name TEXT NOT NULL UNIQUE, unit TEXT NOT NULL, en TEXT NOT NULL, "
+    "zh TEXT NOT NULL, sealed BIGINT NOT NULL DEFAULT 0)",
+    "CREATE TABLE journal (id {id}, data {bytes} NOT NULL)",
+    "CREATE TABLE block (id {id}, level BIGINT NOT NULL, tag BIGINT NOT NULL, start_ms BIGINT NOT NULL, "
+    "number BIGINT NOT NULL, stored_ms BIGINT NOT NULL, data {bytes} NOT NULL)",
+    "CREATE UNIQUE INDEX block_place ON block (level, tag, start_ms, number)",
+    "CREATE INDEX block_stored ON block (level, stored_ms)",
+    "CREATE TABLE event (id {id}, time_ms BIGINT NOT NULL, kind TEXT NOT NULL, drive TEXT, data TEXT NOT NULL)",
+    "CREATE INDEX event_time ON event (time_ms, id)",
+    "CREATE INDEX event_drive ON event (drive, time_ms, id)",
+    "CREATE TABLE document (kind TEXT NOT NULL, id TEXT NOT NULL, data TEXT NOT NULL, PRIMARY KEY (kind, id))",
+)
+_PUT_TAG = """INSERT INTO tag (id, name, unit, en, zh) VALUES (?, ?, ?, ?, ?)
+ON CONFLICT (id) DO UPDATE SET unit = excluded.unit, en = excluded.en, zh = excluded.zh"""
+_PUT_BATCH = "INSERT INTO journal VALUES (?, ?) ON CONFLICT DO NOTHING"
+_PUT_EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?) ON CONFLICT DO NOTHING"
+_PUT_DOCUMENT = "INSERT INTO document VALUES (?, ?, ?) ON CONFLICT (kind, id) DO UPDATE SET data = excluded.data"
+_PUT_BLOCK = """INSERT INTO block (level, tag, start_ms, number, stored_ms, data) VALUES (?, ?, ?, ?, ?, ?)
+ON CONFLICT (level, tag, start_ms, number) DO UPDATE SET stored_ms = excluded.stored_ms, data = excluded.data"""
+_PUT_META = "INSERT INTO meta VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value"
+_DELETE_BLOCKS = "DELETE FROM block WHERE id IN (SELECT id FROM block WHERE level = ? AND stored_ms < ? LIMIT ?)"
+
+
+class SqlConnection(Protocol):
+    """One connection, used by one thread. ``?`` stands for a parameter. Raises what its database raises."""
+
+    errors: tuple[type[Exception], ...]
+    """All that a database, a disk or a network can do."""
+    type_names: dict[str, str]
+    """What ``{id}`` (a key that counts itself where nothing is given) and ``{bytes}`` are called there."""
+
+    def connect(self) -> None: ...
+    def close(self) -> None: ...
+
+    def version(self) -> int:
+        """Of the tables; 0: there are none."""
+        ...
+
+    def fetch(self, statement: str, *given: Any) -> list[SqlRow]: ...
+    def execute(self, statement: str, *given: Any) -> int:
+        """How many rows were changed."""
+        ...
+
+    def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None: ...
+    def transaction(self, *, writing: bool) -> AbstractContextManager[None]:
+        """All or nothing; one that only reads sees one moment."""
+        ...
+
+    def size_bytes(self) -> int: ...
+    def vacuum(self) -> None:
+        """Give back what deleted rows left free, a little at a time."""
+        ...
+
+
+def _raises_store_error(method: Callable[Concatenate[SqlStore, P], R]) -> Callable[Concatenate[SqlStore, P], R]:
+    """A method whose database errors are StoreError."""
+
+    @wraps(method)
+    def wrapped(self: SqlStore, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return method(self, *args, **kwargs)
+        except self.connection.errors as error:
+            raise StoreError(str(error) or type(error).__name__) from error
+
+    return wrapped
+
+
+class SqlStore:
+    """A ``Store`` through a door; a reader makes no tables."""
+
+    def __init__(self, connection: SqlConnection, *, reader: bool = False) -> None:
+        self.connection = connection
+        self._reader = reader
+
+    @_raises_store_error
+    def open(self) -> StoreContents:
+        self.connection.connect()
+        version = self.connection.version()
+        if version > SCHEMA_VERSION:
+            raise StoreError(f"made by a later version of drivebus (tables {version}, known {SCHEMA_VERSION})")
+        if version == 0 and not self._reader:
+            self._make_tables()
+        tags = [
+            Tag(*row) for row in self.connection.fetch("SELECT id, name, unit, en, zh, sealed FROM tag ORDER BY id")
+        ]
+        last = self.connection.fetch("SELECT coalesce(max(id), 0) FROM event")[0][0]
+        meta = {row[0]: row[1] for row in self.connection.fetch("SELECT key, value FROM meta")}
+        return StoreContents(tags, last, (meta["clock"], meta["wall"]) if "clock" in meta else None)
+
+    def _make_tables(self) -> None:
+        with self.connection.transaction(writing=True):
+            for statement in CREATE_TABLES:
+                self.connection.execute(statement.format(**self.connection.type_names))
+            self.connection.execute(_PUT_META, "schema", SCHEMA_VERSION)
+
+    @_raises_store_error
+    def close(self) -> None:
+        self.connection.close()
+
+    @_raises_store_error
+    def journal(self) -> Iterator[tuple[int, bytes]]:
+        return iter([(row[0], row[1]) for row in self.connection.fetch("SELECT id, data FROM journal ORDER BY id")])
+
+    @_raises_store_error
+    def write_batch(self, batch: Batch) -> None:
+        with self.connection.transaction(writing=True):
+            self.connection.execute_many(_PUT_TAG, [(tag.id, tag.name, tag.unit, tag.en, tag.zh) for tag in batch.tags])
+            if batch.samples is not None:
+                self.connection.execute(_PUT_BATCH, batch.id, batch.samples)
+            self.connection.execute_many(
+                _PUT_EVENT, [(one.id, one.time_ms, one.kind, one.drive, one.data) for one in batch.events]
+            )
+            for one in batch.documents:
+                if one.data is None:
+                    self.connection.execute("DELETE FROM document WHERE kind = ? AND id = ?", one.kind, one.id)
+                else:
+                    self.connection.execute(_PUT_DOCUMENT, one.kind, one.id, one.data)
+
+    @_raises_store_error
+    def compact(self, seals: Sequence[Compaction], stored_ms: int, keep_from: int | None) -> None:
+        with self.connection.transaction(writing=True):
+            for seal in seals:
+                self.connection.execute("UPDATE tag SET sealed = ? WHERE id = ?", seal.to_number, seal.tag)
+                rows = ((b.level, b.tag, b.start_ms, b.number, stored_ms, b.data) for b in seal.blocks)
+                self.connection.execute_many(_PUT_BLOCK, rows)
+            if keep_from is None:
+                self.connection.execute("DELETE FROM journal")
+            else:
+                self.connection.execute("DELETE FROM journal WHERE id < ?", keep_from)
+
+    @_raises_store_error
+    def merged_block(self, level: ResolutionLevel, tag: int, start_ms: int) -> bytes | None:
+        asked = "SELECT data FROM block WHERE level = ? AND tag = ? AND start_ms = ? AND number = 0"
+        found = self.connection.fetch(asked, level, tag, start_ms)
+        return bytes(found[0][0]) if found else None
+
+    @_raises_store_error
+    def delete_blocks(self, level: ResolutionLevel, before_ms: int, most: int) -> int:
+        gone = self.connection.execute(_DELETE_BLOCKS, level, before_ms, most)
+        self.connection.vacuum()
+        return gone
+
+    @_raises_store_error
+    def delete_events(self, but: int) -> None:
+        self.connection.execute("DELETE FROM event WHERE id <= (SELECT max(id) FROM event) - ?", but)
+
+    @_raises_store_error
+    def oldest_stored_ms(self, level: ResolutionLevel, skip: int) -> int | None:
+        asked = "SELECT stored_ms FROM block WHERE level = ? ORDER BY stored_ms LIMIT 1 OFFSET ?"
+        found = self.connection.fetch(asked, level, skip)
+        return found[0][0] if found else None
+
+    @_raises_store_error
+    def save_clock(self, clock_ms: int, wall_ms: int) -> None:
+        with self.connection.transaction(writing=True):
+            self.connection.execute_many(_PUT_META, [("clock", clock_ms), ("wall", wall_ms)])
+
+    @_raises_store_error
+    def size_bytes(self) -> int:
+        return self.connection.size_bytes()
+
+    @_raises_store_error
+    def read_blocks(
+        self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
+    ) -> tuple[dict[int, int], list[Block]]:
+        one = "SELECT tag, start_ms, number, data FROM block WHERE level = ? AND tag = ?"
+        asked = f"{one} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
+        with self.connection.transaction(writing=False):
+            sealed = {row[0]: row[1] for row in self.connection.fetch("SELECT id, sealed FROM tag")}
+            rows = [row for tag in tags for row in self.connection.fetch(asked, level, tag, from_ms, to_ms)]
+        return sealed, [Block(level, *row) for row in rows]
+
+    @_raises_store_error
+    def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
+        asked = "SELECT min(start_ms) FROM block WHERE level = ? AND tag = ? AND start_ms >= ?"
+        found = [self.connection.fetch(asked, level, tag, from_ms)[0][0] for tag in tags]
+        return min((start for start in found if start is not None), default=None)
+
+    @_raises_store_error
+    def events(self, window: EventQuery) -> list[EventRow]:
+        before = window.before or (window.to_ms + 1, 0)
+        where = "time_ms BETWEEN ? AND ? AND (time_ms, id) < (?, ?)"
+        given: list[Any] = [window.from_ms, window.to_ms, *before]
+        if window.drive is not None:
+            where, given = f"{where} AND drive = ?", [*given, window.drive]
+        asked = f"SELECT id, time_ms, kind, drive, data FROM event WHERE {where} ORDER BY time_ms DESC, id DESC LIMIT ?"
+        return [EventRow(*row) for row in self.connection.fetch(asked, *given, window.limit)]
+
+    @_raises_store_error
+    def documents(self, kind: str) -> list[Document]:
+        asked = "SELECT kind, id, data FROM document WHERE kind = ? ORDER BY id"
+        return [Document(*row) for row in self.connection.fetch(asked, kind)]

@@ -1,4 +1,9 @@
-"""The one writer: makes durable what the intake holds, moves it into blocks, forgets what is too old.
+"""Where the plant leaves what is to be remembered. Never waits: a full queue loses what comes, counts it and marks the
+hole, so that no line is drawn across it.
+
+What came in one interval, made ready for one transaction: samples by tag, new tags, events with their numbers.
+
+The one writer: makes durable what the intake holds, moves it into blocks, forgets what is too old.
 
 Every method runs on the writer's thread. A store that fails is closed and opened again at the next
 round; until then the batch stays in memory and the intake fills, and nobody else notices.
@@ -7,19 +12,205 @@ round; until then the batch stays in memory and the intake fills, and nobody els
 from __future__ import annotations
 
 import logging
+import math
 import time
-from collections.abc import Callable
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from threading import Lock
 
 from drivebus import clock
+from drivebus.profiles.model import Text
 from drivebus.service.config.model import HistoryConfig
-from drivebus.service.historian import retention
-from drivebus.service.historian.batch_builder import BatchBuilder, PendingBatch
-from drivebus.service.historian.blocks import DamagedBlock, decode_batch
-from drivebus.service.historian.compaction import compact_samples
-from drivebus.service.historian.open_blocks import OpenBlocks
-from drivebus.service.historian.store import Compaction, HistoryStore, StoreContents, StoreError, Tag
-from drivebus.service.historian.write_queue import WriteQueue
+from drivebus.service.historian import compaction
+from drivebus.service.historian.blocks import DamagedBlock, SampleColumns, decode_batch, encode_batch
+from drivebus.service.historian.compaction import OpenBlocks, compact_samples
+from drivebus.service.historian.points import CODE_BY_QUALITY
+from drivebus.service.historian.store import (
+    Batch,
+    Compaction,
+    Document,
+    EventRow,
+    HistoryStore,
+    StoreContents,
+    StoreError,
+    Tag,
+)
+from drivebus.service.live.views import Sample
+from drivebus.values import Quality
+
+MAX_QUEUED_SAMPLES = 200_000
+"""Half an hour of 12 drives with 10 signals each second: a full disk found and mended in that time loses nothing."""
+MAX_QUEUED_NOTES = 10_000
+"""Events and documents."""
+
+
+@dataclass(slots=True)
+class QueuedBatch:
+    """What the writer puts into one batch."""
+
+    samples: list[Sample] = field(default_factory=list)
+    events: list[EventRow] = field(default_factory=list)
+    """Without an id yet."""
+    documents: dict[tuple[str, str], Document] = field(default_factory=dict)
+    """The last one of each place."""
+    labels: dict[str, tuple[str, Text]] = field(default_factory=dict)
+    accepted: int = 0
+    """Things accepted up to and with these: what a flush waits for."""
+
+
+class WriteQueue:
+    """A bounded queue between the loop's thread and the writer's."""
+
+    def __init__(self, max_samples: int = MAX_QUEUED_SAMPLES, max_notes: int = MAX_QUEUED_NOTES) -> None:
+        self._lock = Lock()
+        self._max_samples, self._max_notes = max_samples, max_notes
+        self._batches: deque[Sequence[Sample]] = deque()
+        self._waiting = QueuedBatch()
+        self._gaps: dict[str, int] = {}
+        self.queued = 0
+        """Samples that wait."""
+        self.samples = 0
+        """Samples taken in so far, marks of holes among them."""
+        self.lost_samples = 0
+        self.lost_notes = 0
+        self.accepted = 0
+
+    def append(self, samples: Iterable[Sample]) -> None:
+        batch = tuple(samples)
+        with self._lock:
+            if self.queued + len(batch) > self._max_samples:
+                self._drop(batch)
+                return
+            if self._gaps:
+                batch = (*self._gap_markers(), *batch)
+            self._batches.append(batch)
+            self.queued += len(batch)
+            self.samples += len(batch)
+            self.accepted += len(batch)
+
+    def _drop(self, batch: Iterable[Sample]) -> None:
+        for sample in batch:
+            self.lost_samples += 1
+            self._gaps.setdefault(sample.tag, sample.time_ms)
+
+    def _gap_markers(self) -> list[Sample]:
+        """A gap for each tag at the first moment that was lost."""
+        holes, self._gaps = self._gaps, {}
+        return [Sample(tag, time_ms, None, Quality.BAD) for tag, time_ms in holes.items()]
+
+    def put_event(self, event: EventRow) -> None:
+        with self._lock:
+            if len(self._waiting.events) >= self._max_notes:
+                self.lost_notes += 1
+                return
+            self._waiting.events.append(event)
+            self.accepted += 1
+
+    def put_document(self, document: Document) -> None:
+        with self._lock:
+            place = (document.kind, document.id)
+            if place not in self._waiting.documents and len(self._waiting.documents) >= self._max_notes:
+                self.lost_notes += 1
+                return
+            self._waiting.documents[place] = document
+            self.accepted += 1
+
+    def set_labels(self, labels: Mapping[str, tuple[str, Text]]) -> None:
+        with self._lock:
+            self._waiting.labels.update(labels)
+            self.accepted += 1
+
+    def take(self, max_samples: int) -> QueuedBatch:
+        """Everything that waits, of samples about ``most``."""
+        with self._lock:
+            taken, self._waiting = self._waiting, QueuedBatch()
+            while self._batches and len(taken.samples) < max_samples:
+                taken.samples.extend(self._batches.popleft())
+            self.queued -= len(taken.samples)
+            taken.accepted = self.accepted - self.queued
+            return taken
+
+
+def sample_value(sample: Sample) -> float:
+    """NaN for what is no number: a gap."""
+    value = sample.value
+    return value if value is not None and math.isfinite(value) else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class PendingBatch:
+    """A batch on its way, tried again until it is durable."""
+
+    batch: Batch
+    groups: list[tuple[int, int, SampleColumns]]
+    """Tag, number of the first, samples."""
+    accepted: int
+    """What the intake had accepted up to and with it."""
+
+
+class BatchBuilder:
+    """Knows every tag and the last numbers."""
+
+    def __init__(self) -> None:
+        self.tags: dict[str, Tag] = {}
+        self.last_batch = 0
+        """Number of the last journal row."""
+        self._last_event = 0
+        self._labels: dict[str, tuple[str, Text]] = {}
+
+    def resume(self, contents: StoreContents) -> None:
+        """Go on where a store ends."""
+        self.tags = {tag.name: tag for tag in contents.tags}
+        self._last_event = contents.last_event
+
+    def build(self, taken: QueuedBatch, following: Callable[[int], int]) -> PendingBatch:
+        """``following``: a known tag → the number of its next sample."""
+        by_tag: defaultdict[str, list[Sample]] = defaultdict(list)
+        for sample in taken.samples:
+            by_tag[sample.tag].append(sample)
+        tags = self._changed_tags(list(by_tag), taken)
+        new = {tag.name: tag.id for tag in tags if tag.name not in self.tags}
+        groups = []
+        for name, samples in by_tag.items():
+            tag, first = (new[name], 0) if name in new else (self.tags[name].id, following(self.tags[name].id))
+            groups.append((tag, first, _sample_columns(samples)))
+        events = [replace(event, id=self._last_event + n) for n, event in enumerate(taken.events, 1)]
+        packed = encode_batch(groups) if groups else None
+        batch = Batch(self.last_batch + 1, packed, tags, events, list(taken.documents.values()))
+        return PendingBatch(batch, groups, taken.accepted)
+
+    def _changed_tags(self, names: list[str], taken: QueuedBatch) -> list[Tag]:
+        """Tags that are new, or that have another unit or text now."""
+        found = []
+        self._labels.update(taken.labels)
+        free = 1 + max((tag.id for tag in self.tags.values()), default=0)
+        for name in dict.fromkeys([*names, *(name for name in taken.labels if name in self.tags)]):
+            tag = self.tags.get(name) or Tag(free, name)
+            free += tag.id == free
+            if name in self._labels:
+                unit, text = self._labels[name]
+                tag = replace(tag, unit=unit, en=text.en, zh=text.zh)
+            if self.tags.get(name) != tag:
+                found.append(tag)
+        return found
+
+    def confirm(self, batch: Batch) -> None:
+        """It is durable."""
+        self.tags |= {tag.name: tag for tag in batch.tags}
+        self.last_batch = batch.id
+        self._last_event += len(batch.events)
+
+
+def _sample_columns(samples: list[Sample]) -> SampleColumns:
+    time_ms = [sample.time_ms for sample in samples]
+    return (
+        time_ms,
+        [sample_value(sample) for sample in samples],
+        bytes([CODE_BY_QUALITY[sample.quality] for sample in samples]),
+    )
+
 
 log = logging.getLogger("drivebus.history")
 
@@ -130,7 +321,7 @@ class HistoryWriter:
         else:
             self._replay(contents)
             self._clock_ms, self._clock_s = (
-                retention.clock_at_start(contents.clock, self._wall_ms()),
+                compaction.clock_at_start(contents.clock, self._wall_ms()),
                 self._monotonic_s(),
             )
         self._is_open = self._was_open = True
@@ -202,6 +393,6 @@ class HistoryWriter:
         now_ms = self._age_clock_ms()
         self._store.save_clock(now_ms, self._wall_ms())
         more = [
-            rule(self._store, self._setting, now_ms) for rule in (retention.delete_expired, retention.delete_oversize)
+            rule(self._store, self._setting, now_ms) for rule in (compaction.delete_expired, compaction.delete_oversize)
         ]
         self._retention_s = self._monotonic_s() + (0.0 if any(more) else RETENTION_INTERVAL_S)

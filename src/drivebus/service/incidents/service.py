@@ -15,8 +15,7 @@ from drivebus.service.api.frames import frame_json
 from drivebus.service.api.parameter_json import readings_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.incidents import IncidentRecorder, IncidentStore
-from drivebus.service.incidents.parameters import incident_parameters
-from drivebus.service.incidents.recorder import INCIDENT_FRAMES, TRIP_ALARM_KINDS, BusSnapshot
+from drivebus.service.incidents.recorder import INCIDENT_FRAMES, TRIP_ALARM_KINDS, BusSnapshot, incident_parameters
 from drivebus.service.live.views import DriveView, Json, Sample
 from drivebus.service.parts import OperationHandler
 from drivebus.service.runtime.fairness import iter_cooperatively

@@ -15,8 +15,8 @@ from drivebus.bus.trace import TraceEvent
 from drivebus.clock import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
+from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig
-from drivebus.service.config.polling import serial_settings_of
 from drivebus.service.live.views import Sample
 from drivebus.service.runtime.drive import DriveRuntime
 

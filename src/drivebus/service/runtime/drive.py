@@ -15,8 +15,8 @@ from drivebus.drives.operations.comm_loss import CommLossReport
 from drivebus.drives.operations.status import complete_status
 from drivebus.profiles.model import Text
 from drivebus.service.api.errors import localized
+from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
-from drivebus.service.config.polling import polled_names, polls_of, profile_of
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView, Sample
 from drivebus.values import Quality, Reading
