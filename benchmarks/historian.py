@@ -27,8 +27,7 @@ from drivebus.service.api.operations import TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
 from drivebus.service.historian.blocks import encode_points
-from drivebus.service.historian.points import Points
-from drivebus.service.historian.points import DAY_MS, HOUR_MS, MINUTE_MS, RESOLUTIONS, ResolutionLevel
+from drivebus.service.historian.points import DAY_MS, HOUR_MS, MINUTE_MS, RESOLUTIONS, Points, ResolutionLevel
 from drivebus.service.historian.store import Block, Compaction
 from drivebus.service.live.views import Sample
 from drivebus.values import Quality
@@ -247,7 +246,7 @@ async def trends(historian: Historian, chance: random.Random, end_ms: int, turns
                 tags = chance.sample(TAGS, signals)
                 asked = TrendParams(tags=tags, from_ms=last - span, to_ms=last, points=1000)
                 begun = time.perf_counter()
-                answer = await historian.trend(asked)
+                answer = await historian.queries.trend(asked)
                 taken.append(1000 * (time.perf_counter() - begun))
             taken.sort()
             lengths = [len(series["t"]) for series in answer["series"].values()]

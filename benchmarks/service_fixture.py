@@ -114,13 +114,12 @@ def free_port() -> int:
 def _add_token(directory: Path) -> None:
     from drivebus.service.auth.rights import Right, Role
     from drivebus.service.auth.sessions import secret_digest
-    from drivebus.service.auth.users import UserFile
-    from drivebus.service.auth.users import Token, User, UserDatabase
+    from drivebus.service.auth.users import Token, User, UserDatabase, UserFile
 
     user = User("bench", Role.ADMINISTRATOR, "never used", 0)
     rights = (Right.VIEW, Right.STOP, Right.OPERATE)
     token = Token("1", "bench", "bench", rights, secret_digest(BENCHMARK_TOKEN), 0, 4_000_000_000_000)
-    UserFile(directory / "access.json").change(lambda _: UserDatabase().with_user(user).with_token(token))
+    UserFile(directory / "users.json").change(lambda _: UserDatabase().with_user(user).with_token(token))
 
 
 def _wait_until(there: Callable[[], bool], process: subprocess.Popen[bytes], folder: Path) -> float:

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus.cli.root import cli
-from drivebus.service.auth.passwords import Passwords
+from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.service import AuthService
 from drivebus.testing.virtual_time import run
@@ -21,8 +21,8 @@ from fixtures.web_app import FAST_HASHER, PASSWORD
 @pytest.fixture
 def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A plant's file; hashing is quick here, what is used in earnest is tested elsewhere."""
-    made = Passwords(FAST_HASHER)
-    monkeypatch.setattr("drivebus.service.auth.passwords.Passwords", lambda: made)
+    made = PasswordHashing(FAST_HASHER)
+    monkeypatch.setattr("drivebus.service.auth.passwords.PasswordHashing", lambda: made)
     path = tmp_path / "plant.toml"
     path.write_text(SHOP_FILE)
     return path
@@ -33,7 +33,7 @@ def user(plant: Path, verb: str, *words: str, typed: str = "") -> Result:
 
 
 def access(plant: Path) -> AuthService:
-    return AuthService(plant.parent / "state", passwords=Passwords(FAST_HASHER))
+    return AuthService(plant.parent / "state", passwords=PasswordHashing(FAST_HASHER))
 
 
 def records(plant: Path) -> list[tuple[str, str, str]]:
@@ -57,7 +57,7 @@ def test_a_user_is_added_and_logs_in_and_both_is_recorded(plant: Path) -> None:
 def test_a_weak_password_and_a_taken_name_are_refused_with_the_reason(plant: Path) -> None:
     weak = user(plant, "add", "ann", "--role", "viewer", typed="short\n")
     assert weak.exit_code == 1 and "10 to 200 characters" in weak.output
-    assert not (plant.parent / "state" / "access.json").exists()
+    assert not (plant.parent / "state" / "users.json").exists()
     user(plant, "add", "ann", "--role", "viewer", typed=PASSWORD + "\n")
     taken = user(plant, "add", "ANN", "--role", "administrator", typed=PASSWORD + "\n")
     assert taken.exit_code == 1 and "already" in taken.output
@@ -87,7 +87,7 @@ def test_a_token_is_shown_once_and_may_what_was_asked_for(plant: Path) -> None:
     secret = json.loads(done.stdout)["token"]
     visitor = access(plant).token_credential(secret, "local")
     assert visitor is not None and visitor.actor.rights == {Right.VIEW, Right.STOP}
-    assert secret not in (plant.parent / "state" / "access.json").read_text()
+    assert secret not in (plant.parent / "state" / "users.json").read_text()
     beyond = user(plant, "token", "bob", "--right", "tune")
     assert beyond.exit_code == 1 and "tune" in beyond.output
 
@@ -97,4 +97,4 @@ def test_g14_nothing_is_changed_where_it_can_not_be_recorded(plant: Path) -> Non
     (state / "audit.jsonl").mkdir(parents=True)
     done = user(plant, "add", "ann", "--role", "viewer", typed=PASSWORD + "\n")
     assert done.exit_code == 1
-    assert not (state / "access.json").exists()
+    assert not (state / "users.json").exists()

@@ -10,9 +10,8 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from drivebus.service.audit.chain import AuditChain
+from drivebus.service.audit.chain import AuditChain, AuditPaths
 from drivebus.service.audit.records import AuditEntry, entry_json
-from drivebus.service.audit.chain import AuditPaths
 from drivebus.service.audit.verify import AuditReport, verify
 from verification.campaign import Campaign, CampaignRun
 from verification.security import audit_tampering

@@ -57,7 +57,7 @@ class UnauthorizedClients:
         self.session = session
         self.now = 0.0
         self.plant = CountingService()
-        self.access: AuthService = AuthService(folder, clock=lambda: self.now, wall=lambda: round(self.now * 1000))
+        self.access: AuthService = AuthService(folder, clock=lambda: self.now, wall_ms=lambda: round(self.now * 1000))
         self.app = make_app(self.plant, self.access, WebConfig())
 
     async def send_requests(self) -> None:

@@ -57,7 +57,7 @@ class ServiceStores:
         self.history = Historian(config.history, config.directory, wall_ms=wall_ms)
         self.run_statistics = RunStatisticsStore(self.history)
         self.alarm_log = AlarmLog(config.directory / "alarms.jsonl")
-        self.incidents = AlarmIncidentService(self.alarm_log, IncidentStore(config.directory / "cases"), now)
+        self.incidents = AlarmIncidentService(self.alarm_log, IncidentStore(config.directory / "incidents"), now)
         self.incidents.stores[self.trail.paths.current.name] = lambda: self.trail.error
         self.incidents.stores[self.trail.paths.checkpoints.name] = lambda: self.trail.checkpoint_error
         self.alarms: AlarmEngine | None = None
@@ -135,7 +135,7 @@ class ServiceStores:
         return {
             "audit.list": audit_list,
             "audit.verify": audit_verify,
-            **self.history.handlers(),
+            **self.history.queries.handlers(),
             **self.run_statistics.handlers(),
             **self.incidents.handlers(),
         }

@@ -13,9 +13,9 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.errors import build_error_json, error_to_json
+from drivebus.service.api.errors import build_error_json
 from drivebus.service.api.param_errors import params_error, pydantic_faults
-from drivebus.service.auth.errors import retry_after
+from drivebus.web.error_status import error_body, retry_after_header
 
 Json = dict[str, Any]
 
@@ -34,7 +34,7 @@ def install_error_handlers(app: FastAPI) -> None:
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DrivebusError)
-    return _error_response(error_to_json(error), {"Cache-Control": "no-store"} | retry_after(error))
+    return _error_response(error_body(error), {"Cache-Control": "no-store"} | retry_after_header(error))
 
 
 def _error_response(found: Json, headers: Mapping[str, str] | None = None) -> JSONResponse:
@@ -51,10 +51,11 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = _MESSAGE_KEYS.get(error.status_code, "api.refused")
     params = {"method": request.method, "path": request.url.path}
-    return _error_response(build_error_json(code, "HttpError", params, error.status_code), error.headers)
+    found = build_error_json(code, "HttpError", params) | {"status": error.status_code}
+    return _error_response(found, error.headers)
 
 
 async def _internal_error(request: Request, error: Exception) -> JSONResponse:
     """Nothing of the inside is shown; the log has it."""
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
-    return _error_response(build_error_json("api.unforeseen", "InternalError", {}, 500))
+    return _error_response(build_error_json("api.unforeseen", "InternalError", {}) | {"status": 500})

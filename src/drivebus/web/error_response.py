@@ -8,22 +8,22 @@ from typing import Any
 from starlette.types import Send
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.errors import error_to_json
 from drivebus.service.auth.errors import AuthError
+from drivebus.web.error_status import error_body, http_status
 
 HeaderList = tuple[tuple[bytes, bytes], ...]
 
 
 async def send_error(send: Send, error: AuthError, *more: tuple[bytes, bytes]) -> None:
     """``error`` as JSON with its own status; the connection closes, whatever of the request is still to come."""
-    body = json.dumps({"error": error_to_json(error)}, ensure_ascii=False).encode()
+    body = json.dumps({"error": error_body(error)}, ensure_ascii=False).encode()
     headers: HeaderList = (
         (b"content-type", b"application/json"),
         (b"content-length", str(len(body)).encode()),
         *allow_header(error),
         *more,
     )
-    await send({"type": "http.response.start", "status": error.status, "headers": list(headers)})
+    await send({"type": "http.response.start", "status": http_status(error), "headers": list(headers)})
     await send({"type": "http.response.body", "body": body})
 
 

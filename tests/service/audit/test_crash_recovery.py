@@ -91,7 +91,7 @@ def write_some(places: AuditPaths, acknowledged: list[int], start: int) -> None:
                 chain.write_checkpoint()
         chain.write_checkpoint()
     except Killed:
-        for journal in (chain._journal, chain._checkpoints):
+        for journal in (chain._records, chain._checkpoints):
             if journal._fd >= 0:
                 os.close(journal._fd)
         raise
@@ -135,7 +135,7 @@ from pathlib import Path
 from drivebus.service.audit import AuditEntry, AuditTrail
 
 async def write(folder):
-    trail = AuditTrail(Path(folder), full_at=20_000)
+    trail = AuditTrail(Path(folder), max_file_bytes=20_000)
     await trail.open()
     async def one(name):
         while True:

@@ -136,26 +136,26 @@ def test_a_cut_is_told_back_to_the_last_checkpoint(made: AuditTrail, lines: list
 
 def test_a_checkpoint_that_is_missing_or_moved_or_doubled_is_told(made: AuditTrail, marks: list[bytes]) -> None:
     lay_marks(made, marks[1:])
-    assert where(made) == [("mark_broken", 1)]
+    assert where(made) == [("checkpoint_broken", 1)]
     lay_marks(made, [marks[0], marks[0], *marks[1:]])
-    assert where(made) == [("mark_broken", 2)]
+    assert where(made) == [("checkpoint_broken", 2)]
     lay_marks(made, marks[:2])
-    assert where(made) == [("marks_missing", 0)]
+    assert where(made) == [("checkpoints_missing", 0)]
     made.paths.checkpoints.unlink()
-    assert where(made) == [("marks_missing", 0)]
+    assert where(made) == [("checkpoints_missing", 0)]
 
 
 def test_a_checkpoint_that_is_changed_or_unfinished_is_told(made: AuditTrail, marks: list[bytes]) -> None:
     lay_marks(made, [*marks[:2], marks[2].replace(b'"n":8', b'"n":7'), marks[3]])
-    assert where(made) == [("mark_changed", 3), ("mark_broken", 4)]
+    assert where(made) == [("checkpoint_changed", 3), ("checkpoint_broken", 4)]
     lay_marks(made, [*marks[:3], marks[3][:-1]])
-    assert where(made) == [("mark_changed", 4)]
+    assert where(made) == [("checkpoint_changed", 4)]
 
 
 def test_checkpoints_of_somebody_without_the_key_are_told(made: AuditTrail, lines: list[bytes]) -> None:
     line, _ = records.encode_checkpoint(1, (10, json.loads(lines[9])["hash"]), records.GENESIS_HASH, 1, b"x" * 64)
     lay_marks(made, [line])
-    assert set(problem_kinds(made)) == {"mark_changed", "marks_missing"}
+    assert set(problem_kinds(made)) == {"checkpoint_changed", "checkpoints_missing"}
 
 
 @pytest.mark.parametrize(("number", "n"), [(2, 4), (2, 3), (3, 8)])
@@ -165,11 +165,11 @@ def test_checkpoints_go_on_in_number_and_in_record(made: AuditTrail, lines: list
     first, mac = records.encode_checkpoint(1, (4, hashes[3]), records.GENESIS_HASH, 1, key)
     second, _ = records.encode_checkpoint(number, (n, hashes[n - 1]), mac, 1, key)
     lay_marks(made, [first, second])
-    assert where(made)[0] == ("mark_broken", 2)
+    assert where(made)[0] == ("checkpoint_broken", 2)
 
 
 def test_a_file_that_is_lost_or_renamed_is_told(tmp_path: Path) -> None:
-    made = written_trail(tmp_path, 40, full_at=2_000)
+    made = written_trail(tmp_path, 40, max_file_bytes=2_000)
     first, second = made.paths.files()[:2]
     second.rename(made.paths.folder / "audit-000000000099.jsonl")
     assert {"name", "broken"} <= set(problem_kinds(made))

@@ -142,16 +142,16 @@ def test_many_at_once_are_written_together_in_their_order(tmp_path: Path, monkey
 
 
 def test_full_files_are_put_away_and_the_chain_goes_on(tmp_path: Path) -> None:
-    made = written_trail(tmp_path, 40, full_at=2_000)
+    made = written_trail(tmp_path, 40, max_file_bytes=2_000)
     files = made.paths.files()
     assert len(files) > 3 and [path.name for path in files][:1] == ["audit-000000000001.jsonl"]
     assert verify_report(made).ok and verify_report(made).entries == 40
-    again = written_trail(tmp_path, 5, full_at=2_000)
+    again = written_trail(tmp_path, 5, max_file_bytes=2_000)
     assert verify_report(again).ok and verify_report(again).entries == 45
 
 
 def test_pages_go_back_to_the_first_record_and_take_none_twice(tmp_path: Path) -> None:
-    made = written_trail(tmp_path, 40, full_at=2_000)
+    made = written_trail(tmp_path, 40, max_file_bytes=2_000)
 
     async def go(drive: str | None) -> list[int]:
         found, cursor = [], None
@@ -378,7 +378,7 @@ def test_an_end_that_was_cut_off_is_still_seen_after_the_service_went_on(tmp_pat
     made.paths.current.write_bytes(b"".join(kept))
     again = written_trail(tmp_path, 3)
     assert lines(again.paths.current)[6]["what"] == "audit.cut"
-    assert set(problem_kinds(again)) == {"rewritten", "mark_broken"}
+    assert set(problem_kinds(again)) == {"rewritten", "checkpoint_broken"}
 
 
 def test_the_service_can_tell_that_an_end_was_cut_off(tmp_path: Path) -> None:
@@ -474,4 +474,4 @@ def test_what_another_process_sends_is_recorded_whatever_it_is(tmp_path: Path) -
 def test_the_clock_may_jump_back_without_harm(tmp_path: Path) -> None:
     """F21."""
     written_trail(tmp_path)
-    assert verify_report(written_trail(tmp_path, wall=counting_clock())).ok
+    assert verify_report(written_trail(tmp_path, wall_clock=counting_clock())).ok

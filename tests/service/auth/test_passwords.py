@@ -9,7 +9,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from drivebus.service.auth.errors import AuthUnavailable, InvalidInput
-from drivebus.service.auth.passwords import Passwords, check_password_policy
+from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 from drivebus.testing.virtual_time import run
 from fixtures.web_app import FAST_HASHER, PASSWORD
 
@@ -92,7 +92,7 @@ def test_what_has_something_of_its_own_is_a_password(password: str) -> None:
 
 
 def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:
-    hashed = run(Passwords().hash(PASSWORD))
+    hashed = run(PasswordHashing().hash(PASSWORD))
     assert hashed.startswith("$argon2id$v=19$m=65536,t=3,p=1$")
 
 
@@ -110,7 +110,7 @@ def test_s05_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: p
         return FAST_HASHER
 
     monkeypatch.setattr("drivebus.service.auth.passwords.PasswordHasher", noted)
-    Passwords()
+    PasswordHashing()
     assert asked == [{"time_cost": 3, "memory_cost": 64 * 1024, "parallelism": 1}]
 
 
@@ -128,7 +128,7 @@ def test_s14_one_password_is_hashed_at_a_time() -> None:
             return ""
 
     async def four() -> None:
-        passwords = Passwords(Slow())
+        passwords = PasswordHashing(Slow())
         await asyncio.gather(*(passwords.hash(PASSWORD) for _ in range(4)))
 
     asyncio.run(four())
@@ -137,7 +137,7 @@ def test_s14_one_password_is_hashed_at_a_time() -> None:
 
 def test_s14_so_many_passwords_wait_and_no_more() -> None:
     """A flood of logins does not fill the memory; when it is over there is room again."""
-    passwords, known = Passwords(FAST_HASHER), FAST_HASHER.hash(PASSWORD)
+    passwords, known = PasswordHashing(FAST_HASHER), FAST_HASHER.hash(PASSWORD)
 
     async def flood() -> list[object]:
         tries = (passwords.verify(known, PASSWORD) for _ in range(9))
@@ -151,12 +151,12 @@ def test_s14_so_many_passwords_wait_and_no_more() -> None:
 
 def test_s06_who_has_no_password_comes_in_with_none() -> None:
     """Though somebody found the one that takes the time of a wrong one."""
-    passwords = Passwords(FAST_HASHER)
+    passwords = PasswordHashing(FAST_HASHER)
     passwords._unknown_user_hash = FAST_HASHER.hash(PASSWORD)
     assert run(passwords.verify(None, PASSWORD)) is False
     assert run(passwords.verify(FAST_HASHER.hash(PASSWORD), "wrong password")) is False
 
 
 def test_a_password_is_the_same_however_its_accents_are_typed() -> None:
-    passwords = Passwords(FAST_HASHER)
+    passwords = PasswordHashing(FAST_HASHER)
     assert run(passwords.verify(run(passwords.hash("caf\u00e9 du port 7")), "cafe\u0301 du port 7"))

@@ -14,7 +14,7 @@ import pytest
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import TokenCredential
 from drivebus.service.auth.errors import AccessDenied, NotAuthenticated, TooManyAttempts
-from drivebus.service.auth.passwords import Passwords
+from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
 from drivebus.service.auth.service import SESSION_SAVE_INTERVAL_S, AuthService
 from drivebus.service.auth.sessions import (
@@ -418,7 +418,7 @@ def test_s07_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest
     """The monotonic clock begins anew with the machine: ages would be wrong."""
     access, clock = auth_service(tmp_path)
     secret, _ = login(access)
-    monkeypatch.setattr("drivebus.service.auth.sessions._BOOT", tmp_path / "another")
+    monkeypatch.setattr("drivebus.service.auth.sessions._BOOT_ID_FILE", tmp_path / "another")
     assert restarted(access, clock).session_credential(secret) is None
     (tmp_path / "another").write_text("another boot")
     assert restarted(access, clock).session_credential(secret) is None
@@ -443,7 +443,7 @@ def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.Mo
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("drivebus.service.auth.sessions.replace_private", full)
+    monkeypatch.setattr("drivebus.service.auth.sessions.atomic_write_private", full)
     secret, visitor = login(access)
     assert access.session_credential(secret) is not None
     run(access.logout(visitor.session))
@@ -467,11 +467,11 @@ def test_a_disk_that_hangs_is_asked_once(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_the_users_are_kept_where_the_plant_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivebus.service.auth.service.Passwords", lambda: "as they are in earnest")
+    monkeypatch.setattr("drivebus.service.auth.service.PasswordHashing", lambda: "as they are in earnest")
     assert AuthService(tmp_path).passwords == "as they are in earnest"  # type: ignore[comparison-overlap]
-    assert AuthService(tmp_path, passwords=Passwords(FAST_HASHER)).user_file.path == tmp_path / "access.json"
+    assert AuthService(tmp_path, passwords=PasswordHashing(FAST_HASHER)).user_file.path == tmp_path / "users.json"
     elsewhere = tmp_path / "users.json"
-    assert AuthService(tmp_path, elsewhere, passwords=Passwords(FAST_HASHER)).user_file.path == elsewhere
+    assert AuthService(tmp_path, elsewhere, passwords=PasswordHashing(FAST_HASHER)).user_file.path == elsewhere
 
 
 def token_of(access: AuthService, clock: SteppedClock, *rights: Right) -> TokenCredential:

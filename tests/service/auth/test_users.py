@@ -11,17 +11,10 @@ from pathlib import Path
 import pytest
 
 from drivebus.errors import ConfigurationError
-from drivebus.service.api.errors import error_to_json
 from drivebus.service.auth.errors import (
-    AccessDenied,
-    AuthError,
-    AuthUnavailable,
     Conflict,
     InvalidInput,
-    NotAuthenticated,
     ResourceNotFound,
-    TooManyAttempts,
-    retry_after,
 )
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
@@ -140,7 +133,7 @@ def test_codes_that_are_too_old_go_with_the_next_one() -> None:
 
 
 def test_the_file_is_readable_by_its_owner_only_and_says_what_was_put(tmp_path: Path) -> None:
-    path = tmp_path / "state" / "access.json"
+    path = tmp_path / "state" / "users.json"
     UserFile(path).change(lambda register: register.with_user(ADMIN).with_token(TOKEN))
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.with_suffix(".lock").stat().st_mode) == 0o600
@@ -149,7 +142,7 @@ def test_the_file_is_readable_by_its_owner_only_and_says_what_was_put(tmp_path: 
 
 
 def test_a_change_that_fails_changes_nothing(tmp_path: Path) -> None:
-    file = UserFile(tmp_path / "access.json")
+    file = UserFile(tmp_path / "users.json")
     file.change(lambda register: register.with_user(ADMIN))
     before = file.path.read_bytes()
     with pytest.raises(Conflict):
@@ -158,7 +151,7 @@ def test_a_change_that_fails_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_what_another_program_changed_is_seen_at_the_next_look(tmp_path: Path) -> None:
-    one, other = UserFile(tmp_path / "access.json"), UserFile(tmp_path / "access.json")
+    one, other = UserFile(tmp_path / "users.json"), UserFile(tmp_path / "users.json")
     one.change(lambda register: register.with_user(ADMIN))
     assert other.read().users == (ADMIN,)
     assert other.read() is other.read(), "read once while it does not change"
@@ -168,7 +161,7 @@ def test_what_another_program_changed_is_seen_at_the_next_look(tmp_path: Path) -
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"users": [{"name": 1}]}', '{"users": [{"name": "a"}]}'])
 def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: Path, content: str) -> None:
-    path = tmp_path / "access.json"
+    path = tmp_path / "users.json"
     path.write_text(content)
     with pytest.raises(ConfigurationError) as raised:
         UserFile(path).read()
@@ -180,7 +173,7 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
 
 
 def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp_path: Path) -> None:
-    file = UserFile(tmp_path / "access.json")
+    file = UserFile(tmp_path / "users.json")
     file.change(lambda register: register.with_user(ADMIN))
     file.read()
     file.path.write_text("{ oops")
@@ -195,21 +188,21 @@ def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp
 
 def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> None:
     def add(n: int) -> None:
-        UserFile(tmp_path / "access.json").change(lambda register: register.with_user(replace(ADMIN, name=f"u{n}")))
+        UserFile(tmp_path / "users.json").change(lambda register: register.with_user(replace(ADMIN, name=f"u{n}")))
 
     threads = [threading.Thread(target=add, args=(n,)) for n in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(UserFile(tmp_path / "access.json").read().users) == 8
+    assert len(UserFile(tmp_path / "users.json").read().users) == 8
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("No space left on device")])
 def test_g12_a_disk_that_is_full_leaves_the_old_file(
     error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = UserFile(tmp_path / "access.json")
+    file = UserFile(tmp_path / "users.json")
     file.change(lambda register: register.with_user(ADMIN))
 
     def full(_: int) -> None:
@@ -221,27 +214,27 @@ def test_g12_a_disk_that_is_full_leaves_the_old_file(
             file.change(lambda register: register.with_token(TOKEN))
     assert raised.value.params["problem"] == "No space left on device"
     assert UserFile(file.path).read() == UserDatabase((ADMIN,))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["access.json", "access.lock"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["users.json", "users.lock"]
 
 
 def test_what_a_killed_program_left_is_in_nobodys_way(tmp_path: Path) -> None:
     """Nor is a file that somebody else put there: it is not written into, and no link is followed."""
-    for left in (".access.json.new", "access.lock"):
+    for left in (".users.json.new", "users.lock"):
         (tmp_path / left).touch(0o644)
-    (tmp_path / ".access.json.new").unlink()
-    (tmp_path / ".access.json.new").symlink_to(tmp_path / "elsewhere")
-    UserFile(tmp_path / "access.json").change(lambda register: register.with_user(ADMIN))
-    assert UserFile(tmp_path / "access.json").read().users == (ADMIN,)
+    (tmp_path / ".users.json.new").unlink()
+    (tmp_path / ".users.json.new").symlink_to(tmp_path / "elsewhere")
+    UserFile(tmp_path / "users.json").change(lambda register: register.with_user(ADMIN))
+    assert UserFile(tmp_path / "users.json").read().users == (ADMIN,)
     assert not (tmp_path / "elsewhere").exists()
-    (tmp_path / "access.lock").unlink()
-    (tmp_path / "access.lock").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "users.lock").unlink()
+    (tmp_path / "users.lock").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(ConfigurationError):
-        UserFile(tmp_path / "access.json").change(lambda register: register.without_user("ann"))
+        UserFile(tmp_path / "users.json").change(lambda register: register.without_user("ann"))
     assert not (tmp_path / "elsewhere").exists()
 
 
 def test_the_directory_of_the_file_is_the_plants_users_own(tmp_path: Path) -> None:
-    path = tmp_path / "a" / "state" / "access.json"
+    path = tmp_path / "a" / "state" / "users.json"
     UserFile(path).change(lambda register: register.with_user(ADMIN))
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     loop = tmp_path / "loop.json"
@@ -249,26 +242,3 @@ def test_the_directory_of_the_file_is_the_plants_users_own(tmp_path: Path) -> No
     with pytest.raises(ConfigurationError) as raised:
         UserFile(loop).read()
     assert raised.value.params["file"] == str(loop)
-
-
-@pytest.mark.parametrize(
-    ("kind", "status"),
-    [
-        (AuthError, 403),
-        (NotAuthenticated, 401),
-        (AccessDenied, 403),
-        (Conflict, 409),
-        (ResourceNotFound, 404),
-        (InvalidInput, 422),
-        (TooManyAttempts, 429),
-        (AuthUnavailable, 503),
-    ],
-)
-def test_each_refusal_has_its_status(kind: type[AuthError], status: int) -> None:
-    assert error_to_json(kind("access.forbidden", right="view"))["status"] == status
-
-
-def test_s05_nobody_is_told_to_come_again_too_early() -> None:
-    waits = [retry_after(TooManyAttempts("access.too_many", retry_s=retry_s)) for retry_s in (0.1, 1.9, 2.0)]
-    assert waits == [{"Retry-After": "1"}, {"Retry-After": "2"}, {"Retry-After": "3"}]
-    assert retry_after(AccessDenied("access.csrf")) == {}

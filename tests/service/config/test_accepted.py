@@ -245,9 +245,9 @@ def test_retention_may_be_equal_and_every_figure_arrives() -> None:
 
 def test_folders_that_are_there_and_that_are_not(tmp_path: Path) -> None:
     for name in (".", "new/state"):
-        keys = f'id = "p"\ndirectory = "{name}"\nusers = "access.json"'
+        keys = f'id = "p"\ndirectory = "{name}"\nusers = "users.json"'
         found = config.loads(HEAD.replace('id = "p"', keys), base=tmp_path)
-        assert (found.directory, found.users) == ((tmp_path / name).resolve(), tmp_path / "access.json")
+        assert (found.directory, found.users) == ((tmp_path / name).resolve(), tmp_path / "users.json")
 
 
 def test_passwords_are_hidden_and_users_are_not() -> None:

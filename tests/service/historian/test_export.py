@@ -24,9 +24,9 @@ def asked(**more: Any) -> ExportParams:
 
 
 async def parts(historian: Historian, **more: Any) -> list[dict[str, Any]]:
-    found = [await historian.export(asked(**more))]
+    found = [await historian.queries.export(asked(**more))]
     while found[-1]["next"] is not None:
-        found.append(await historian.export(asked(cursor=found[-1]["next"], **more)))
+        found.append(await historian.queries.export(asked(cursor=found[-1]["next"], **more)))
     return found
 
 
@@ -128,12 +128,12 @@ async def test_a_parquet_export_goes_on_only_where_it_was(database: HistoryDatab
     need_module("pyarrow")
     async with database.historian() as historian:
         await filled(historian)
-        first = await historian.export(asked(format="parquet"))
-        await historian.export(asked(format="parquet", cursor=first["next"]))
+        first = await historian.queries.export(asked(format="parquet"))
+        await historian.queries.export(asked(format="parquet", cursor=first["next"]))
         for cursor in (first["next"], "OS4x"):
             with pytest.raises(InvalidParameters):
-                await historian.export(asked(format="parquet", cursor=cursor))
-        begun = [await historian.export(asked(format="parquet")) for _ in range(export.MAX_PARQUET_EXPORTS + 1)]
+                await historian.queries.export(asked(format="parquet", cursor=cursor))
+        begun = [await historian.queries.export(asked(format="parquet")) for _ in range(export.MAX_PARQUET_EXPORTS + 1)]
         with pytest.raises(InvalidParameters):
-            await historian.export(asked(format="parquet", cursor=begun[0]["next"]))
-        await historian.export(asked(format="parquet", cursor=begun[-1]["next"]))
+            await historian.queries.export(asked(format="parquet", cursor=begun[0]["next"]))
+        await historian.queries.export(asked(format="parquet", cursor=begun[-1]["next"]))

@@ -63,7 +63,7 @@ async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database:
             stores.append(Failing(writing, n, done=done))
             return stores[0], reading
 
-        async with database.historian(made=made) as historian:
+        async with database.historian(open_stores=made) as historian:
             for turn in range(4):
                 historian.append(samples(range(10 * turn, 10 * turn + 10), tag, NOON_MS + turn * 10_000))
                 historian.put_event({"id": f"{n}-{turn}", "time_ms": NOON_MS, "kind": "command"})
@@ -82,7 +82,7 @@ async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database:
         assert (hours["min"], hours["mean"], hours["max"]) == ([0.0], [19.5], [39.0]), n
     assert n > 15
     async with database.historian() as historian:
-        told = [item["id"] for item in (await historian.events(TimeRangeParams(limit=1000)))["items"]]
+        told = [item["id"] for item in (await historian.queries.events(TimeRangeParams(limit=1000)))["items"]]
         assert sorted(told) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
 
 
@@ -128,7 +128,7 @@ async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
         stores[0].connection.is_full, stores[0].connection.connect = False, limited
         return stores[0], stores[1]
 
-    async with room.Historian(HistoryConfig(), tmp_path, made=made) as historian:
+    async with room.Historian(HistoryConfig(), tmp_path, open_stores=made) as historian:
         historian.append(samples(range(1000)))
         await historian.flush()
         stores[0].connection.is_full = True
@@ -160,7 +160,7 @@ async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytes
 
     async with room.Historian(HistoryConfig(), tmp_path):
         pass
-    historian = room.Historian(HistoryConfig(), tmp_path, made=made)
+    historian = room.Historian(HistoryConfig(), tmp_path, open_stores=made)
     stores[0].connection.connect = lambda: _read_only(stores[0].connection)
     async with historian:
         historian.append(samples([1.0, 2.0]))
@@ -228,4 +228,4 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
         async with room.Historian(apart, tmp_path) as third:
             third.append(samples([5.0]))
             await third.flush()
-            assert (first.tags(), len(third.tags()["tags"])) == ({"tags": []}, 1)
+            assert (first.queries.tags(), len(third.queries.tags()["tags"])) == ({"tags": []}, 1)

@@ -96,10 +96,10 @@ async def test_a_clock_that_is_set_back_loses_and_reorders_nothing(database: His
     async with database.historian() as historian:
         historian.append([Sample("a.b", NOON_MS + jump, float(n), Quality.GOOD) for n, jump in enumerate(jumps)])
         await compact_all(historian)
-        ids = historian.tag_ids(["a.b"])
+        ids = historian.queries.tag_ids(["a.b"])
         far = 20 * 365 * 24 * HOUR
-        kept = await historian._on_reader_thread(
-            lambda: historian._reader.samples([ids["a.b"]], NOON_MS - far, NOON_MS + far)
+        kept = await historian.queries._on_reader_thread(
+            lambda: historian.queries._reader.samples([ids["a.b"]], NOON_MS - far, NOON_MS + far)
         )
         shown = await trend(historian, NOON_MS - 2 * HOUR, NOON_MS + 10_000, tag="a.b")
     assert kept[ids["a.b"]].number == list(range(8))
@@ -113,16 +113,16 @@ async def test_tags_keep_their_unit_and_text(database: HistoryDatabase) -> None:
         label = ("Hz", Text("Output frequency", "输出频率"))
         historian.set_labels({"fan-1.output_frequency": label, "fan-1.never_read": ("A", Text("", ""))})
         await historian.flush()
-        assert historian.tags() == {"tags": []}
+        assert historian.queries.tags() == {"tags": []}
         historian.append(samples([1.0]))
         await historian.flush()
     async with database.historian() as historian:
         historian.set_labels({"fan-1.output_frequency": ("1/s", label[1])})
         await historian.flush()
-        assert historian.tags()["tags"][0]["unit"] == "1/s"
+        assert historian.queries.tags()["tags"][0]["unit"] == "1/s"
         historian.set_labels({"fan-1.output_frequency": label})
     async with database.historian() as historian:
-        assert historian.tags() == {
+        assert historian.queries.tags() == {
             "tags": [
                 {
                     "tag": "fan-1.output_frequency",
@@ -145,12 +145,12 @@ async def test_markers_come_newest_first_and_page_by_page(database: HistoryDatab
         await historian.flush()
         found, cursor = [], None
         while True:
-            page = await historian.events(TimeRangeParams(limit=3, cursor=cursor))
+            page = await historian.queries.events(TimeRangeParams(limit=3, cursor=cursor))
             found += [item["id"] for item in page["items"]]
             cursor = page["next"]
             if cursor is None:
                 break
-        of_one = await historian.events(TimeRangeParams(drive="fan-1", from_ms=NOON_MS + 2))
+        of_one = await historian.queries.events(TimeRangeParams(drive="fan-1", from_ms=NOON_MS + 2))
     assert found == [f"e-{n}" for n in range(9, -1, -1)]
     assert [item["id"] for item in of_one["items"]] == ["e-8", "e-7", "e-5", "e-4"]
 
@@ -177,7 +177,7 @@ async def test_what_nobody_knows_and_what_makes_no_sense_is_refused(database: Hi
             await trend(historian, NOON_MS, NOON_MS - 1)
         for cursor in ("", "MQ==", "zzz", "LTEuMQ==", "MS4x\n"):
             with pytest.raises(InvalidParameters):
-                await historian.events(TimeRangeParams(cursor=cursor))
+                await historian.queries.events(TimeRangeParams(cursor=cursor))
 
 
 async def test_an_answer_has_as_many_points_as_asked_for_at_most(database: HistoryDatabase) -> None:
@@ -190,7 +190,7 @@ async def test_an_answer_has_as_many_points_as_asked_for_at_most(database: Histo
                     asked = TrendParams(
                         tags=["fan-1.output_frequency"], from_ms=from_ms, to_ms=from_ms + span_ms, points=points
                     )
-                    found = (await historian.trend(asked))["series"]["fan-1.output_frequency"]
+                    found = (await historian.queries.trend(asked))["series"]["fan-1.output_frequency"]
                     assert len(found["t"]) <= points
                     assert found["t"] == sorted(set(found["t"]))
 
@@ -225,7 +225,7 @@ async def test_after_an_orderly_end_the_file_alone_is_the_history(tmp_path: Path
 async def test_a_loaded_past_may_be_larger_than_the_queue(
     database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drivebus.service.historian.historian.LOAD_BATCH_SAMPLES", 500)
+    monkeypatch.setattr("drivebus.service.historian.historian.IMPORT_BATCH_SAMPLES", 500)
     async with database.historian() as historian:
         historian.queue._max_samples = 600
         await historian.import_samples(iter(samples(range(2000))))

@@ -59,7 +59,7 @@ async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]
     page: dict[str, Any] = {"next": None}
     while page["next"] is not None or not found:
         asked = TimeRangeParams(from_ms=from_ms, to_ms=to_ms, cursor=page["next"], limit=1000)
-        page = await historian.events(asked)
+        page = await historian.queries.events(asked)
         found += [item["id"] for item in page["items"]]
         if not found:
             break

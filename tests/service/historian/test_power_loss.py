@@ -145,12 +145,12 @@ async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: by
             (folder / name).write_bytes(content)
         async with Historian(HistoryConfig(), folder) as historian:
             assert historian.ok, historian.status()
-            for tag in historian.tags()["tags"]:
+            for tag in historian.queries.tags()["tags"]:
                 found = await samples_of(historian, tag["tag"], 0, 2**60)
                 assert found.number == list(range(len(found.number)))
                 assert found.samples[1] == [float(number) for number in found.number]
                 assert len(found.number) >= 10 * told
-            assert told == 0 or len(historian.tags()["tags"]) == 4
+            assert told == 0 or len(historian.queries.tags()["tags"]) == 4
         database = sqlite3.connect(folder / "history.db")
         assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         database.close()

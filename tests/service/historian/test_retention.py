@@ -33,8 +33,10 @@ class Clocks:
 
 
 async def count(historian: Historian, level: ResolutionLevel) -> int:
-    found = await historian._on_reader_thread(
-        lambda: historian._reader.store.read_blocks(level, [one.id for one in historian.writer.tags.values()], 0, 2**60)
+    found = await historian.queries._on_reader_thread(
+        lambda: historian.queries._reader.store.read_blocks(
+            level, [one.id for one in historian.writer.tags.values()], 0, 2**60
+        )
     )
     return len(found[1])
 
@@ -60,7 +62,7 @@ async def test_each_level_stays_as_long_as_it_is_set(
         for days in (1, 1.5, 5, 23, 61):
             await clocks.passes(round(days * day), round(days * day))
             story.append(await kept(historian))
-        events = (await historian.events(TimeRangeParams()))["items"]
+        events = (await historian.queries.events(TimeRangeParams()))["items"]
     assert story == [
         [True, True, True, True],
         [False, True, True, True],

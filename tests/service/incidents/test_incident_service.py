@@ -46,7 +46,7 @@ class Tee(FakeHistory):
 async def plant(folder: Path) -> AsyncIterator[ServiceKit]:
     chosen = plant_config()
     log = AlarmLog(folder / "alarms.jsonl")
-    keeping = AlarmIncidentService(log, IncidentStore(folder / "cases"), asyncio.get_running_loop().time)
+    keeping = AlarmIncidentService(log, IncidentStore(folder / "incidents"), asyncio.get_running_loop().time)
     alarms = AlarmEngine((), chosen.drives, keeping, log.load(), first_number=log.next_number)
     trail, history = FakeAuditTrail(), Tee()
     history.keeping, history.events = keeping, []
@@ -140,12 +140,12 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
 def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
     async def story() -> None:
         async with plant(tmp_path) as kit:
-            (tmp_path / "cases").write_text("a file where the folder should be")
+            (tmp_path / "incidents").write_text("a file where the folder should be")
             alarm = await trip(kit)
             await asyncio.sleep(6)
             (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
-            assert (store["about"], store["cleared_ms"], alarm["case"]) == ("cases", None, None)
-            (tmp_path / "cases").unlink()
+            assert (store["about"], store["cleared_ms"], alarm["case"]) == ("incidents", None, None)
+            (tmp_path / "incidents").unlink()
             await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
             await asyncio.sleep(1)
             assert (await kit.call("cases.list"))["items"] == [], "a shelf is no trip"

@@ -172,7 +172,7 @@ def test_g12_a_disk_that_fails_at_any_call_leaves_a_whole_case_or_none(
             context.setattr(os, name, failing(getattr(os, name)))
         with suppress(OSError):
             store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [(1.0, True, b"\x01")])
-    listed = store.list(*EVER)["items"]
+    listed = store.query(*EVER)["items"]
     assert [one["id"] for one in listed] in ([], ["000001-fan-1"])
     for one in listed:
         store.get(one["id"])
@@ -197,7 +197,7 @@ def test_what_a_killed_writer_left_half_is_never_listed(tmp_path: Path) -> None:
     store = IncidentStore(tmp_path)
     (tmp_path / ".000001-fan-1").mkdir()
     (tmp_path / ".000001-fan-1" / "summary.json").write_text('{"id": "000001-fan-1"}')
-    assert store.list(*EVER)["items"] == []
+    assert store.query(*EVER)["items"] == []
     with pytest.raises(NotFound):
         store.get("000001-fan-1")
 
@@ -206,10 +206,10 @@ def test_the_oldest_go_when_there_are_too_many_or_too_much(tmp_path: Path) -> No
     store = IncidentStore(tmp_path, max_incidents=3)
     for n in range(5):
         store.write("fan-1", {"time_ms": n, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
-    assert [one["id"][:6] for one in store.list(*EVER)["items"]] == ["000005", "000004", "000003"]
+    assert [one["id"][:6] for one in store.query(*EVER)["items"]] == ["000005", "000004", "000003"]
     small = IncidentStore(tmp_path, max_bytes=10)
     small.write("fan-1", {"time_ms": 9, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
-    assert [one["id"][:6] for one in store.list(*EVER)["items"]] == ["000006"]
+    assert [one["id"][:6] for one in store.query(*EVER)["items"]] == ["000006"]
 
 
 def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -228,18 +228,18 @@ def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypat
             threads.submit(store.write, drive, summary, {}, CaptureHeader(LINE), []) for drive, summary in summaries
         ]
         assert sorted(one.result()[:6] for one in done) == ["000001", "000002"]
-    assert len(store.list(*EVER)["items"]) == 2
+    assert len(store.query(*EVER)["items"]) == 2
 
 
 def test_cases_come_in_pages_by_span_and_drive(tmp_path: Path) -> None:
     store = IncidentStore(tmp_path)
     for n, drive in enumerate(("fan-1", "fan-1", "pump-1", "fan-1")):
         store.write(drive, {"time_ms": n, "drive": drive}, {}, CaptureHeader(LINE), [])
-    first = store.list(*EVER, "fan-1", limit=2)
-    second = store.list(*EVER, "fan-1", first["next"], 2)
+    first = store.query(*EVER, "fan-1", limit=2)
+    second = store.query(*EVER, "fan-1", first["next"], 2)
     assert [one["time_ms"] for one in first["items"] + second["items"]] == [3, 1, 0]
     assert second["next"] is None
-    assert [one["time_ms"] for one in store.list(1, 3)["items"]] == [2, 1]
+    assert [one["time_ms"] for one in store.query(1, 3)["items"]] == [2, 1]
 
 
 @pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])
@@ -247,7 +247,7 @@ def test_s19_no_name_reaches_out_of_the_folder(tmp_path: Path, id: str) -> None:
     store = IncidentStore(tmp_path / "cases")
     store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
     (tmp_path / "secret").mkdir()
-    (tmp_path / "secret" / "case.json").write_text("{}")
+    (tmp_path / "secret" / "incident.json").write_text("{}")
     with pytest.raises(NotFound):
         store.get(id)
 

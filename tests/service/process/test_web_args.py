@@ -23,9 +23,7 @@ def test_the_web_process_understands_what_the_plant_tells_it() -> None:
     assert words[:3] == [sys.executable, "-m", "drivebus.web"]
     path, child = parse_web_arguments(words[3:])
     assert (path, child.directory, child.web) == (SOCKET, Path("/state"), WEB)
-    assert (
-        child.user_file == user_file_of(chosen).path == Path("/state/access.json") and child.address_output == "plain"
-    )
+    assert child.user_file == user_file_of(chosen).path == Path("/state/users.json") and child.address_output == "plain"
     assert parse_web_arguments(web_command(chosen, SOCKET, "json")[3:])[1].address_output == "json"
     elsewhere = replace(chosen, users=Path("/u.json"))
     assert (
@@ -37,7 +35,7 @@ def test_the_web_process_understands_what_the_plant_tells_it() -> None:
 
 def test_without_a_setting_it_is_that_of_a_plant_without_one() -> None:
     path, child = parse_web_arguments([str(SOCKET)])
-    assert (path, child.directory, child.user_file) == (SOCKET, Path("/state"), Path("/state/access.json"))
+    assert (path, child.directory, child.user_file) == (SOCKET, Path("/state"), Path("/state/users.json"))
     assert (child.web, child.address_output) == (WebConfig(), "plain")
 
 

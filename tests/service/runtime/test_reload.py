@@ -279,12 +279,12 @@ def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: P
             own(SystemAlarm.RUNNING_AT_START, "fan-1")
             own(SystemAlarm.FOREIGN_MASTER, subject="b")
             own(SystemAlarm.FOREIGN_MASTER, subject="a")
-            own(SystemAlarm.STORAGE_FAILURE, subject="cases")
+            own(SystemAlarm.STORAGE_FAILURE, subject="incidents")
             head = HEAD.partition("[bus.b]")[0]
             write(file, FAN_1, head=head)
             await kit.call("configuration.reload")
             active = kit.service.plant.parts.alarms.active()
             left = {(one.kind, one.drive, one.about) for one in active if one.cleared_ms is None}
-            assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "cases")}
+            assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "incidents")}
 
     run(story())

@@ -11,11 +11,11 @@ import httpx
 import pytest
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.errors import error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.ipc.client import SocketClient
 from drivebus.web.api.table import API_PREFIX, API_ROUTES
+from drivebus.web.error_status import error_body
 from drivebus.web.route_policy import ROUTE_POLICIES
 from fixtures.running_service import RunningService, running_service, token
 from fixtures.web_app import WebAppHarness
@@ -74,7 +74,7 @@ def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json)
         try:
             return await client.call(operation, params, actor)
         except DrivebusError as error:
-            return {"error": error_to_json(error)}
+            return {"error": error_body(error)}
         finally:
             await client.close()
 

@@ -8,14 +8,13 @@ from typing import Any
 import pytest
 
 from drivebus.errors import DrivebusError, LimitError, OutcomeUnknown, ServiceUnavailable
-from drivebus.service.api.errors import HTTP_STATUS
 from drivebus.service.api.examples import PARAM_EXAMPLES
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.errors import AuthError
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.web.api.descriptions import STATUS_MEANINGS
 from drivebus.web.api.table import API_PREFIX, API_ROUTES, ApiRoute
+from drivebus.web.error_status import STATUS_BY_ERROR, RequestError
 from fixtures.rest_api import OPERATOR, FakeService, app_of, client_of
 
 VIEWER = Actor("wang", ROLE_RIGHTS[Role.VIEWER], "s-wang")
@@ -182,7 +181,8 @@ def kinds(base: type[DrivebusError]) -> set[type[DrivebusError]]:
 def test_every_status_that_an_error_may_have_is_described() -> None:
     import drivebus.web.app  # noqa: F401  the door's own errors are known once it is
 
-    assert {kind.status for kind in kinds(AuthError)} | {status for _, status in HTTP_STATUS} == STATUS_MEANINGS.keys()
+    own = {kind.status for kind in kinds(RequestError) - {RequestError}}
+    assert own | {status for _, status in STATUS_BY_ERROR} == STATUS_MEANINGS.keys()
 
 
 async def test_the_description_names_every_route_with_errors_and_who_may() -> None:

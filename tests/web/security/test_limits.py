@@ -13,6 +13,7 @@ from starlette.datastructures import Headers
 
 from drivebus.service.auth.errors import AuthError
 from drivebus.testing.virtual_time import run
+from drivebus.web.error_status import http_status
 from drivebus.web.middleware.request_body import (
     BODY_TIMEOUT_S,
     MAX_BODY_BYTES,
@@ -106,7 +107,7 @@ def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length:
     headers = Headers(raw=[(b"content-length", length)])
     with pytest.raises(AuthError) as refused:
         run(read_body(coming(b""), headers))
-    assert (refused.value.key, refused.value.status) == ("access.too_large", 413)
+    assert (refused.value.key, http_status(refused.value)) == ("access.too_large", 413)
     assert refused.value.params == {"largest": 1024 * 1024}
 
 
@@ -172,7 +173,7 @@ def test_s03_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], 
         return
     with pytest.raises(AuthError) as refused:
         run(read_body(coming(b"{}"), headers))
-    assert (refused.value.key, refused.value.status) == ("access.not_json", 415)
+    assert (refused.value.key, http_status(refused.value)) == ("access.not_json", 415)
     assert refused.value.params == {"found": kind or ""}
 
 

@@ -34,7 +34,7 @@ def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen
     """The process and its address. ``shell``: somebody stands between, who can be killed."""
     child = (
         TypeAdapter(WebArguments)
-        .dump_json(WebArguments(directory, directory / "access.json", WebConfig(port=0)))
+        .dump_json(WebArguments(directory, directory / "users.json", WebConfig(port=0)))
         .decode()
     )
     command = [sys.executable, "-m", "drivebus.web", str(directory / "plant.sock"), child]

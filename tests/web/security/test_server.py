@@ -273,7 +273,7 @@ async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
     monkeypatch.setattr(HttpServer, "run", run)
     before = gc.get_freeze_count()
     try:
-        child = WebArguments(tmp_path, tmp_path / "access.json", WebConfig(port=0))
+        child = WebArguments(tmp_path, tmp_path / "users.json", WebConfig(port=0))
         await web_process._run(SocketClient(tmp_path / "plant.sock"), child)
     finally:
         gc.unfreeze()

@@ -11,9 +11,13 @@ from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from drivebus.service.config.bus_load import BusLoadEstimate, DriveLoadEstimate
+    from drivebus.service.config.bus_load import (
+        BusLoadEstimate,
+        DriveLoadEstimate,
+        LoadRequirement,
+        RequirementViolation,
+    )
     from drivebus.service.config.model import PlantConfig
-    from drivebus.service.config.bus_load import LoadRequirement, RequirementViolation
 
 
 def _demand(text: str) -> LoadRequirement:
@@ -24,9 +28,8 @@ def _demand(text: str) -> LoadRequirement:
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """2 where the file is refused (ConfigurationError), 1 where it does not keep what was demanded."""
-    from drivebus.service.config.bus_load import bus_loads
+    from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.load import load
-    from drivebus.service.config.bus_load import violations
 
     setting = load(plant)
     buses = bus_loads(setting)

@@ -32,9 +32,8 @@ def _init(
     force: bool,
 ) -> ExitCode:
     """1 where nobody answered a scan; 2 where the file exists or the answers make no plant."""
-    from drivebus.service.config.wizard import plant_toml
     from drivebus.service.config.load import loads
-    from drivebus.service.config.wizard import read_answers
+    from drivebus.service.config.wizard import plant_toml, read_answers
 
     _require_new_file(output, force)
     if scan:

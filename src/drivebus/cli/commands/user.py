@@ -113,10 +113,10 @@ def _change_user(plant: str, what: str, name: str, params: dict[str, Any], chang
 def _hash(name: str) -> str:
     """Asked for twice where there is a keyboard, else the first line of standard input."""
     require_server()
-    from drivebus.service.auth.passwords import Passwords, check_password_policy
+    from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 
     said = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
-    return asyncio.run(Passwords().hash(check_password_policy(said, name)))
+    return asyncio.run(PasswordHashing().hash(check_password_policy(said, name)))
 
 
 def _prompt_password() -> str:

@@ -1,4 +1,4 @@
-"""Alarms: what is wrong now, who has seen it, and what was wrong before. The engine is pure; the log is a file."""
+"""Alarms of a plant (ISA-18.2): conditions, engine and log."""
 
 from drivebus.service.alarms.engine import AlarmEngine
 from drivebus.service.alarms.model import Alarm, AlarmChange, SystemAlarm

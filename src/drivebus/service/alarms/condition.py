@@ -1,4 +1,4 @@
-"""Is it beyond, and for how long? One setting watching one drive. Pure: time is an argument."""
+"""Alarm condition: one alarm configuration evaluated for one drive, with hysteresis and delay. Pure."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from drivebus.service.live.views import DriveView, SignalView
 from drivebus.values import Quality
 
 FIRST_REPLY_TIMEOUT_S = 10.0
-"""A drive that has not answered yet gets this long after the service began, before it counts as silent."""
+"""A drive that has never answered raises ``no_response`` only after this time."""
 DELAY_TOLERANCE_S = 1e-9
-"""Sums of floating seconds miss the exact end of a delay by less than this."""
+"""Larger than the rounding error of added seconds at the end of a delay."""
 
 
 class LimitState(Enum):
-    """Where the value is."""
+    """Position of a value relative to its limit."""
 
     VIOLATED = auto()
     IN_HYSTERESIS = auto()
-    """Inside the hysteresis: neither raises nor clears, and ends a delay that was running."""
+    """Neither raises nor clears the alarm, and ends a running delay."""
     NORMAL = auto()
     UNKNOWN = auto()
-    """Not good: decides nothing (the stale alarm does)."""
+    """No good value: neither raises nor clears the alarm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a look at the drive found, with the numbers for the sentence."""
+    """Result of observing a drive, with the parameters of the alarm's sentence."""
 
     state: LimitState
     value: float | int | str | None = None
     params: Mapping[str, Any] | None = None
     delay_s: float = 0.0
-    """Where it must last longer than the setting says."""
+    """Minimum delay, where it is longer than the configured one."""
 
 
 @dataclass(slots=True)
 class AlarmCondition:
-    """One setting and one drive. ``value``: what raised it."""
+    """One alarm configuration for one drive. ``value``: the value that raised the alarm."""
 
     setting: AlarmConfig
     drive: str
@@ -52,11 +52,14 @@ class AlarmCondition:
 
     @property
     def key(self) -> AlarmKey:
-        """Of the alarm that it raises."""
+        """Key of the alarm that it raises."""
         return (str(self.setting.kind), self.setting.id, self.drive, "")
 
     def evaluate(self, view: DriveView, now: float) -> tuple[bool, Observation | None]:
-        """Does it clear now, and what raises it now? Another fault than the one that raised it does both."""
+        """Return whether the alarm clears now, and the observation that raises it now.
+
+        Both happen when a drive reports another fault than the one that raised the alarm.
+        """
         found = OBSERVERS[self.setting.kind](self.setting, view)
         cleared = self.raised and (found.state is LimitState.NORMAL or self._is_other_fault(found))
         if cleared:
@@ -67,7 +70,7 @@ class AlarmCondition:
         return self.setting.kind is AlarmKind.FAULT and found.state is LimitState.VIOLATED and found.value != self.value
 
     def _becomes_active(self, found: Observation, now: float) -> bool:
-        """Beyond for the whole delay; a time in between when nobody knew does not begin it again."""
+        """Return whether the limit has been violated for the whole delay. Unknown values do not restart the delay."""
         if self.raised or found.state is LimitState.UNKNOWN:
             return False
         if found.state is not LimitState.VIOLATED:
@@ -86,16 +89,13 @@ def _threshold(setting: AlarmConfig, view: DriveView) -> Observation:
         return Observation(LimitState.UNKNOWN)
     sign = 1.0 if setting.kind is AlarmKind.ABOVE else -1.0
     over = sign * (float(signal.value) - setting.threshold)  # type: ignore[arg-type]
-    place = (
-        LimitState.VIOLATED
-        if over > 0
-        else LimitState.NORMAL
-        if over <= -setting.hysteresis
-        else LimitState.IN_HYSTERESIS
-    )
-    return Observation(
-        place, signal.value, {"signal": setting.signal, "unit": signal.unit, "threshold": setting.threshold}
-    )
+    state = LimitState.IN_HYSTERESIS
+    if over > 0:
+        state = LimitState.VIOLATED
+    elif over <= -setting.hysteresis:
+        state = LimitState.NORMAL
+    params = {"signal": setting.signal, "unit": signal.unit, "threshold": setting.threshold}
+    return Observation(state, signal.value, params)
 
 
 def _is_good_number(signal: SignalView) -> bool:
@@ -103,11 +103,11 @@ def _is_good_number(signal: SignalView) -> bool:
 
 
 def _fault(setting: AlarmConfig, view: DriveView) -> Observation:
-    """Cleared only by a drive that says that it has none; one that can't be asked says nothing."""
+    """Normal only if the drive answers and reports no fault; unknown if it does not answer."""
     if view.fault is not None:
         return Observation(LimitState.VIOLATED, view.fault.get("code"), {"fault": view.fault})
-    told = view.signals.get("fault")
-    good = view.state != "unknown" or (told is not None and told.quality is Quality.GOOD)
+    reported = view.signals.get("fault")
+    good = view.state != "unknown" or (reported is not None and reported.quality is Quality.GOOD)
     return Observation(LimitState.NORMAL if good and view.presence == "online" else LimitState.UNKNOWN)
 
 
@@ -118,13 +118,12 @@ def _no_response(setting: AlarmConfig, view: DriveView) -> Observation:
 
 
 def _stale(setting: AlarmConfig, view: DriveView) -> Observation:
-    """The signal, or any that was ever read: what a family does not report can't become stale."""
+    """Violated if the signal, or without one any signal that was ever read, has bad quality."""
     named = setting.signal
     wanted = [name for name in view.signals if name == named] if named else [*view.signals]
     bad = [n for n in wanted if view.signals[n].quality is Quality.BAD and (named or view.signals[n].age_s is not None)]
-    known = bool(wanted)
-    place = LimitState.VIOLATED if bad else LimitState.NORMAL if known else LimitState.UNKNOWN
-    return Observation(place, None, {"signals": bad})
+    state = LimitState.NORMAL if wanted else LimitState.UNKNOWN
+    return Observation(LimitState.VIOLATED if bad else state, None, {"signals": bad})
 
 
 OBSERVERS: Mapping[AlarmKind, Callable[[AlarmConfig, DriveView], Observation]] = {

@@ -1,10 +1,7 @@
-"""What is put aside for a while. By the monotonic clock; the UTC label is for people (F21).
+"""Alarm engine of a plant: raises, acknowledges, shelves and clears alarms (ISA-18.2). Pure: time is an argument.
 
-A new alarm, and what it says in both languages with its numbers.
-
-Every alarm of the plant: raised, acknowledged, shelved, cleared. Pure: time is an argument, the log is handed in.
-
-``now`` is the monotonic second, by which delays and shelves run; ``now_ms`` the UTC label that people read (F21).
+``now`` is in monotonic seconds and drives delays and shelving; ``now_ms`` is UTC and only shown, because the wall clock
+may be set at any time.
 """
 
 from __future__ import annotations
@@ -30,22 +27,22 @@ from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority,
 from drivebus.service.live.views import DriveView, Json
 
 MAX_SHELVED_MS = 86_400_000
-"""Nothing is put aside for longer than a day, whatever a clock was set to in between."""
+"""After a restart an alarm stays shelved for a day at most, even if the wall clock was set in between."""
 
 
 class AlarmShelf:
-    """An alarm's key → until when."""
+    """Shelved alarm keys with their end: monotonic second and UTC millisecond."""
 
     def __init__(self) -> None:
         self._until: dict[AlarmKey, tuple[float, int]] = {}
 
     def shelve(self, key: AlarmKey, minutes: int, now: float, now_ms: int) -> int:
-        """The label of its end."""
+        """Shelve a key and return its end as UTC milliseconds."""
         self._until[key] = (now + minutes * 60.0, now_ms + minutes * 60_000)
         return self._until[key][1]
 
     def restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
-        """It was put aside when the service ended: for what is left of that, as far as the label can tell."""
+        """Shelve an alarm of an earlier run for the rest of its time, as far as the wall clock tells."""
         if alarm.shelved_until_ms is not None:
             left_ms = min(max(0, alarm.shelved_until_ms - now_ms), MAX_SHELVED_MS)
             self._until[alarm.key] = (now + left_ms / 1000, alarm.shelved_until_ms)
@@ -55,39 +52,34 @@ class AlarmShelf:
         return None if found is None else found[1]
 
     def expired(self, now: float) -> list[AlarmKey]:
-        """Whose time is over."""
+        """Return the keys whose time has ended."""
         return [key for key, (until, _) in self._until.items() if now >= until]
 
     def remove(self, key: AlarmKey) -> None:
-        """It is no longer put aside. Idempotent."""
+        """Remove a key. Idempotent."""
         self._until.pop(key, None)
 
 
 def formatted_number(value: Any) -> Any:
-    """As short as it can be said: 50, not 50.000; a word stays a word."""
+    """Return a number without trailing zeros (50, not 50.000), and anything else unchanged."""
     return f"{round(value, 3):.12g}" if isinstance(value, float) else value
 
 
 def signal_name(name: str) -> Text:
-    """``output_frequency`` as people say it, where the catalogues know it."""
+    """Return the translated name of a signal; its identifier if there is none."""
     key = f"signal.{name}"
     return bilingual_text(key) if i18n.known(key) else Text(name, name)
 
 
 def alarm_title(setting: AlarmConfig, params: Mapping[str, Any]) -> Text:
-    """The plant's own title, else what the kind is called."""
+    """Return the configured title, else the title of the alarm's kind."""
     if setting.title.en or setting.title.zh:
         return Text(setting.title.en or setting.title.zh, setting.title.zh or setting.title.en)
     return bilingual_text(f"alarms.title.{setting.kind}", **params)
 
 
-def alarm_text(kind: AlarmKind, params: Mapping[str, Any]) -> Text:
-    """What is the matter, with the numbers."""
-    return bilingual_text(f"alarms.text.{kind}", **params)
-
-
 def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, Any]:
-    """The numbers of a sentence."""
+    """Return the parameters of an alarm's sentence."""
     fault = found.get("fault") or {}
     signals = [signal_name(name) for name in found.get("signals", ())]
     return {
@@ -102,39 +94,56 @@ def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, 
 
 
 def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, found: Observation, now_ms: int) -> Alarm:
-    """An alarm that a value raises."""
+    """Return the alarm that an observed value raises."""
     params = text_params(name, found.params or {}, found.value)
-    title, text = alarm_title(setting, params), alarm_text(setting.kind, params)
-    return Alarm(id, setting.id, drive, setting.priority, str(setting.kind), title, text, now_ms, found.value)
+    return Alarm(
+        id=id,
+        setting=setting.id,
+        drive=drive,
+        priority=setting.priority,
+        kind=str(setting.kind),
+        title=alarm_title(setting, params),
+        text=bilingual_text(f"alarms.text.{setting.kind}", **params),
+        raised_ms=now_ms,
+        value=found.value,
+    )
 
 
 def system_alarm(
     id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, about: str, params: Mapping[str, Any]
 ) -> Alarm:
-    """An alarm that the service itself raises."""
-    named = {"drive": name, "about": about, "reason": ""} | {
-        key: formatted_number(value) for key, value in params.items()
-    }
-    title, text = bilingual_text(f"alarms.title.{kind}", **named), bilingual_text(f"alarms.text.{kind}", **named)
-    return Alarm(id, str(kind), drive, SYSTEM_ALARM_PRIORITIES[kind], str(kind), title, text, now_ms, about=about)
+    """Return an alarm that the service itself raises."""
+    numbers = {key: formatted_number(value) for key, value in params.items()}
+    named = {"drive": name, "about": about, "reason": ""} | numbers
+    return Alarm(
+        id=id,
+        setting=str(kind),
+        drive=drive,
+        priority=SYSTEM_ALARM_PRIORITIES[kind],
+        kind=str(kind),
+        title=bilingual_text(f"alarms.title.{kind}", **named),
+        text=bilingual_text(f"alarms.text.{kind}", **named),
+        raised_ms=now_ms,
+        about=about,
+    )
 
 
 def _fault_text(fault: Mapping[str, Any]) -> Text:
-    """Its label and what it means; once where the meaning is no more than the label."""
+    """Return a fault's label and meaning; the label alone if the meaning contains it."""
     label, text = str(fault.get("label") or fault.get("code") or ""), fault.get("text") or {}
-    said = [str(text.get(language) or "") for language in ("en", "zh")]
-    return Text(*(one if label in one else f"{label} {one}".strip() for one in said))
+    meanings = [str(text.get(language) or "") for language in ("en", "zh")]
+    return Text(*(one if label in one else f"{label} {one}".strip() for one in meanings))
 
 
 DEFAULT_ALARMS = (
     AlarmConfig("fault", AlarmKind.FAULT, (), priority=AlarmPriority.CRITICAL),
     AlarmConfig("silent", AlarmKind.NO_RESPONSE, (), priority=AlarmPriority.HIGH),
 )
-"""For every drive that has no setting of that kind of its own."""
+"""Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
-"""So many cleared and unacknowledged alarms of one thing stay listed; more of one that flaps fill no memory (I12)."""
+"""Cleared, unacknowledged alarms listed for one key, so that a flapping one cannot fill the memory."""
 AUTOMATIC_ACKNOWLEDGER = "drivebus"
-"""Acknowledges what is beyond ``UNSEEN``; the history keeps it."""
+"""Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 
 
 class AlarmSink(Protocol):
@@ -144,7 +153,7 @@ class AlarmSink(Protocol):
 
 
 class AlarmEngine:
-    """All alarms of the plant. ``known``: what the log still held as active when the service ended."""
+    """All alarms of a plant. ``known``: alarms that were active when the service last ended."""
 
     def __init__(
         self,
@@ -157,7 +166,7 @@ class AlarmEngine:
         now: float = 0.0,
         now_ms: int = 0,
     ) -> None:
-        """``first`` is the number of the next new alarm; ``now`` and ``now_ms`` are the moment of this start."""
+        """Start at ``now`` and ``now_ms``. ``first_number``: number of the next new alarm."""
         self._log = log
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
@@ -169,13 +178,13 @@ class AlarmEngine:
             self._restore(alarm, now, now_ms)
         self.configure(settings, drives, now_ms)
 
-    # --- what is watched -------------------------------------------------------------------------------------------
+    # --- configuration ---------------------------------------------------------------------------------------------
 
     def configure(
         self, settings: Sequence[AlarmConfig], drives: Sequence[DriveConfig], now_ms: int
     ) -> list[AlarmChange]:
-        """Watch this from now on. A setting that did not change goes on as it was; what nobody watches is cleared."""
-        old = {(watch.setting, watch.drive): watch for watches in self._conditions.values() for watch in watches}
+        """Apply a configuration. Unchanged conditions keep their state; alarms without a condition are cleared."""
+        old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
         self._titles = {one.id: _drive_title(one) for one in drives}
         self._conditions = {
             id: [
@@ -186,24 +195,24 @@ class AlarmEngine:
         }
         return self._clear_unconfigured(now_ms)
 
-    def _resume(self, watch: AlarmCondition) -> AlarmCondition:
-        """What was raised before goes on: it clears when a value says so, and is not raised twice."""
-        id = self._uncleared.get(watch.key)
+    def _resume(self, condition: AlarmCondition) -> AlarmCondition:
+        """Mark a condition as raised if its alarm is uncleared, so that it is not raised twice."""
+        id = self._uncleared.get(condition.key)
         if id is not None:
-            watch.raised, watch.value = True, self._alarms[id].value
-        return watch
+            condition.raised, condition.value = True, self._alarms[id].value
+        return condition
 
     def _clear_unconfigured(self, now_ms: int) -> list[AlarmChange]:
-        watched = {watch.key for watches in self._conditions.values() for watch in watches}
-        gone = [
+        configured = {one.key for conditions in self._conditions.values() for one in conditions}
+        removed = [
             key
             for key, id in self._uncleared.items()
-            if key not in watched and self._alarms[id].kind not in SYSTEM_ALARM_KINDS
+            if key not in configured and self._alarms[id].kind not in SYSTEM_ALARM_KINDS
         ]
-        return [change for key in gone for change in self._clear(key, now_ms)]
+        return [change for key in removed for change in self._clear(key, now_ms)]
 
     def _restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
-        """An alarm of before. What the service itself raised is over with it; it raises again what still holds."""
+        """Restore an alarm of an earlier run. System alarms are cleared: the service raises again what still holds."""
         self._shelves.restore(alarm, now, now_ms)
         self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
@@ -211,36 +220,35 @@ class AlarmEngine:
             if alarm.kind in SYSTEM_ALARM_KINDS:
                 self._clear(alarm.key, now_ms)
 
-    # --- what happens ----------------------------------------------------------------------------------------------
+    # --- events ----------------------------------------------------------------------------------------------------
 
     def observe(self, view: DriveView, now: float, now_ms: int) -> list[AlarmChange]:
-        """Look at a drive; at least four times a second, and whenever it changes."""
+        """Evaluate the conditions of a drive; call it at least four times a second and on every change."""
         changes: list[AlarmChange] = []
-        for watch in self._conditions.get(view.id, ()):
-            cleared, risen = watch.evaluate(view, now)
+        for condition in self._conditions.get(view.id, ()):
+            cleared, raised = condition.evaluate(view, now)
             if cleared:
-                changes += self._clear(watch.key, now_ms)
-            if risen is not None:
-                name = self._titles[watch.drive]
-                changes += self._raise(
-                    configured_alarm(self._new_id(), watch.setting, watch.drive, name, risen, now_ms)
-                )
+                changes += self._clear(condition.key, now_ms)
+            if raised is not None:
+                drive = condition.drive
+                alarm = configured_alarm(self._new_id(), condition.setting, drive, self._titles[drive], raised, now_ms)
+                changes += self._raise(alarm)
         return changes
 
     def expire_shelves(self, now: float, now_ms: int) -> list[AlarmChange]:
-        """End the shelves whose time is over; once a second is enough."""
+        """Unshelve alarms whose time has ended; call it about once a second."""
         return [change for key in self._shelves.expired(now) for change in self._unshelve(key)]
 
     def raise_alarm(
         self, kind: SystemAlarm, drive: str, now_ms: int, *, about: str = "", **params: Any
     ) -> list[AlarmChange]:
-        """Something that the service itself found; nothing where it is raised already. ``params``: of its sentence."""
+        """Raise a system alarm unless it is raised already. ``params`` are the parameters of its sentence."""
         name = self._titles.get(drive, Text(drive, drive))
         alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, about, params)
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
     def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, about: str = "") -> list[AlarmChange]:
-        """It is over; nothing where it was not raised."""
+        """Clear a system alarm, if it is raised."""
         return self._clear((str(kind), str(kind), drive, about), now_ms)
 
     def _new_id(self) -> str:
@@ -253,36 +261,34 @@ class AlarmEngine:
         return [*forgotten, self._update("raised", alarm, shelved_until_ms=self._shelves.until_ms(alarm.key))]
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
-        """Only the newest ``UNSEEN`` of one thing wait for somebody."""
-        unseen = [one for one in self._alarms.values() if one.key == alarm.key and one.cleared_ms is not None]
-        return [
-            self._acknowledge(one, AUTOMATIC_ACKNOWLEDGER, alarm.raised_ms)
-            for one in unseen[: max(0, len(unseen) - MAX_UNACKNOWLEDGED_PER_KEY + 1)]
-        ]
+        """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
+        waiting = [one for one in self._with_key(alarm.key) if one.cleared_ms is not None]
+        excess = waiting[: max(0, len(waiting) - MAX_UNACKNOWLEDGED_PER_KEY + 1)]
+        return [self._acknowledge(one, AUTOMATIC_ACKNOWLEDGER, alarm.raised_ms) for one in excess]
 
     def _clear(self, key: AlarmKey, now_ms: int) -> list[AlarmChange]:
         id = self._uncleared.pop(key, None)
         return [] if id is None else [self._update("cleared", self._alarms[id], cleared_ms=now_ms)]
 
-    # --- what people do --------------------------------------------------------------------------------------------
+    # --- operator actions ------------------------------------------------------------------------------------------
 
     def acknowledge(self, id: str, by: str, now_ms: int) -> list[AlarmChange]:
-        """Somebody has seen it. Nothing where somebody had before. Raises NotFound."""
+        """Acknowledge an alarm, if it is not acknowledged yet. Raises NotFound."""
         alarm = self._get(id)
         return [] if alarm.acknowledged_ms is not None else [self._acknowledge(alarm, by, now_ms)]
 
     def shelve(self, id: str, minutes: int, now: float, now_ms: int) -> list[AlarmChange]:
-        """Neither it nor its like is shown as new for so long; what it watches goes on. Raises NotFound."""
+        """Shelve every alarm of the same key for ``minutes``; its condition stays active. Raises NotFound."""
         alarm = self._get(id)
         until_ms = self._shelves.shelve(alarm.key, minutes, now, now_ms)
         return [self._update("shelved", one, shelved_until_ms=until_ms) for one in self._with_key(alarm.key)]
 
     def unshelve(self, id: str) -> list[AlarmChange]:
-        """Raises NotFound."""
+        """Unshelve every alarm of the same key. Raises NotFound."""
         return self._unshelve(self._get(id).key)
 
     def attach_incident(self, id: str, case: str) -> list[AlarmChange]:
-        """What was known when it was raised has been kept as this case. Raises NotFound."""
+        """Link the incident that was recorded when the alarm was raised. Raises NotFound."""
         return [self._update("case", self._get(id), case=case)]
 
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
@@ -302,7 +308,7 @@ class AlarmEngine:
         return [one for one in self._alarms.values() if one.key == key]
 
     def _update(self, word: str, alarm: Alarm, **changed: Any) -> AlarmChange:
-        """The one place where an alarm changes: kept in the log, and forgotten here once it is over and seen."""
+        """Change an alarm and log it; drop it from the active list once it is cleared and acknowledged."""
         alarm = replace(alarm, **changed)
         if alarm.active:
             self._alarms[alarm.id] = alarm
@@ -311,27 +317,27 @@ class AlarmEngine:
         self._log.put(alarm)
         return AlarmChange(word, alarm)
 
-    # --- what can be seen ------------------------------------------------------------------------------------------
+    # --- state -----------------------------------------------------------------------------------------------------
 
     def active(self) -> list[Alarm]:
-        """Raised, and not cleared or not acknowledged: the most urgent and newest first."""
+        """Return the alarms that are uncleared or unacknowledged, by priority, newest first."""
         order = [*AlarmPriority]
         return sorted(self._alarms.values(), key=lambda one: (order.index(one.priority), -one.raised_ms, one.id))
 
     def counts(self, drive: str) -> dict[str, int]:
-        """Active alarms of a drive by priority; shelved ones do not count."""
-        mine = [one for one in self._alarms.values() if one.drive == drive and one.shelved_until_ms is None]
-        return {str(p): n for p in AlarmPriority if (n := sum(one.priority is p for one in mine))}
+        """Return the number of a drive's active, unshelved alarms by priority."""
+        active = [one for one in self._alarms.values() if one.drive == drive and one.shelved_until_ms is None]
+        return {str(p): n for p in AlarmPriority if (n := sum(one.priority is p for one in active))}
 
     def as_json(self) -> Json:
-        """The live topic ``alarms``."""
+        """Return the live topic ``alarms``."""
         return {"active": [alarm.as_json() for alarm in self.active()]}
 
 
 def _settings_of(settings: Sequence[AlarmConfig], drive: str) -> list[AlarmConfig]:
-    mine = [setting for setting in settings if not setting.drives or drive in setting.drives]
-    kinds = {setting.kind for setting in mine}
-    return [*mine, *(setting for setting in DEFAULT_ALARMS if setting.kind not in kinds)]
+    configured = [setting for setting in settings if not setting.drives or drive in setting.drives]
+    kinds = {setting.kind for setting in configured}
+    return [*configured, *(setting for setting in DEFAULT_ALARMS if setting.kind not in kinds)]
 
 
 def _drive_title(drive: DriveConfig) -> Text:

@@ -1,6 +1,6 @@
-"""The history of alarms: one line for each change in an append-only file, the newest alarms in memory.
+"""Alarm log: one line for each change of an alarm in an append-only file, the newest alarms also in memory.
 
-A line is the whole alarm as it then was: the last line of an alarm tells all, and a torn line spoils only itself.
+A line holds the whole alarm, so that its last line is enough and a torn line affects nothing else.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from drivebus.service.storage.append_log import AppendLog, write_durably
 from drivebus.service.storage.batch_writer import BatchWriter
 
 KEPT = 5_000
-"""Alarms that the history keeps; older ones are forgotten (I12)."""
+"""Older alarms are dropped, so that file and memory stay bounded."""
 LINES = 4 * KEPT
-"""A file with more lines is written anew, with one line for each alarm."""
+"""A file with more lines is rewritten with one line for each alarm."""
 
 
 class AlarmLog:
-    """``load`` once, then ``put`` for each change; kept within milliseconds, or as soon as the disk works again."""
+    """Log file of alarms. Call ``load`` once, then ``put`` for each change; a failed write is retried."""
 
     def __init__(self, path: Path) -> None:
         self._journal = AppendLog(path)
@@ -32,27 +32,31 @@ class AlarmLog:
 
     @property
     def error(self) -> Exception | None:
-        """Why the last changes are in memory only; None: they are kept."""
+        """Error that keeps the last changes from the disk; None if all are written."""
         return self._writer.error
 
     @property
     def next_number(self) -> int:
-        """The number of the next new alarm."""
+        """Number of the next new alarm."""
         return 1 + max((alarm_number(id) for id in self._alarms), default=0)
 
     def load(self) -> list[Alarm]:
-        """What was still active. A history that can't be read is as good as none: control does not depend on it."""
+        """Read the file and return the alarms that are still active. An unreadable file counts as empty, because
+        control of drives does not depend on it.
+        """
         try:
             data = self._journal.path.read_bytes()
         except OSError:
             data = b""
         for alarm in _decode_lines(data.split(b"\n")):
             self._remember(alarm)
-        self._lines = data.count(b"\n") + (LINES if data and not data.endswith(b"\n") else 0)  # torn: write it anew
+        self._lines = data.count(b"\n") + (
+            LINES if data and not data.endswith(b"\n") else 0
+        )  # a torn end forces a rewrite
         return [alarm for alarm in self._alarms.values() if alarm.active]
 
     def put(self, alarm: Alarm) -> None:
-        """From within the loop; waits for nothing."""
+        """Queue a change. Never waits; call it on the event loop."""
         self._remember(alarm)
         self._writer.write_nowait(alarm)
 
@@ -61,15 +65,14 @@ class AlarmLog:
         self._journal.close()
 
     def retry(self) -> None:
-        """A disk that failed may work again."""
+        """Try again to write after an error."""
         self._writer.retry()
 
     def history(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Alarms raised from ``from_ms`` up to and without ``to_ms``, newest first.
-
-        Raises InvalidParameters for an unknown cursor.
+        """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first. Raises InvalidParameters
+        for an unknown cursor.
         """
         found = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
         wanted = (a for a in found if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
@@ -81,7 +84,7 @@ class AlarmLog:
             del self._alarms[next(id for id in self._alarms)]
 
     def _append_batch(self, alarms: Sequence[Alarm]) -> list[None]:
-        """In the thread."""
+        """Append changes on the writer's thread; rewrite the file when it has too many lines."""
         if self._lines + len(alarms) > LINES:
             self._journal.close()
             write_durably(self._journal.path, _encode_lines([*self._alarms.values()]))
@@ -92,7 +95,7 @@ class AlarmLog:
 
 
 def alarm_number(id: str) -> int:
-    """Of an alarm's id; later alarms have larger ones."""
+    """Return the number in an alarm's id; later alarms have larger numbers."""
     return int(id[1:])
 
 
@@ -101,7 +104,7 @@ def _encode_lines(alarms: Iterable[Alarm]) -> bytes:
 
 
 def _decode_lines(lines: Iterable[bytes]) -> Iterator[Alarm]:
-    """What can be read; a torn or spoilt line is left out."""
+    """Yield the alarms of valid lines; skip torn or damaged ones."""
     for line in lines:
         try:
             alarm = Alarm.from_json(json.loads(line))

@@ -1,4 +1,4 @@
-"""What an alarm is. Values only."""
+"""Alarm values: alarms, their keys and changes, and the alarms that the service itself raises."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from drivebus.service.live.views import Json, text_json
 
 
 class SystemAlarm(StrEnum):
-    """What the service itself raises; nothing that a drive reports decides about it."""
+    """Kinds of alarms that the service itself raises."""
 
     STOP_UNCONFIRMED = "stop_unconfirmed"
-    """A stop was sent and the drive does not report stopped (G07)."""
+    """A stop was sent and the drive does not report stopped."""
     CONTROL_LOST = "lease_lost"
-    """Whoever commanded the running drive is gone (6.6)."""
+    """The owner of the control lease is gone while the drive runs."""
     RUNNING_AT_START = "no_owner"
-    """It was running when the service started (ruling 7)."""
+    """The drive was already running when the service started."""
     INTERLOCK_TRIP = "interlock"
-    """An interlock stopped it."""
+    """An interlock stopped the drive."""
     STORAGE_FAILURE = "store"
-    """The audit trail or the history can't be written (G14)."""
+    """The audit trail or the history cannot be written."""
     AUDIT_INCOMPLETE = "audit"
-    """Records of the audit trail were missing when the service started (S12)."""
+    """Records of the audit trail were missing when the service started."""
     PORT_LOST = "port"
-    """A bus has lost its port (F12)."""
+    """A bus has lost its port."""
     FOREIGN_MASTER = "foreign_master"
-    """Somebody else speaks on a bus (F14)."""
+    """Another master sends on a bus."""
 
 
 SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
@@ -47,18 +47,18 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
 
 SYSTEM_ALARM_KINDS = frozenset(map(str, SystemAlarm))
 AlarmKey = tuple[str, str, str, str]
-"""Kind, setting, drive, what else: it can be raised once at a time."""
+"""Kind, configuration id, drive, subject. At most one alarm of a key is raised at a time."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """One time that something was wrong. Active: not cleared, or not acknowledged. Times are UTC milliseconds."""
+    """One occurrence of an alarm; active until it is cleared and acknowledged. Times are UTC milliseconds."""
 
     id: str
     setting: str
-    """The AlarmConfig's id, ``fault`` or ``silent``; for what the service raises, its kind."""
+    """Id of the AlarmConfig; for a system alarm its kind."""
     drive: str
-    """Empty where it is about no drive."""
+    """Empty if it concerns no drive."""
     priority: AlarmPriority
     kind: str
     """An AlarmKind or an ``Own``."""
@@ -66,7 +66,7 @@ class Alarm:
     text: Text
     raised_ms: int
     value: float | int | str | None = None
-    """The value that raised it; a fault's code."""
+    """Value or fault code that raised it."""
     about: str = ""
     """What else it is about: a bus, an interlock, a store."""
     cleared_ms: int | None = None
@@ -81,7 +81,7 @@ class Alarm:
 
     @property
     def key(self) -> AlarmKey:
-        """What it is an alarm of. A setting that somebody calls like a kind of the service hides none of these."""
+        """Key; it contains kind and id, so that a configured id that equals a system kind hides no system alarm."""
         return (self.kind, self.setting, self.drive, self.about)
 
     def as_json(self) -> Json:
@@ -105,7 +105,7 @@ class Alarm:
 
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Alarm:
-        """Raises KeyError, TypeError, ValueError for what is no alarm."""
+        """Return the alarm of a log line. Raises KeyError, TypeError, ValueError for anything else."""
         return cls(
             **{
                 **found,
@@ -117,7 +117,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class AlarmChange:
-    """What happened to an alarm: ``raised``, ``cleared``, ``acknowledged``, ``shelved``, ``unshelved`` or ``case``."""
+    """Change of an alarm: ``raised``, ``cleared``, ``acknowledged``, ``shelved``, ``unshelved`` or ``incident``."""
 
     action: str
     alarm: Alarm

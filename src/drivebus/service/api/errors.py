@@ -10,31 +10,9 @@ from drivebus import errors, i18n
 from drivebus.drives.state import FrameExchange, Outcome
 from drivebus.errors import DrivebusError, ServiceError
 from drivebus.profiles.model import Text
-from drivebus.service.auth.errors import AuthError
 from drivebus.service.auth.rights import Right
 
 Json = dict[str, Any]
-
-HTTP_STATUS: tuple[tuple[type[DrivebusError], int], ...] = (
-    (errors.NotFound, 404),
-    (errors.InvalidParameters, 422),
-    (errors.PermissionDenied, 403),
-    (errors.AuditUnavailable, 503),
-    (errors.ServiceUnavailable, 503),
-    (errors.ServiceError, 409),
-    (errors.ConfigurationError, 422),
-    (errors.LimitError, 422),
-    (errors.CapabilityError, 422),
-    (errors.OutcomeUnknown, 504),
-    (errors.StopUnconfirmed, 504),
-    (errors.DriveRejected, 502),
-    (errors.TargetNotReached, 502),
-    (errors.DriveError, 409),
-    (errors.Expired, 409),
-    (errors.Superseded, 409),
-    (errors.NotPermitted, 409),
-)
-"""First match wins; what is left (protocol, silence, port) is 502: the line or the drive failed."""
 
 
 def os_reason(error: Exception) -> str:
@@ -64,7 +42,7 @@ def to_plain(value: Any) -> Any:
     return {language: sentence(language) for language in i18n.LANGUAGES} if callable(sentence) else str(value)
 
 
-def build_error_json(code: str, kind: str, params: Mapping[str, Any], status: int, outcome: Json | None = None) -> Json:
+def build_error_json(code: str, kind: str, params: Mapping[str, Any], outcome: Json | None = None) -> Json:
     """The one shape of an error, without the outer ``error``; ``code`` is the key of its sentence."""
     return {
         "code": code,
@@ -72,7 +50,6 @@ def build_error_json(code: str, kind: str, params: Mapping[str, Any], status: in
         "text": localized(code, params),
         "params": to_plain(params),
         "outcome": outcome,
-        "status": status,
     }
 
 
@@ -80,14 +57,7 @@ def error_to_json(error: DrivebusError) -> Json:
     """An error as every door shows it."""
     outcome = error.outcome
     found = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
-    return build_error_json(error.key, type(error).__name__, error.params, http_status(error), found)
-
-
-def http_status(error: DrivebusError) -> int:
-    """The HTTP status of an error."""
-    if isinstance(error, AuthError):
-        return error.status
-    return next((status for kind, status in HTTP_STATUS if isinstance(error, kind)), 502)
+    return build_error_json(error.key, type(error).__name__, error.params, found)
 
 
 def error_from_json(found: Json) -> DrivebusError:

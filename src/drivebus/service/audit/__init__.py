@@ -1,4 +1,4 @@
-"""The audit trail: who did what, when, with which frames and outcome, in a chain that shows every later change."""
+"""Audit trail: who did what and when, with frames and outcome, in a hash chain that shows every later change."""
 
 from drivebus.service.audit.records import AuditEntry
 from drivebus.service.audit.trail import AuditTrail

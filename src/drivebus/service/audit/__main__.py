@@ -1,6 +1,6 @@
-"""``python -m drivebus.service.audit FOLDER CHECKPOINTS KEY``: ``verify`` as JSON, in a process of its own.
+"""Entry point of ``python -m drivebus.service.audit FOLDER CHECKPOINTS KEY``: print the verification report as JSON.
 
-The plant has it done so: reading a year of records must not take the interpreter from the buses.
+The service runs it as a child process, because reading a year of records would hold the interpreter of the buses.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
-"""Where the trail lies: the file that is written, the full ones before it, its lines from either end.
+"""Files of the audit trail: the chain of records, its checkpoints, rotation, and recovery after a killed writer.
 
-The end of a file that a writer may have left in the middle of a line, or a power cut with holes.
-
-The trail's files as they are written: records in a chain, checkpoints beside it, and what a killed writer left.
-
-No thread and no loop lives here; every function may take as long as a disk does.
+Every function blocks for as long as the disk takes.
 """
 
 from __future__ import annotations
@@ -29,21 +25,24 @@ from drivebus.service.storage.append_log import AppendLog, write_durably
 
 AUDIT_FILE: Final = "audit.jsonl"
 ROTATED_FILE: Final = re.compile(r"audit-(\d{12})\.jsonl")
-"""A file that is full is called after the number of its first record."""
+"""A full file is named after the number of its first record."""
 READ_BLOCK_BYTES: Final = 1 << 16
 MIN_KEY_BYTES: Final = 32
-"""Octets."""
+RECORDS_MISSING: Final = "audit.cut"
+"""``what`` of the entry that reports records missing at the start."""
+MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
+"""A larger file is renamed after its first record, and the chain continues in a new one."""
 
 
 @dataclass(frozen=True, slots=True)
 class AuditPaths:
-    """The files of one plant's trail."""
+    """Paths of one plant's trail."""
 
     folder: Path
     checkpoints: Path
-    """The second file: on another disk or machine it shows more."""
+    """Checkpoint file. On another disk or machine it detects more."""
     key: Path
-    """What the checkpoints are made under; outside ``folder``, so that a copy of that does not hold it."""
+    """Key of the checkpoints' MAC. Outside ``folder``, so that a copy of the folder does not contain it."""
 
     @classmethod
     def of(cls, folder: Path, checkpoints: Path | None = None, key: Path | None = None) -> AuditPaths:
@@ -61,19 +60,19 @@ class AuditPaths:
         return self.folder / f"audit-{first:012}.jsonl"
 
     def files(self) -> list[Path]:
-        """All there are, oldest first. Raises OSError."""
+        """Return all existing files, oldest first. Raises OSError."""
         there = [*self.folder.iterdir()] if self.folder.exists() else []
         full = sorted(path for path in there if ROTATED_FILE.fullmatch(path.name))
         return [*full, self.current] if self.current in there else full
 
     def create_key(self) -> bytes:
-        """The key; made where there is none. Raises OSError."""
+        """Return the key; create it where there is none. Raises OSError."""
         if not self.key.exists():
             write_durably(self.key, secrets.token_hex(32).encode() + b"\n")
         return self.read_key()
 
     def read_key(self) -> bytes:
-        """Raises OSError, also where it is too short to be one."""
+        """Return the key. Raises OSError, also for a key that is too short."""
         key = self.key.read_bytes().strip()
         if len(key) < MIN_KEY_BYTES:
             raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
@@ -81,13 +80,13 @@ class AuditPaths:
 
 
 def first_number_of(path: Path) -> int | None:
-    """The number of the first record of a full file; None for the file that is written."""
+    """Return the number of the first record of a full file; None for the current file."""
     found = ROTATED_FILE.fullmatch(path.name)
     return int(found[1]) if found else None
 
 
 def lines_backwards(path: Path) -> Iterator[bytes]:
-    """Whole lines without their ends, the last one first, without an unfinished one. Raises OSError."""
+    """Yield complete lines without their ends, last line first. Raises OSError."""
     with path.open("rb") as file:
         at = file.seek(0, os.SEEK_END)
         rest, ended = b"", False
@@ -107,7 +106,7 @@ def lines_backwards(path: Path) -> Iterator[bytes]:
 
 @dataclass(frozen=True, slots=True)
 class TornTail:
-    """``rest``: the octets from ``ended`` on, which were never acknowledged."""
+    """End of a file that an interrupted write left: ``torn`` holds the bytes after ``valid_bytes``."""
 
     path: Path
     valid_bytes: int
@@ -115,20 +114,22 @@ class TornTail:
 
 
 def unterminated_tail(path: Path) -> TornTail:
-    """What follows the last line end. Raises OSError."""
+    """Return the bytes after the last line end. Raises OSError."""
     size, data = path.stat().st_size, append_log.read_tail(path)
     return _tail_from(path, size, data, data.rfind(b"\n") + 1)
 
 
 def torn_tail(path: Path, safe: int) -> TornTail:
-    """What follows the last whole record, and from the first broken one on, but never at or before record ``safe``:
-    a checkpoint tells that those were whole once, so that only somebody's hand can have broken them. Raises OSError.
+    """Return the bytes from the first broken record at the end of a file on. Raises OSError.
+
+    Records up to ``safe`` never belong to it: a checkpoint proves that they were complete, so that a broken one among
+    them was edited and must stay for ``verify``.
     """
     size, data = path.stat().st_size, append_log.read_tail(path)
     cut = end = data.rfind(b"\n") + 1
     while end > 0:
         start = data.rfind(b"\n", 0, end - 1) + 1
-        if start == 0 and len(data) < size:  # the middle of a line
+        if start == 0 and len(data) < size:  # the block begins in the middle of a line
             break
         found = records.decode_record(data[start : end - 1])
         if found is None:
@@ -143,33 +144,28 @@ def _tail_from(path: Path, size: int, data: bytes, at: int) -> TornTail:
     return TornTail(path, size - len(data) + at, data[at:])
 
 
-RECORDS_MISSING: Final = "audit.cut"
-"""What is recorded where records are missing at the start."""
-MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
-"""Octets; then the file is put aside under its number, and the chain goes on in a new one."""
-
-
 class AuditChain:
-    """The trail of one plant. One writer: the service holds its lock."""
+    """Writer of one plant's trail. It must be the only one: the service holds the lock of the state directory."""
 
     def __init__(
         self, paths: AuditPaths, now_ms: Callable[[], int], max_file_bytes: int = MAX_AUDIT_FILE_BYTES
     ) -> None:
         self.paths, self._now_ms, self._max_file_bytes = paths, now_ms, max_file_bytes
-        self._journal, self._checkpoints = AppendLog(paths.current), AppendLog(paths.checkpoints)
+        self._records, self._checkpoints = AppendLog(paths.current), AppendLog(paths.checkpoints)
         self._is_open = False
         self._recovery_entries: list[AuditEntry] = []
         self._key = b""
         self._last_number, self._last_hash = 0, records.GENESIS_HASH
         self._first_number = 1
-        """The number of the first record of the file that is written."""
-        self._unmarked = False
-        """Something was written since the last checkpoint."""
-        self._checkpoint_number, self._checkpoint_mac, self._checkpoint_record = 0, records.GENESIS_HASH, 0
-        """Of the last checkpoint: its number, its MAC, the number of its record."""
+        """Number of the first record of the current file."""
+        self._changed = False
+        """Whether a record was written since the last checkpoint."""
+        self._checkpoint_number, self._checkpoint_mac = 0, records.GENESIS_HASH
+        self._checkpoint_record = 0
+        """Number of the record that the last checkpoint covers."""
 
     def open(self) -> list[AuditEntry]:
-        """Make ready, once; what was found that has to be told, as entries to be written. Raises OSError."""
+        """Recover the files and open them, once. Return entries that report what was found. Raises OSError."""
         if self._is_open:
             return []
         self._key = self.paths.create_key()
@@ -178,7 +174,7 @@ class AuditChain:
         if files:
             self._quarantine_torn(torn_tail(files[-1], self._checkpoint_record))
         self._continue_after(files)
-        self._journal.open()
+        self._records.open()
         if self._last_number < self._checkpoint_record:
             self._recovery_entries.append(
                 AuditEntry(RECORDS_MISSING, params={"last": self._last_number, "checkpoint": self._checkpoint_record})
@@ -188,7 +184,7 @@ class AuditChain:
         return found
 
     def _load_last_checkpoint(self) -> None:
-        """Go on after it. What a killed writer left of its last line is taken away: it was no checkpoint yet."""
+        """Continue after the last checkpoint. An unterminated line is cut off: it was never acknowledged."""
         if not self.paths.checkpoints.exists():
             return
         tail = unterminated_tail(self.paths.checkpoints)
@@ -200,7 +196,7 @@ class AuditChain:
             self._checkpoint_number, self._checkpoint_mac, self._checkpoint_record = last.number, last.mac, last.n
 
     def _quarantine_torn(self, tail: TornTail) -> None:
-        """What was never acknowledged: kept in a file of its own, and said."""
+        """Move the torn end, which was never acknowledged, into a file of its own and report it."""
         if not tail.torn:
             return
         digest = sha256(tail.torn).hexdigest()
@@ -213,7 +209,7 @@ class AuditChain:
         self._recovery_entries.append(AuditEntry("audit.recovered", params=params))
 
     def _continue_after(self, files: Sequence[Path]) -> None:
-        """After the last record that there is, whole or not: a line that was changed stays for ``verify`` to find."""
+        """Continue after the last valid record. An edited line stays where it is, for ``verify`` to find."""
         for path in reversed(files):
             for line in lines_backwards(path):
                 last = records.decode_record(line)
@@ -223,7 +219,7 @@ class AuditChain:
                     return
 
     def _first_record_number(self) -> int:
-        """The number of its first record; the next one where it is empty."""
+        """Return the number of the current file's first record; the next number if it is empty."""
         try:
             with self.paths.current.open("rb") as file:
                 found = records.decode_record(file.readline().rstrip(b"\n"))
@@ -231,45 +227,43 @@ class AuditChain:
             found = None
         return found.n if found else self._last_number + 1
 
-    # --- writing ---------------------------------------------------------------------------------------------------
-
     def append(self, bodies: Sequence[Json]) -> list[int]:
-        """Their numbers; durable when it returns. Raises OSError, and then none of them is there."""
+        """Write records durably and return their numbers. Raises OSError; then none of them was written."""
         n, hash, lines = self._last_number, self._last_hash, []
         for body in bodies:
             n += 1
             line, hash = records.encode_record(n, hash, self._checkpoint_number, body)
             lines.append(line)
-        self._journal.append(b"".join(lines))
-        first, self._last_number, self._last_hash, self._unmarked = self._last_number + 1, n, hash, True
-        if self._journal.size >= self._max_file_bytes:
+        self._records.append(b"".join(lines))
+        first, self._last_number, self._last_hash, self._changed = self._last_number + 1, n, hash, True
+        if self._records.size >= self._max_file_bytes:
             self._rotate()
         return list(range(first, n + 1))
 
     def _rotate(self) -> None:
-        """The file is full. Where that fails it grows on: its records are kept either way."""
+        """Rename the full file. If that fails, it keeps growing: no record depends on it."""
         full = self.paths.rotated(self._first_number)
         if full.exists():
             return
         with suppress(OSError):
-            self._journal.close()
+            self._records.close()
             self.paths.current.rename(full)
             self._first_number = self._last_number + 1
             fsync_directory(self.paths.folder)
 
     def write_checkpoint(self) -> None:
-        """Write a checkpoint, unless nothing happened since the last one. Raises OSError."""
-        if not self._is_open or not self._unmarked:
+        """Write a checkpoint if records were written since the last one. Raises OSError."""
+        if not self._is_open or not self._changed:
             return
         last = (self._last_number, self._last_hash)
         line, mac = records.encode_checkpoint(
             self._checkpoint_number + 1, last, self._checkpoint_mac, self._now_ms(), self._key
         )
         self._checkpoints.append(line)
-        self._checkpoint_number, self._checkpoint_mac, self._unmarked = self._checkpoint_number + 1, mac, False
+        self._checkpoint_number, self._checkpoint_mac, self._changed = self._checkpoint_number + 1, mac, False
 
     def close(self) -> None:
-        """Idempotent."""
+        """Close the files. Idempotent."""
         self._is_open = False
-        self._journal.close()
+        self._records.close()
         self._checkpoints.close()

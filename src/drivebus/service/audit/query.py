@@ -1,4 +1,4 @@
-"""The trail from its end, a page at a time."""
+"""Query of the audit trail: pages of records, newest first."""
 
 from __future__ import annotations
 
@@ -12,44 +12,44 @@ from drivebus.service.live.views import Json
 
 
 def query_records(
-    places: AuditPaths, from_ms: int, to_ms: int, drive: str | None, cursor: str | None, limit: int
+    paths: AuditPaths, from_ms: int, to_ms: int, drive: str | None, cursor: str | None, limit: int
 ) -> Json:
-    """Records from ``from_ms`` up to and without ``to_ms``, about ``drive`` where it is given, the newest first.
+    """Return a page of the records in ``from_ms <= time < to_ms``, about ``drive`` if given, newest first.
 
-    A line whose hash is wrong is left out: ``verify`` tells of it. Raises InvalidParameters, OSError.
+    Lines with a wrong hash are left out; ``verify`` reports them. Raises InvalidParameters, OSError.
     """
 
     def wanted(body: Json) -> bool:
         return from_ms <= body["time_ms"] < to_ms and (drive is None or drive in subjects_of(body))
 
-    return page(_matching(places, decode_cursor(cursor), wanted), cursor, limit)
+    return page(_matching(paths, decode_cursor(cursor), wanted), cursor, limit)
 
 
 def subjects_of(body: Json) -> tuple[Any, ...]:
-    """What a record is about: its target, the other drives that it did something to."""
+    """Return the subjects of a record: its target and the other drives that it affected."""
     drives = body.get("params", {}).get("drives", ())
     return (body.get("target"), *(drives if isinstance(drives, list) else ()))
 
 
 def _matching(
-    places: AuditPaths, below: int | None, wanted: Callable[[Json], bool]
+    paths: AuditPaths, below: int | None, wanted: Callable[[Json], bool]
 ) -> Iterator[tuple[int, Callable[[], Json]]]:
-    for line in _lines(places, below):
+    for line in _lines(paths, below):
         found = records.decode_record(line)
         if found is not None and wanted(found.body):
             item = {"n": found.n, **found.body, "hash": found.hash}
             yield found.n, lambda item=item: item  # type: ignore[misc]
 
 
-def _lines(places: AuditPaths, below: int | None) -> Iterator[bytes]:
-    """From the end; whole files and lines that are on earlier pages are not looked into."""
-    for path in reversed(places.files()):
+def _lines(paths: AuditPaths, below: int | None) -> Iterator[bytes]:
+    """Yield lines from the end. Files and lines of earlier pages are skipped without parsing."""
+    for path in reversed(paths.files()):
         first = first_number_of(path)
         if below is None or first is None or first < below:
             yield from (line for line in lines_backwards(path) if below is None or _record_number(line) < below)
 
 
 def _record_number(line: bytes) -> int:
-    """``{"n":123,…``; 0 for what can't be a record: ``seal.record`` says so."""
+    """Return the number of a line ``{"n":123,…`` without parsing it; 0 for anything else."""
     text = line[5 : line.find(b",")]
     return int(text) if line.startswith(b'{"n":') and text.isdigit() else 0

@@ -1,12 +1,10 @@
-"""What is recorded, and what of it may never be: secrets, endless texts. No file and no clock lives here.
+"""Content and encoding of audit records and checkpoints: redaction of secrets, hash chain, keyed checkpoints. Pure.
 
-Lines that show when they were changed: a record with its own hash, a checkpoint with a keyed one. Pure.
-
-A record's line is one JSON object: ``n`` (1, 2, 3, …), what happened, ``prev`` (the hash of the record before) and, as
-its last member, ``hash``: SHA-256 of the line without that member. Only ASCII: control characters, terminal escapes
-and line ends in names stand as JSON escapes (S13).
-A checkpoint's line holds a record's number and hash, and as its last member ``mac``: HMAC-SHA-256 under a key that
-whoever can write the trail need not have.
+A record is one line of ASCII JSON: ``n`` (1, 2, 3, …), the entry, ``prev`` (hash of the record before) and, as its last
+member, ``hash``: SHA-256 of the line without that member. ASCII, because then control characters, terminal escapes
+and line ends in names are JSON escapes and cannot forge a line.
+A checkpoint is a line with a record's number and hash and, as its last member, ``mac``: HMAC-SHA-256 under a key that
+a program with write access to the trail need not have. ``docs/explanation/audit.md`` tells what the two show.
 """
 
 from __future__ import annotations
@@ -25,23 +23,23 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.live.views import Json
 
 SERVICE_ACTOR: Final = "drivebus"
-"""Who did it where the service did."""
+"""``who`` of entries that the service makes itself."""
 SECRET_NAMES: Final = re.compile(
     r"password|passwd|passphrase|secret|token|cookie|csrf|credential|authorization|private_?key|^arm$|^code$", re.I
 )
-"""Names whose values are never written; ``arm`` and ``code`` open a door for ten seconds."""
+"""Names of members whose values are never written. ``arm`` and ``code`` are tokens that start a drive or log in."""
 EMBEDDED_CREDENTIALS: Final = re.compile(r"(?<=://)[^/@\s]*@|\b(?<=Bearer )\S+")
-"""A user and password in an address; a token in a header."""
+"""User and password in a URL; token in an Authorization header."""
 REDACTED: Final = "***"
 MAX_TEXT_LENGTH: Final = 2_000
-"""Characters; of a longer text (a whole configuration) its length and SHA-256 are kept."""
+"""Characters; a longer text (a whole configuration) is replaced by its length and SHA-256."""
 MAX_CONTAINER_ITEMS: Final = 500
 MAX_NESTING_DEPTH: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
 class AuditEntry:
-    """One thing that somebody did or asked for. ``what`` is an operation, or ``login``, ``refused``, …"""
+    """Entry of the audit trail: one action or request. ``what`` is an operation, ``login``, ``refused``, …"""
 
     what: str
     who: str = SERVICE_ACTOR
@@ -51,20 +49,20 @@ class AuditEntry:
     """The drive, group, bus, user or alarm."""
     params: Mapping[str, Any] = field(default_factory=dict)
     frames: Sequence[Any] = ()
-    """As ``plant.failure.frame_json`` tells them."""
+    """In the form of ``api.errors.frame_json``."""
     outcome: str | None = None
-    """``asked`` before the first frame; afterwards the outcome's word, or an error's key."""
+    """``requested`` before the first frame; afterwards the outcome's status or an error's key."""
     of: int | None = None
-    """The number of the record that asked, in the one that tells what came of it."""
+    """In the entry of an outcome: number of the record of its request."""
 
     @classmethod
     def by(cls, actor: Actor, what: str, **more: Any) -> AuditEntry:
-        """What somebody did."""
+        """Return the entry of an action of ``actor``."""
         return cls(what, actor.name, actor.session, actor.address, **more)
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> AuditEntry:
-        """As another process sends it; members that nobody knows are kept among the parameters."""
+        """Return the entry that another process sent. Unknown members become parameters."""
         own = {name: found[name] for name in cls.__dataclass_fields__ if found.get(name) is not None}
         params = own.pop("params", {})
         more = {name: value for name, value in found.items() if name not in cls.__dataclass_fields__}
@@ -73,7 +71,7 @@ class AuditEntry:
 
 
 def entry_json(entry: AuditEntry, time_ms: int) -> Json:
-    """What is written of it, secrets hidden."""
+    """Return the JSON body of a record, with secrets redacted."""
     who = {"name": entry.who, "session": entry.session, "address": entry.address}
     return {
         "time_ms": time_ms,
@@ -88,7 +86,7 @@ def entry_json(entry: AuditEntry, time_ms: int) -> Json:
 
 
 def redact(value: Any, depth: int = 0) -> Any:
-    """The value as JSON, without secrets, of bounded length."""
+    """Return ``value`` as JSON of bounded size, with secrets redacted."""
     if isinstance(value, Enum):
         value = value.value
     if value is None or isinstance(value, bool | int):
@@ -112,7 +110,7 @@ def _redact_member(name: str, value: Any, depth: int) -> Any:
 
 
 def _redact_text(text: str) -> str:
-    """No password of an address, no half of a character."""
+    """Replace credentials in URLs and headers, and escape lone surrogates."""
     return (
         EMBEDDED_CREDENTIALS.sub(lambda found: REDACTED + "@" if found[0].endswith("@") else REDACTED, text)
         .encode("utf-8", "backslashreplace")
@@ -127,42 +125,42 @@ def _limit_length(text: str) -> Any:
 
 
 GENESIS_HASH: Final = "0" * 64
-"""What stands before the first record."""
+"""``prev`` of the first record."""
 MAX_RECORD_LINE_BYTES: Final = 64 * 1024
-"""Octets. Of a longer record the parameters and frames are left out, and their SHA-256 stands there instead."""
+"""Parameters and frames of a longer record are replaced by the SHA-256 of its line."""
 _DIGEST_HEX_LENGTH = 64
 
 
 @dataclass(frozen=True, slots=True)
 class AuditRecord:
-    """A line of the trail whose own hash is right."""
+    """Record whose hash matches its line."""
 
     n: int
     prev: str
     hash: str
     checkpoints: int
-    """So many checkpoints had been written before it."""
+    """Number of checkpoints written before it."""
     body: Json
 
 
 @dataclass(frozen=True, slots=True)
 class AuditCheckpoint:
-    """A line of the second file."""
+    """Line of the checkpoint file."""
 
     number: int
     """1, 2, 3, …"""
     n: int
-    """The record that was the last one."""
+    """Number of the last record at that time."""
     hash: str
-    """That record's."""
+    """Hash of that record."""
     prev: str
-    """``mac`` of the checkpoint before."""
+    """``mac`` of the previous checkpoint."""
     mac: str
     time_ms: int
 
 
 def encode_record(n: int, prev: str, checkpoints: int, body: Json) -> tuple[bytes, str]:
-    """A record's line with its line end, and its hash."""
+    """Return a record's line, with its line end, and its hash."""
     line, hash = _append_digest({"n": n, **body, "checkpoints": checkpoints, "prev": prev}, "hash", _sha)
     if len(line) <= MAX_RECORD_LINE_BYTES:
         return line, hash
@@ -171,7 +169,7 @@ def encode_record(n: int, prev: str, checkpoints: int, body: Json) -> tuple[byte
 
 
 def decode_record(line: bytes) -> AuditRecord | None:
-    """The record of a line (without its line end); None where it is none, or was changed."""
+    """Return the record of a line without line end; None if its form or its hash is wrong."""
     found = _verify_digest(line, "hash", _sha)
     if found is None:
         return None
@@ -183,13 +181,15 @@ def decode_record(line: bytes) -> AuditRecord | None:
 
 
 def encode_checkpoint(number: int, last: tuple[int, str], prev: str, time_ms: int, key: bytes) -> tuple[bytes, str]:
-    """A checkpoint's line with its line end, and its MAC. ``last``: the last record's number and hash."""
+    """Return a checkpoint's line, with its line end, and its MAC. ``last``: number and hash of the last record."""
     body = {"checkpoint": number, "n": last[0], "hash": last[1], "time_ms": time_ms, "prev": prev}
     return _append_digest(body, "mac", _mac(key))
 
 
 def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
-    """The checkpoint of a line; None where it is none, or not made under ``key``. Without one only its form counts."""
+    """Return the checkpoint of a line; None if its form or its MAC under ``key`` is wrong. Without ``key`` only the
+    form is checked.
+    """
     found = _verify_digest(line, "mac", None if key is None else _mac(key))
     if found is None:
         return None
@@ -221,12 +221,14 @@ def _digest_member(name: str, digest: str) -> bytes:
 
 
 def _verify_digest(line: bytes, name: str, digest: Callable[[bytes], str] | None) -> tuple[dict[str, Any], str] | None:
-    """What was sealed, where the seal stands at its place and fits every octet before it."""
+    """Return body and digest of a line whose last member is ``name`` and matches every byte before it; else None."""
     size = len(_digest_member(name, "0" * _DIGEST_HEX_LENGTH))
-    data, seal = line[:-size] + b"}", line[-size:]
+    data, member = line[:-size] + b"}", line[-size:]
     try:
-        found = seal[-_DIGEST_HEX_LENGTH - 2 : -2].decode("ascii")
-        if seal != _digest_member(name, found) or (digest is not None and not hmac.compare_digest(digest(data), found)):
+        found = member[-_DIGEST_HEX_LENGTH - 2 : -2].decode("ascii")
+        if member != _digest_member(name, found):
+            return None
+        if digest is not None and not hmac.compare_digest(digest(data), found):
             return None
         body = json.loads(data)
     except (ValueError, RecursionError):

@@ -1,7 +1,8 @@
-"""The audit trail as the service uses it: ``record`` returns when the record would survive a power cut.
+"""Asynchronous audit trail of the service.
 
-A disk that fails refuses what waits for it (``AuditUnavailable``: no start without its record, G14) and delays what
-does not: a stop goes first and is noted afterwards, if need be when the disk works again.
+``record`` returns when the record is durable and raises ``AuditUnavailable`` where it cannot be: no start without its
+record. ``record_nowait`` never waits and never fails, because a stop is sent before it is recorded; its record is
+written as soon as the disk works again.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from drivebus.service.live.views import Json
 from drivebus.service.storage.batch_writer import BatchWriter
 
 CHECKPOINT_INTERVAL_S = 60.0
-"""S12."""
+"""Records after the last checkpoint can be cut off undetected: at most those of one minute."""
 AUDIT_RETRY_INTERVAL_S = 5.0
-"""A disk that failed is tried again so often, also while nobody wants to start anything."""
+"""Interval of attempts to write to a failed disk, also while no operation is waiting for it."""
 
 
 class AuditTrail:
-    """The trail in ``folder``. ``checkpoints`` and ``key`` may lie on another disk: ``audit.files.Places``."""
+    """Audit trail in ``folder``. ``checkpoints`` and ``key`` may be on another disk (see ``AuditPaths``)."""
 
     def __init__(
         self,
@@ -37,33 +38,35 @@ class AuditTrail:
         checkpoints: Path | None = None,
         key: Path | None = None,
         *,
-        wall: Callable[[], datetime] = clock.wall_clock,
-        full_at: int = MAX_AUDIT_FILE_BYTES,
+        wall_clock: Callable[[], datetime] = clock.wall_clock,
+        max_file_bytes: int = MAX_AUDIT_FILE_BYTES,
     ) -> None:
         self.paths = AuditPaths.of(folder, checkpoints, key)
-        self._wall_clock = wall
-        self._chain = AuditChain(self.paths, self._now_ms, full_at)
+        self._wall_clock = wall_clock
+        self._chain = AuditChain(self.paths, self._now_ms, max_file_bytes)
         self._writer: BatchWriter[Json, int] = BatchWriter("audit", self._append_batch)
         self._timer: asyncio.Task[None] | None = None
         self._reported_losses = 0
         self.records_missing = False
-        """When it was opened, records were missing that a checkpoint vouches for: somebody cut them off."""
+        """Whether records that a checkpoint covers were missing when the trail was opened: its end was cut off."""
         self.checkpoint_error: OSError | None = None
-        """Why the last checkpoint was not written; starts are not refused for it."""
+        """Error of the last checkpoint; it does not prevent starts."""
 
     @property
     def ok(self) -> bool:
-        """Can it be written, as far as the last attempt told?"""
+        """Whether the last write succeeded."""
         return self._writer.error is None
 
     @property
     def error(self) -> Exception | None:
-        """Why not."""
+        """Error of the last write; None if it succeeded."""
         return self._writer.error
 
     async def open(self) -> None:
-        """Make ready, and begin to write checkpoints, the first one for what an earlier life left. Never fails: ``ok``
-        tells, and it is tried again."""
+        """Open the trail and start writing checkpoints, the first one for records of an earlier run.
+
+        Never raises: a failure shows in ``ok`` and is tried again.
+        """
         self._timer = asyncio.get_running_loop().create_task(self._write_checkpoints(), name="audit checkpoints")
         try:
             await self.record(AuditEntry("audit.opened"))
@@ -73,44 +76,45 @@ class AuditTrail:
         await self.checkpoint()
 
     async def record(self, entry: AuditEntry) -> int:
-        """Its number; it is durable when this returns. Raises AuditUnavailable: what then becomes of the wish is to be
-        noted, so that the disk is tried again."""
+        """Write a record durably and return its number. Raises AuditUnavailable; the caller then uses
+        ``record_nowait`` for the refusal, so that the disk is tried again.
+        """
         return await self._writer.write(entry_json(entry, self._now_ms()))
 
     async def record_json(self, entry: Json) -> int:
-        """``record`` of what is already JSON. Raises AuditUnavailable."""
+        """Record an entry in JSON form. Raises AuditUnavailable."""
         return await self.record(AuditEntry.from_json(entry))
 
     def record_nowait(self, entry: AuditEntry) -> None:
-        """Written soon, or once the disk works again; waits for nothing and never fails (stops)."""
+        """Queue a record, to be written now or when the disk works again. Never waits, never raises."""
         self._writer.write_nowait(entry_json(entry, self._now_ms()))
 
     async def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """``{"items", "next"}``, the newest first. Raises InvalidParameters for a cursor of somebody else's."""
+        """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError."""
         return await self._in_thread(lambda: query_records(self.paths, from_ms, to_ms, drive, cursor, limit))
 
     async def verify(self) -> Json:
-        """``audit.verify``: what the files say about themselves now. Raises AuditUnavailable where they can't be read.
+        """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
 
-        Another process reads them, so that a long trail delays no bus.
+        A separate process reads them, so that a long trail delays no bus.
         """
-        places = (self.paths.folder, self.paths.checkpoints, self.paths.key)
-        command = (sys.executable, "-m", "drivebus.service.audit", *map(str, places))
+        paths = (self.paths.folder, self.paths.checkpoints, self.paths.key)
+        command = (sys.executable, "-m", "drivebus.service.audit", *map(str, paths))
         child = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
         try:
-            told, failed = await child.communicate()
+            output, errors = await child.communicate()
         finally:
             if child.returncode is None:
                 child.kill()
         if child.returncode != 0:
-            raise self._unavailable_error(failed.decode("utf-8", "replace").strip().rpartition("\n")[2])
-        found: Json = json.loads(told)
-        return found
+            raise self._unavailable_error(errors.decode("utf-8", "replace").strip().rpartition("\n")[2])
+        report: Json = json.loads(output)
+        return report
 
     async def checkpoint(self) -> None:
-        """Write one now. Never fails: ``mark_error`` tells."""
+        """Write a checkpoint now. Never raises: ``checkpoint_error`` holds the error."""
         try:
             await self._writer.run_in_thread(self._chain.write_checkpoint)
             self.checkpoint_error = None
@@ -118,7 +122,7 @@ class AuditTrail:
             self.checkpoint_error = error
 
     async def close(self) -> None:
-        """Write what waits and a last checkpoint. Idempotent; nothing may be recorded afterwards."""
+        """Write queued records and a last checkpoint, then close the files. Idempotent."""
         timer, self._timer = self._timer, None
         if timer is None:
             return
@@ -128,8 +132,6 @@ class AuditTrail:
         await self.checkpoint()
         await self._writer.run_in_thread(self._chain.close)
         await self._writer.close()
-
-    # --- within ----------------------------------------------------------------------------------------------------
 
     async def _write_checkpoints(self) -> None:
         rounds = round(CHECKPOINT_INTERVAL_S / AUDIT_RETRY_INTERVAL_S)
@@ -147,7 +149,7 @@ class AuditTrail:
         self._writer.retry()
 
     def _append_batch(self, bodies: Sequence[Json]) -> list[int]:
-        """In the thread. What was found when the files were opened is told before everything else."""
+        """Write a batch on the writer's thread, after the entries that report what opening the files found."""
         try:
             entries = self._chain.open()
             self.records_missing = self.records_missing or any(entry.what == RECORDS_MISSING for entry in entries)
@@ -164,5 +166,5 @@ class AuditTrail:
 
     @staticmethod
     async def _in_thread(function: Callable[[], Json]) -> Json:
-        """In another thread than the writer's: reading never delays a record."""
+        """Run on a thread other than the writer's, so that reading never delays a record."""
         return await asyncio.get_running_loop().run_in_executor(None, function)

@@ -1,4 +1,4 @@
-"""Finds every edit, deletion, swap, insertion and cut of the trail, and names the file and the line."""
+"""Verification of an audit trail: finds every edit, deletion, swap, insertion and cut, with file and line."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from drivebus.service.audit.records import AuditCheckpoint
 from drivebus.service.live.views import Json
 
 MAX_REPORTED_PROBLEMS: Final = 200
-"""Problems that are told one by one; all are counted."""
+"""All problems are counted; only this many are listed."""
 
 
 @dataclass(frozen=True, slots=True)
 class AuditProblem:
-    """Something that its writer did not write. ``line`` 0: of the file as a whole."""
+    """Deviation from what the writer wrote. ``line`` 0 stands for the whole file."""
 
     kind: str
     file: str
@@ -27,20 +27,20 @@ class AuditProblem:
     params: Mapping[str, Any] = field(default_factory=dict)
 
     def as_json(self) -> Json:
-        told = {"file": self.file, "line": self.line, **self.params}
-        return {"kind": self.kind, **told, "text": localized(f"audit.problem.{self.kind}", told)}
+        details = {"file": self.file, "line": self.line, **self.params}
+        return {"kind": self.kind, **details, "text": localized(f"audit.problem.{self.kind}", details)}
 
 
 @dataclass(slots=True)
 class AuditReport:
-    """What the files say about themselves."""
+    """Result of a verification."""
 
     entries: int = 0
     checkpoints: int = 0
     keyed: bool = False
-    """The key was there: checkpoints that somebody else made would have been found."""
+    """Whether the key was there, so that forged checkpoints would have been detected."""
     covered: int = 0
-    """Up to this record a checkpoint vouches; later ones could be cut off unseen."""
+    """Number of the last record that a checkpoint covers; later ones can be cut off undetected."""
     problem_count: int = 0
     problems: list[AuditProblem] = field(default_factory=list)
 
@@ -65,40 +65,40 @@ class AuditReport:
         }
 
 
-def verify(places: AuditPaths) -> AuditReport:
-    """Read everything. Raises OSError where a file is there and can't be read."""
+def verify(paths: AuditPaths) -> AuditReport:
+    """Read and verify all files of a trail. Raises OSError for an existing file that cannot be read."""
     report = AuditReport()
-    marks = _checkpoints(places, report)
-    _ChainVerifier(places, report, marks).run()
+    checkpoints = _checkpoints(paths, report)
+    _ChainVerifier(paths, report, checkpoints).run()
     return report
 
 
 class _ChainVerifier:
-    """Along the chain, from its first record on."""
+    """Walk along the chain of records from its beginning."""
 
-    def __init__(self, places: AuditPaths, report: AuditReport, marks: list[AuditCheckpoint]) -> None:
-        self._paths, self._report, self._checkpoints = places, report, marks
+    def __init__(self, paths: AuditPaths, report: AuditReport, checkpoints: list[AuditCheckpoint]) -> None:
+        self._paths, self._report, self._checkpoints = paths, report, checkpoints
         self._expected_hashes: dict[int, set[str]] = {}
-        for mark in marks:
-            self._expected_hashes.setdefault(mark.n, set()).add(mark.hash)
+        for checkpoint in checkpoints:
+            self._expected_hashes.setdefault(checkpoint.n, set()).add(checkpoint.hash)
         self._last_number = 0
         self._last_hash: str | None = records.GENESIS_HASH
-        """None: the line before is spoilt, so that nobody can tell what must come next."""
+        """None after a broken line: the hash that must follow is unknown."""
         self._claimed_checkpoints = 0
-        """So many checkpoints there must have been, as the records say."""
+        """Number of checkpoints that existed according to the records."""
 
     def run(self) -> None:
         files = self._paths.files()
         for path in files:
             self._verify_file(path, whole=path != self._paths.current)
         end = files[-1] if files else self._paths.current
-        beyond = [mark for mark in self._checkpoints if mark.n > self._last_number]
+        beyond = [checkpoint for checkpoint in self._checkpoints if checkpoint.n > self._last_number]
         if beyond:
             self._report.add_problem("cut", end, 0, last=self._last_number, checkpoint=beyond[-1].n)
         if self._claimed_checkpoints > len(self._checkpoints):
             there, expected = len(self._checkpoints), self._claimed_checkpoints
-            self._report.add_problem("marks_missing", self._paths.checkpoints, 0, there=there, expected=expected)
-        self._report.covered = max((mark.n for mark in self._checkpoints), default=0)
+            self._report.add_problem("checkpoints_missing", self._paths.checkpoints, 0, there=there, expected=expected)
+        self._report.covered = max((checkpoint.n for checkpoint in self._checkpoints), default=0)
 
     def _verify_file(self, path: Path, whole: bool) -> None:
         first = first_number_of(path)
@@ -119,35 +119,32 @@ class _ChainVerifier:
             return
         if found.n != self._last_number + 1 or self._last_hash not in (None, found.prev):
             self._report.add_problem("broken", path, number, expected=self._last_number + 1, n=found.n)
-        self._last_number, self._last_hash, self._claimed_checkpoints = (
-            found.n,
-            found.hash,
-            max(self._claimed_checkpoints, found.checkpoints),
-        )
+        self._last_number, self._last_hash = found.n, found.hash
+        self._claimed_checkpoints = max(self._claimed_checkpoints, found.checkpoints)
         if self._expected_hashes.get(found.n, {found.hash}) != {found.hash}:
             self._report.add_problem("rewritten", path, number, n=found.n)
 
 
-def _checkpoints(places: AuditPaths, report: AuditReport) -> list[AuditCheckpoint]:
-    """Those that can be trusted, in order."""
+def _checkpoints(paths: AuditPaths, report: AuditReport) -> list[AuditCheckpoint]:
+    """Return the valid checkpoints in order, and report the others."""
     try:
-        key = places.read_key()
+        key = paths.read_key()
     except OSError:
         key = None
     report.keyed = key is not None
     found: list[AuditCheckpoint] = []
     mac, number, n = records.GENESIS_HASH, 0, 0
-    path = places.checkpoints
+    path = paths.checkpoints
     for at, line in _lines(path) if path.exists() else ():
-        mark = records.decode_checkpoint(line[:-1], key) if line.endswith(b"\n") else None
-        if mark is None:
-            report.add_problem("mark_changed", path, at)
+        checkpoint = records.decode_checkpoint(line[:-1], key) if line.endswith(b"\n") else None
+        if checkpoint is None:
+            report.add_problem("checkpoint_changed", path, at)
             number += 1
             continue
-        if mark.prev != mac or mark.number != number + 1 or mark.n <= n:
-            report.add_problem("mark_broken", path, at, expected=number + 1, number=mark.number)
-        mac, number, n = mark.mac, mark.number, mark.n
-        found.append(mark)
+        if checkpoint.prev != mac or checkpoint.number != number + 1 or checkpoint.n <= n:
+            report.add_problem("checkpoint_broken", path, at, expected=number + 1, number=checkpoint.number)
+        mac, number, n = checkpoint.mac, checkpoint.number, checkpoint.n
+        found.append(checkpoint)
     report.checkpoints = len(found)
     return found
 

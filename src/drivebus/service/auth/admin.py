@@ -1,4 +1,7 @@
-"""Changing the register from the command line, with a record: by the running plant, else into its trail directly."""
+"""Audited changes of the user database from the command line.
+
+The running service writes the audit records; if none runs, they are appended to the trail directly.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from contextlib import asynccontextmanager
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.service.audit import AuditTrail
 from drivebus.service.auth.actor import local_actor
-from drivebus.service.auth.users import UserDatabase, UserFile
+from drivebus.service.auth.users import USER_FILE, UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET
@@ -20,15 +23,18 @@ WriteAuditRecord = Callable[[Json], Awaitable[object]]
 
 
 def user_file_of(setting: PlantConfig) -> UserFile:
-    """Where the plant's users are kept."""
-    return UserFile(setting.users or setting.directory / "access.json")
+    """Return the user file of a plant."""
+    return UserFile(setting.users or setting.directory / USER_FILE)
 
 
 async def change_users(
     setting: PlantConfig, what: str, target: str, params: Json, change: Callable[[UserDatabase], UserDatabase]
 ) -> UserDatabase:
-    """The register after ``change``, recorded before and after. Raises what ``change`` does; AuditUnavailable and
-    ServiceUnavailable, and nothing is changed, where it can't be recorded."""
+    """Change the user database, with an audit record before and after it, and return it.
+
+    Raises the errors of ``change``; AuditUnavailable and ServiceUnavailable if it cannot be recorded, and then nothing
+    is changed.
+    """
     async with _audit_writer(setting) as write:
         entry: Json = {"what": what, "target": target, "params": params}
         await write(entry | {"outcome": "asked"})
@@ -43,7 +49,7 @@ async def change_users(
 
 @asynccontextmanager
 async def _audit_writer(setting: PlantConfig) -> AsyncIterator[WriteAuditRecord]:
-    """The trail of a plant that does not run, else the plant itself."""
+    """Yield the writer of audit records: the running service, else the trail itself."""
     actor = local_actor(getpass.getuser(), "command-line")
     try:
         lock = single_instance(setting.directory)

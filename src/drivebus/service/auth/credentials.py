@@ -1,4 +1,4 @@
-"""Whoever stands at the door with a good credential: a session or a token, and what it may do at this moment."""
+"""Authenticated credentials: a session or a token, with the rights that it has at this moment."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from drivebus.service.auth.sessions import Session
 from drivebus.service.auth.users import Token, UserDatabase
 
 _RIGHTS_CHECK_INTERVAL_S = 0.5
-"""A role that is changed in the file ends what is open within this (S04 asks for 1 s)."""
+"""A changed role ends open connections within this time; 1 s is required."""
 _IDLE_SESSION_RIGHTS = frozenset({Right.VIEW, Right.STOP})
-"""What an idle session still may (S07); a stop never waits for a password (S05)."""
+"""Rights of an idle session: a stop never waits for a password."""
 
 
 @dataclass(frozen=True, slots=True)
 class AuthContext:
-    """What a visitor's rights follow from, looked at anew each time."""
+    """Sources from which the rights of a credential are computed on each use."""
 
     database: Callable[[], UserDatabase]
     clock: Callable[[], float]
     """Monotonic seconds."""
     wall_ms: Callable[[], int]
-    """UTC, for tokens' dates only."""
+    """UTC, for the expiry of tokens only."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionCredential:
-    """A person with a browser."""
+    """Credential of a browser session."""
 
     session: Session
     context: AuthContext
 
     @property
     def end_reason(self) -> str | None:
-        """None while it is good; else ``logout``, ``expired``, ``rights``, ``replaced``."""
+        """None while it is valid; else ``logout``, ``expired``, ``rights`` or ``replaced``."""
         user = self.context.database().find(self.session.user)
         if user is None or user.stamp != self.session.stamp:
             self.session.end("rights")
@@ -50,21 +50,21 @@ class SessionCredential:
 
     @property
     def actor(self) -> Actor:
-        """As of now: no rights at all once it is over."""
+        """Actor with the rights of this moment; none once the session has ended."""
         rights = frozenset() if self.end_reason else self.context.database().rights_of(self.session.user)
         allowed = rights & _IDLE_SESSION_RIGHTS if self.is_idle else rights
         return Actor(self.session.user, allowed, self.session.id, remote=True, address=self.session.address)
 
     async def wait_ended(self) -> str:
-        """Wait until it is over; why."""
-        while (why := self.end_reason) is None:
+        """Wait until the session ends and return the reason."""
+        while (reason := self.end_reason) is None:
             await _wait_or_check(self.session.ended)
-        return why
+        return reason
 
 
 @dataclass(frozen=True, slots=True)
 class TokenCredential:
-    """A program."""
+    """Credential of a program's token."""
 
     token: Token
     address: str
@@ -74,31 +74,32 @@ class TokenCredential:
 
     @property
     def end_reason(self) -> str | None:
-        if self.token not in self.context.database().tokens:  # with a user go the user's tokens
+        if self.token not in self.context.database().tokens:  # tokens are deleted with their user
             return "rights"
         return "expired" if self.context.wall_ms() >= self.token.expires_ms else None
 
     @property
     def actor(self) -> Actor:
-        """As of now: what the token says, as far as its user still may it."""
+        """Actor with the rights of this moment: those of the token that its user still has."""
         held = self.context.database().rights_of(self.token.user) & set(self.token.rights)
         rights: frozenset[Right] = frozenset() if self.end_reason else held
         name = f"{self.token.user}/{self.token.name}"
         return Actor(name, rights, f"token-{self.token.id}", remote=True, address=self.address)
 
     async def wait_ended(self) -> str:
+        """Wait until the token ends or its rights change, and return the reason."""
         before, never = self.actor.rights, asyncio.Event()
-        while (why := self.end_reason) is None and self.actor.rights == before:
+        while (reason := self.end_reason) is None and self.actor.rights == before:
             await _wait_or_check(never)
-        return why or "rights"
+        return reason or "rights"
 
 
 Credential = SessionCredential | TokenCredential
 
 
-async def _wait_or_check(over: asyncio.Event) -> None:
-    """Until ``over``, or until it is time to look again."""
+async def _wait_or_check(ended: asyncio.Event) -> None:
+    """Wait for ``ended``, at most until the next check of rights."""
     try:
-        await asyncio.wait_for(over.wait(), _RIGHTS_CHECK_INTERVAL_S)
+        await asyncio.wait_for(ended.wait(), _RIGHTS_CHECK_INTERVAL_S)
     except TimeoutError:
         return

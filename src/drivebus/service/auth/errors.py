@@ -1,59 +1,37 @@
-"""What access says no to, each with the HTTP status that tells it. ``key`` is a sentence of the room ``access``."""
+"""Errors of authentication and authorization. ``key`` is a message of the catalogue ``auth``."""
 
 from __future__ import annotations
-
-from typing import Any, ClassVar
 
 from drivebus.errors import DrivebusError
 
 
 class AuthError(DrivebusError):
-    """Not let in, or not in that way."""
-
-    status: ClassVar[int] = 403
+    """A request was refused before it reached the plant."""
 
 
 class NotAuthenticated(AuthError):
-    """No credential, or one that is forged, expired or ended."""
-
-    status = 401
+    """The credential is missing, wrong, expired or ended."""
 
 
 class AccessDenied(AuthError):
-    """Known, and without the right; or a request that no page of ours would make."""
+    """The credential is valid but lacks the right, or the request came from a foreign page."""
 
 
 class Conflict(AuthError):
-    """Not in this state: no administrator yet, or the last one would go."""
-
-    status = 409
+    """The request does not fit the state: no administrator yet, or the last one would be removed."""
 
 
 class ResourceNotFound(AuthError):
     """There is no such user, token or address."""
 
-    status = 404
-
 
 class InvalidInput(AuthError):
-    """What was given can't be used: a weak password, an unknown right."""
-
-    status = 422
+    """A value cannot be used: a weak password, an unknown right."""
 
 
 class TooManyAttempts(AuthError):
-    """Too many wrong passwords; ``retry_s`` tells when the next may be tried (S05)."""
-
-    status = 429
+    """Too many wrong passwords. ``retry_s`` is the waiting time in seconds."""
 
 
 class AuthUnavailable(AuthError):
-    """The plant, or its record, can't be reached just now."""
-
-    status = 503
-
-
-def retry_after(error: DrivebusError) -> dict[str, str]:
-    """The header that says when to come again, in whole seconds, where the error knows."""
-    wait_s: Any = error.params.get("retry_s")
-    return {} if wait_s is None else {"Retry-After": str(int(wait_s) + 1)}
+    """The service or its audit trail cannot be reached now."""

@@ -1,9 +1,4 @@
-"""Passwords that somebody who knows no secret tries first: common words, rows of a keyboard, digits. Pure.
-
-How often a password may be tried: a growing delay per user and per address, never a lock-out (S05). Pure.
-
-Passwords: hashed with argon2 in a thread of their own: the loop never waits for one. The one door to argon2.
-"""
+"""PasswordHashing: policy for new ones, throttle of attempts, hashing. The only module that imports argon2."""
 
 from __future__ import annotations
 
@@ -23,7 +18,7 @@ from argon2.exceptions import Argon2Error, InvalidHashError
 from drivebus.service.auth.errors import AuthUnavailable, InvalidInput
 
 MIN_UNCOMMON_CHARACTERS = 4
-"""So many different characters must be left besides what is common."""
+"""Different characters that a password needs besides common words, keyboard rows and digits."""
 _COMMON_WORDS = """
 password passwort passwd pass login secret default changeme letmein welcome hello iloveyou woaini wodemima mima
 admin administrator root user guest test master super operator engineer viewer service company office factory
@@ -39,15 +34,15 @@ _KEYBOARD_ROWS = (
     "1qaz2wsx3edc4rfv5tgb6yhn7ujm",
 )
 _KEYBOARD_RUN_LENGTH = 3
-"""So many neighbours of a row, either way, are one."""
+"""Neighbours of a keyboard row, in either direction, that count as common."""
 _LEET_SPELLING = str.maketrans("@4$5031!", "aassoeii")
-"""p@ssw0rd is password."""
+"""Substitutions such as p@ssw0rd for password."""
 
 
 def _keyboard_runs(row: str) -> set[str]:
     return {
-        way[at : at + _KEYBOARD_RUN_LENGTH]
-        for way in (row, row[::-1])
+        direction[at : at + _KEYBOARD_RUN_LENGTH]
+        for direction in (row, row[::-1])
         for at in range(len(row) - _KEYBOARD_RUN_LENGTH + 1)
     }
 
@@ -56,26 +51,27 @@ _COMMON_PARTS = frozenset(_COMMON_WORDS.split()).union(*map(_keyboard_runs, _KEY
 
 
 def is_guessable(password: str) -> bool:
-    """Is it nothing but common words, rows and digits, p@ssw0rd too, and a few characters more?"""
+    """Return whether a password is made of common words, keyboard rows and digits, and few other characters."""
     folded = password.casefold()
     return any(_is_common(each) for each in (folded, folded.translate(_LEET_SPELLING)))
 
 
-def _is_common(said: str) -> bool:
-    found = ((match.start(), part) for part in _COMMON_PARTS for match in re.finditer(f"(?={re.escape(part)})", said))
-    known = {at for start, part in found for at in range(start, start + len(part))}
-    own = {character for at, character in enumerate(said) if at not in known and not character.isdigit()}
-    return (bool(known) or said.isdigit()) and len(own) < MIN_UNCOMMON_CHARACTERS
+def _is_common(text: str) -> bool:
+    found = ((match.start(), part) for part in _COMMON_PARTS for match in re.finditer(f"(?={re.escape(part)})", text))
+    common = {at for start, part in found for at in range(start, start + len(part))}
+    uncommon = {character for at, character in enumerate(text) if at not in common and not character.isdigit()}
+    return (bool(common) or text.isdigit()) and len(uncommon) < MIN_UNCOMMON_CHARACTERS
 
 
 THROTTLE_WINDOW_S = 900.0
 FREE_ATTEMPTS = 10
-"""So many failures in the window cost nothing (S05)."""
+"""Failed attempts within the window without a delay."""
 MIN_LOGIN_DELAY_S = 2.0
+"""First delay; it doubles with each further failure."""
 MAX_LOGIN_DELAY_S = 120.0
-"""With ten free ones, fewer than 100 guesses an hour get through, whatever is tried."""
+"""Longest delay: fewer than 100 guesses an hour, and never a lock-out."""
 MAX_THROTTLED_KEYS = 10_000
-"""So many users and addresses are remembered; the one that was heard of longest ago goes first."""
+"""Users and addresses remembered; the least recently used is dropped first, so that memory stays bounded."""
 
 
 @dataclass(slots=True)
@@ -92,17 +88,20 @@ class _Attempts:
 
 
 class LoginThrottle:
-    """Counts tries; every try counts as a failure until it is told that it was none."""
+    """Growing delay after failed attempts, per user and per address.
+
+    An attempt counts as a failure until ``record_success``, so that concurrent attempts cannot get around the delay.
+    """
 
     def __init__(self) -> None:
         self._attempts: OrderedDict[str, _Attempts] = OrderedDict()
 
     def wait_s(self, keys: tuple[str, ...], now: float) -> float:
-        """Seconds until any of ``keys`` may try again; 0 or more."""
+        """Return the seconds until all of ``keys`` may try again; 0 or more."""
         return max((self._attempts[key].wait_s(now) for key in keys if key in self._attempts), default=0.0)
 
     def record_attempt(self, keys: tuple[str, ...], now: float) -> None:
-        """Before the password is looked at, so that a hundred at once are a hundred."""
+        """Count an attempt. Call it before the password is checked."""
         for key in keys:
             self._attempts.setdefault(key, _Attempts()).times.append(now)
             self._attempts.move_to_end(key)
@@ -110,7 +109,7 @@ class LoginThrottle:
             self._attempts.popitem(last=False)
 
     def record_success(self, keys: tuple[str, ...], at: float) -> None:
-        """That try was right: it does not count. Earlier ones do, or a guesser could wipe them."""
+        """Remove the successful attempt of time ``at``. Earlier failures stay: a known account must not reset them."""
         for key in keys:
             if key in self._attempts and at in self._attempts[key].times:
                 self._attempts[key].times.remove(at)
@@ -122,11 +121,13 @@ MIN_PASSWORD_LENGTH = 10
 MAX_PASSWORD_LENGTH = 200
 _MIN_DIFFERENT_CHARACTERS = 5
 _MAX_WAITING_HASHES = 8
-"""So many may wait for the thread; more are sent away, or a flood of logins would fill the memory (S14)."""
+"""Hashes waiting for the thread; further ones are refused, so that a flood of logins cannot fill the memory."""
 
 
-class Passwords:
-    """Makes and checks hashes. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second choice), about 0.1 s."""
+class PasswordHashing:
+    """Hashing and verification on a thread of its own. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second
+    recommended option), about 0.1 s.
+    """
 
     def __init__(self, hasher: PasswordHasher | None = None) -> None:
         self._hasher = hasher or PasswordHasher(time_cost=3, memory_cost=65536, parallelism=1)
@@ -135,13 +136,16 @@ class Passwords:
         self._waiting = 0
 
     async def hash(self, password: str) -> str:
-        """Raises Unavailable where too many wait."""
+        """Return the encoded hash of a password. Raises AuthUnavailable if too many hashes are waiting."""
         return await self._in_thread(self._hasher.hash, _normalized(password))
 
     async def verify(self, known: str | None, password: str) -> bool:
-        """As slow for a user that does not exist (``known`` None) as for a wrong password. Raises Unavailable."""
-        right = await self._in_thread(self._verify, known or self._unknown_user_hash, _normalized(password))
-        return right and known is not None
+        """Return whether a password matches a hash. Raises AuthUnavailable if too many hashes are waiting.
+
+        It takes as long for an unknown user (``known`` None) as for a wrong password.
+        """
+        matches = await self._in_thread(self._verify, known or self._unknown_user_hash, _normalized(password))
+        return matches and known is not None
 
     def _verify(self, known: str, password: str) -> bool:
         try:
@@ -160,11 +164,11 @@ class Passwords:
 
 
 def check_password_policy(password: str, name: str) -> str:
-    """Is this fit to be the password of ``name``? Raises Unfit with the reason."""
-    said = _normalized(password)
-    if not MIN_PASSWORD_LENGTH <= len(said) <= MAX_PASSWORD_LENGTH:
+    """Return ``password`` if the user ``name`` may have it. Raises InvalidInput with the reason."""
+    text = _normalized(password)
+    if not MIN_PASSWORD_LENGTH <= len(text) <= MAX_PASSWORD_LENGTH:
         raise InvalidInput("access.password_length", shortest=MIN_PASSWORD_LENGTH, longest=MAX_PASSWORD_LENGTH)
-    if len(set(said)) < _MIN_DIFFERENT_CHARACTERS or is_guessable(said) or name.casefold() in said.casefold():
+    if len(set(text)) < _MIN_DIFFERENT_CHARACTERS or is_guessable(text) or name.casefold() in text.casefold():
         raise InvalidInput("access.password_common", different=_MIN_DIFFERENT_CHARACTERS, own=MIN_UNCOMMON_CHARACTERS)
     return password
 

@@ -1,7 +1,4 @@
-"""The one-time set-up secret: shown locally where there is no administrator yet; there is no default password (S06).
-
-``Access``: who is it? Logging in, out, and finding whoever comes with a cookie or a token.
-"""
+"""Authentication service of a plant: set-up, login, logout, and the credential of a cookie or a token."""
 
 from __future__ import annotations
 
@@ -17,66 +14,77 @@ from pathlib import Path
 from drivebus.clock import Clock, wall_ms
 from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, TooManyAttempts
-from drivebus.service.auth.passwords import LoginThrottle, Passwords, check_password_policy
+from drivebus.service.auth.passwords import LoginThrottle, PasswordHashing, check_password_policy
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
-from drivebus.service.auth.users import OneTimeCode, User, UserDatabase, UserFile, normalized_name, replace_private
+from drivebus.service.auth.users import (
+    USER_FILE,
+    OneTimeCode,
+    User,
+    UserDatabase,
+    UserFile,
+    atomic_write_private,
+    normalized_name,
+)
 
 SETUP_SECRET_FILE = "setup-secret"
 
 
 class SetupSecret:
-    """The secret, in ``<directory>/setup-secret`` (0600) while it is needed, in memory for the comparison."""
+    """One-time secret that authorizes the creation of the first administrator. There is no default password.
+
+    It is in ``<directory>/setup-secret`` (0600) until it is used, and in memory for the comparison.
+    """
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / SETUP_SECRET_FILE
         self._secret: str | None = None
 
     def issue(self) -> str:
-        """Make a secret and write its file; the same one while this process lives and it is not used."""
+        """Return the secret; create it and its file on the first call."""
         if self._secret is None:
             self._secret = secrets.token_urlsafe(16)
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            replace_private(self.path, self._secret.encode() + b"\n")
+            atomic_write_private(self.path, self._secret.encode() + b"\n")
         return self._secret
 
-    def verify(self, given: str) -> bool:
+    def verify(self, secret: str) -> bool:
         if self._secret is None:
             return False
-        return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), self._secret.encode())
+        return hmac.compare_digest(secret.encode("utf-8", "surrogatepass"), self._secret.encode())
 
     def consume(self) -> None:
-        """There is an administrator now."""
+        """Invalidate the secret and delete its file."""
         self._secret = None
         self.path.unlink(missing_ok=True)
 
 
 SESSION_SAVE_INTERVAL_S = 60.0
-"""How far back the last touch of a session may lie after a crash of the web process."""
+"""Activity of a session that a crash of the web process may lose."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoginResult:
-    """A login that worked. ``secret`` goes into the cookie and is known to nobody else."""
+    """Successful login. ``secret`` is for the cookie and is stored nowhere."""
 
     secret: str
     session: Session
 
 
 class AuthService:
-    """Users, sessions and tokens of one plant; lives in the web process. ``file`` None: ``access.json`` there."""
+    """Users, sessions and tokens of one plant. ``file`` None: ``users.json`` in ``directory``."""
 
     def __init__(
         self,
         directory: Path,
         file: Path | None = None,
         *,
-        passwords: Passwords | None = None,
+        passwords: PasswordHashing | None = None,
         clock: Clock = time.monotonic,
-        wall: Callable[[], int] = wall_ms,
+        wall_ms: Callable[[], int] = wall_ms,
     ) -> None:
-        self.user_file = UserFile(file or directory / "access.json")
-        self.passwords = passwords or Passwords()
+        self.user_file = UserFile(file or directory / USER_FILE)
+        self.passwords = passwords or PasswordHashing()
         self.sessions = SessionTable()
         self.session_store = SessionStore(directory)
         self.sessions.restore(self.session_store.read())
@@ -85,9 +93,9 @@ class AuthService:
         self._save_tasks: set[asyncio.Task[None]] = set()
         self.setup_secret = SetupSecret(directory)
         self.clock = clock
-        self.wall_ms = wall
+        self.wall_ms = wall_ms
         self.throttle = LoginThrottle()
-        self.context = AuthContext(self.user_file.read, clock, wall)
+        self.context = AuthContext(self.user_file.read, clock, wall_ms)
 
     @property
     def database(self) -> UserDatabase:
@@ -98,42 +106,46 @@ class AuthService:
         return not self.database.has_administrator
 
     async def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
-        """Change the register, durably; the loop does not wait for the disk."""
+        """Change the user database durably, without blocking the event loop."""
         return await asyncio.to_thread(self.user_file.change, change)
 
     async def keep(self) -> None:
-        """Write down which sessions there are, for the next process; nothing fails where that can't be done."""
+        """Save the sessions for the next process. A failed write is ignored: logging in must not depend on it."""
         async with self._save_lock:
             self._saved_at = self.clock()
             await asyncio.to_thread(self.session_store.write, self.sessions.stored())
 
     async def record_activity(self, session: Session) -> None:
-        """The person behind it did something. Nobody waits for the disk here: it may be a stop (6.5)."""
+        """Record a user's activity. The save runs in the background, because the request may be a stop."""
         session.record_activity(self.clock())
         if self.clock() - self._saved_at >= SESSION_SAVE_INTERVAL_S and not self._save_tasks:
-            later = asyncio.create_task(self.keep())
-            self._save_tasks.add(later)
-            later.add_done_callback(self._save_tasks.discard)
+            task = asyncio.create_task(self.keep())
+            self._save_tasks.add(task)
+            task.add_done_callback(self._save_tasks.discard)
 
     async def create_first_administrator(self, secret: str, name: str, password: str, address: str) -> LoginResult:
-        """The first administrator. Raises Conflict where there is one, NotAuthenticated for a wrong secret."""
+        """Create the first administrator and log in. Raises Conflict if there is one already, NotAuthenticated for a
+        wrong secret, TooManyAttempts, InvalidInput, AuthUnavailable.
+        """
         if not self.needs_setup:
             raise Conflict("access.is_set_up")
         self._record_attempt(f"setup@{_throttle_network(address)}")
         if not self.setup_secret.verify(secret):
             raise NotAuthenticated("access.wrong_secret")
         user = await self.new_user(name, Role.ADMINISTRATOR, password)
-        await self.change(lambda register: _add_first_administrator(register, user))
+        await self.change(lambda database: _add_first_administrator(database, user))
         self.setup_secret.consume()
         return await self._open_session(user, address)
 
     async def new_user(self, name: str, role: Role, password: str) -> User:
-        """A user to be added. Raises Unfit for the password, Unavailable."""
+        """Return a user to add. Raises InvalidInput for a weak password, AuthUnavailable."""
         hashed = await self.passwords.hash(check_password_policy(password, normalized_name(name)))
         return User(normalized_name(name), role, hashed, self.wall_ms())
 
     async def login(self, name: str, password: str, address: str) -> LoginResult:
-        """Raises NotAuthenticated (which of the two was wrong is not told), TooManyAttempts, Unavailable."""
+        """Log in. Raises NotAuthenticated, the same for a wrong name and a wrong password; TooManyAttempts,
+        AuthUnavailable.
+        """
         user = self.database.find(name)
         await self._verify_password(user, name, password, address)
         current = self.database.find(name)
@@ -142,12 +154,12 @@ class AuthService:
         return await self._open_session(current, address)
 
     async def login_with_code(self, code: str, address: str) -> LoginResult:
-        """By a code that works once. Raises NotAuthenticated, TooManyAttempts."""
+        """Log in with a one-time code. Raises NotAuthenticated, TooManyAttempts."""
         keys, at = self._record_attempt(_throttle_network(address))
         found = self._find_code(code)
         if found is None:
             raise NotAuthenticated("access.wrong_code")
-        await self.change(lambda register: self._consume_code(register, found))
+        await self.change(lambda database: _consume_code(database, found))
         user = self.database.user(found.user)
         if user.disabled:
             raise NotAuthenticated("access.wrong_code")
@@ -155,44 +167,46 @@ class AuthService:
         return await self._open_session(user, address)
 
     async def issue_code(self, user: str, lifetime_s: float) -> str:
-        """A one-time code for ``user``. Raises ResourceNotFound."""
+        """Return a new one-time code for ``user``. Raises ResourceNotFound."""
         code = secrets.token_urlsafe(16)
         now_ms = self.wall_ms()
-        once = OneTimeCode(secret_digest(code), normalized_name(user), now_ms + round(lifetime_s * 1000))
-        await self.change(lambda register: register.with_code(once, now_ms))
+        stored = OneTimeCode(secret_digest(code), normalized_name(user), now_ms + round(lifetime_s * 1000))
+        await self.change(lambda database: database.with_code(stored, now_ms))
         return code
 
     async def logout(self, session: Session) -> None:
-        """This one."""
+        """End this session."""
         session.end("logout")
         await self.keep()
 
-    async def end_sessions(self, user: str, why: str) -> int:
-        """Every session of the user; how many there were (S07)."""
-        ended = self.sessions.end_all(normalized_name(user), why)
+    async def end_sessions(self, user: str, reason: str) -> int:
+        """End every session of a user and return their number."""
+        ended = self.sessions.end_all(normalized_name(user), reason)
         await self.keep()
         return ended
 
     async def change_password(self, session: Session, old: str, new: str) -> LoginResult:
-        """One's own. Ends every session of the user; the new one is the caller's. Raises Forbidden where ``old`` is
-        wrong, TooManyAttempts, Unfit."""
+        """Change the password of the session's user, end all the user's sessions and open a new one.
+
+        Raises AccessDenied for a wrong ``old`` password, TooManyAttempts, InvalidInput, AuthUnavailable.
+        """
         user = await self._verify_own_password(session, old)
         hashed = await self.passwords.hash(check_password_policy(new, user.name))
 
-        def change(register: UserDatabase) -> UserDatabase:
-            now = register.user(user.name)
-            if now.stamp != user.stamp:  # an administrator was quicker: role, password or leave to come in
+        def change(database: UserDatabase) -> UserDatabase:
+            current = database.user(user.name)
+            if current.stamp != user.stamp:  # an administrator changed the role or the password meanwhile
                 raise NotAuthenticated("access.wrong_password")
-            return register.with_changed_user(replace(now, password=hashed))
+            return database.with_changed_user(replace(current, password=hashed))
 
         changed = (await self.change(change)).user(user.name)
         self.sessions.end_all(user.name, "rights")
         return await self._open_session(changed, session.address)
 
     async def unlock(self, session: Session, password: str) -> LoginResult:
-        """An idle session gets its rights back; it stays the same one, so that its leases go on (S07).
+        """Give an idle session its rights back. It stays the same session, so that its control leases stay valid.
 
-        Raises Forbidden for a wrong password, TooManyAttempts.
+        Raises AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
         """
         await self._verify_own_password(session, password)
         secret = self.sessions.unlock(session, self.clock())
@@ -200,7 +214,9 @@ class AuthService:
         return LoginResult(secret, session)
 
     async def _verify_own_password(self, session: Session, password: str) -> User:
-        """Return the session's user for a correct password. An error leaves the session and its right to stop."""
+        """Return the session's user after checking the password. Raises AccessDenied rather than NotAuthenticated,
+        because the session goes on and keeps its right to stop.
+        """
         user = self.database.user(session.user)
         try:
             await self._verify_password(user, user.name, password, session.address)
@@ -209,15 +225,17 @@ class AuthService:
         return user
 
     def session_credential(self, secret: str) -> SessionCredential | None:
+        """Return the credential of a cookie; None if it is unknown or ended."""
         session = self.sessions.find(secret, self.clock())
-        visitor = SessionCredential(session, self.context) if session is not None else None
-        return visitor if visitor is not None and visitor.end_reason is None else None
+        credential = SessionCredential(session, self.context) if session is not None else None
+        return credential if credential is not None and credential.end_reason is None else None
 
     def token_credential(self, secret: str, address: str) -> TokenCredential | None:
-        wanted = secret_digest(secret)
-        token = next((token for token in self.database.tokens if token.digest == wanted), None)
-        visitor = TokenCredential(token, address, self.context) if token is not None else None
-        return visitor if visitor is not None and visitor.end_reason is None else None
+        """Return the credential of a token; None if it is unknown or ended."""
+        digest = secret_digest(secret)
+        token = next((token for token in self.database.tokens if token.digest == digest), None)
+        credential = TokenCredential(token, address, self.context) if token is not None else None
+        return credential if credential is not None and credential.end_reason is None else None
 
     async def _open_session(self, user: User, address: str) -> LoginResult:
         secret, session = self.sessions.open(user, address, self.clock())
@@ -232,7 +250,7 @@ class AuthService:
         self.throttle.record_success(keys, at)
 
     def _record_attempt(self, *keys: str) -> tuple[tuple[str, ...], float]:
-        """Raises TooManyAttempts."""
+        """Count an attempt and return its keys and time. Raises TooManyAttempts."""
         now = self.clock()
         wait_s = self.throttle.wait_s(keys, now)
         if wait_s > 0:
@@ -241,26 +259,29 @@ class AuthService:
         return keys, now
 
     def _find_code(self, code: str) -> OneTimeCode | None:
-        wanted, now_ms = secret_digest(code), self.wall_ms()
-        return next((one for one in self.database.codes if one.digest == wanted and one.expires_ms > now_ms), None)
-
-    def _consume_code(self, register: UserDatabase, code: OneTimeCode) -> UserDatabase:
-        """Raises NotAuthenticated where somebody else was faster."""
-        if code not in register.codes:
-            raise NotAuthenticated("access.wrong_code")
-        return register.without_code(code.digest)
+        digest, now_ms = secret_digest(code), self.wall_ms()
+        return next((one for one in self.database.codes if one.digest == digest and one.expires_ms > now_ms), None)
 
 
-def _add_first_administrator(register: UserDatabase, user: User) -> UserDatabase:
-    """Of two that set up at the same time, one does."""
-    if register.has_administrator:
+def _consume_code(database: UserDatabase, code: OneTimeCode) -> UserDatabase:
+    """Remove a code. Raises NotAuthenticated if a concurrent login has used it."""
+    if code not in database.codes:
+        raise NotAuthenticated("access.wrong_code")
+    return database.without_code(code.digest)
+
+
+def _add_first_administrator(database: UserDatabase, user: User) -> UserDatabase:
+    """Add the first administrator. Raises Conflict if a concurrent set-up has added one."""
+    if database.has_administrator:
         raise Conflict("access.is_set_up")
-    return register.with_user(user)
+    return database.with_user(user)
 
 
 def _throttle_network(address: str) -> str:
-    """Guessers change addresses within their own IPv6 network at will: count the /64. Where both are listened for, an
-    IPv4 address comes as ``::ffff:10.0.0.9``: those are not one network."""
+    """Return the throttle key of an address: for IPv6 its /64 network, because a host chooses freely within it.
+
+    IPv4-mapped addresses (``::ffff:10.0.0.9``) count one by one.
+    """
     try:
         parsed = ipaddress.IPv6Address(address)
     except ValueError:

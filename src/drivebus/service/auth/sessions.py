@@ -1,8 +1,7 @@
-"""Sessions outlive the web process: a crash of it must not put a password between anybody and a stop.
+"""Login sessions: in memory, found by the hash of a 256-bit secret that only the browser has.
 
-Only hashes are kept. Times are of the monotonic clock, so they count only until the machine starts anew.
-
-Sessions: server-side, in memory, found by the hash of a 256-bit secret that only the browser has (S07).
+They are also saved, because a crash of the web process must not demand a password before a stop. Only hashes are saved.
+Times are monotonic seconds, so that a saved session is valid only until the machine restarts.
 """
 
 from __future__ import annotations
@@ -18,36 +17,36 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivebus.service.auth.users import User, replace_private
+from drivebus.service.auth.users import User, atomic_write_private
 
-_BOOT = Path("/proc/sys/kernel/random/boot_id")
+_BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(slots=True)
 class SessionRecord:
-    """Whose session it is, whichever process holds it. Times are monotonic seconds (S20)."""
+    """Fields of a session in memory and on disk. Times are monotonic seconds."""
 
     id: str
-    """Opaque, no secret: leases belong to it, the audit trail names it."""
+    """Opaque and no secret: control leases belong to it, the audit trail names it."""
     csrf: str
     user: str
     stamp: str
-    """Of the user as it was at the login."""
+    """``User.stamp`` at the login."""
     address: str
     opened: float
     active: float
 
     def fields(self) -> dict[str, Any]:
-        """Those of every session."""
+        """Return the common fields."""
         return {one.name: getattr(self, one.name) for one in fields(SessionRecord)}
 
 
 @dataclass(slots=True, kw_only=True)
 class StoredSession(SessionRecord):
-    """One session as it is kept."""
+    """Session as it is saved."""
 
     digest: str
-    """Of its secret."""
+    """Hash of its secret."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,52 +59,53 @@ _SESSION_FILE_ADAPTER = TypeAdapter(_SessionFile)
 
 
 class SessionStore:
-    """``sessions.json`` in the state directory (0600)."""
+    """File ``sessions.json`` in the state directory (0600)."""
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / "sessions.json"
 
     def read(self) -> tuple[StoredSession, ...]:
-        """What was kept since the machine started; nothing where the file can't be read: everybody logs in again."""
+        """Return the sessions saved since the machine started; none if the file cannot be read."""
         with contextlib.suppress(OSError, ValidationError):
             found = _SESSION_FILE_ADAPTER.validate_json(self.path.read_bytes())
             return found.sessions if found.boot == _boot_id() != "" else ()
         return ()
 
     def write(self, sessions: tuple[StoredSession, ...]) -> None:
-        """Nothing happens where it can't be written: logging in and out go on."""
+        """Save sessions. A failed write is ignored: logging in and out must not depend on it."""
         with contextlib.suppress(OSError):
-            replace_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))
+            atomic_write_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))
 
 
 def _boot_id() -> str:
-    """Empty where the system does not tell: then nothing is believed."""
+    """Return the id of this boot; empty if unknown, and then no saved session is valid."""
     with contextlib.suppress(OSError):
-        return _BOOT.read_text().strip()
+        return _BOOT_ID_FILE.read_text().strip()
     return ""
 
 
 SESSION_IDLE_TIMEOUT_S = 900.0
-"""Without a touch for so long, a session may only see and stop."""
+"""After this time without activity a session may only view and stop."""
 SESSION_LIFETIME_S = 12 * 3600.0
+"""A login lasts one shift."""
 MAX_SESSIONS_PER_USER = 20
-"""A user's oldest session ends when there are more."""
+"""A further login ends the user's least active session."""
 
 
 @dataclass(slots=True, eq=False)
 class Session(SessionRecord):
-    """One browser that logged in."""
+    """Session of one browser."""
 
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     end_reason: str | None = None
 
-    def end(self, why: str) -> None:
-        """``logout``, ``expired``, ``rights`` or ``replaced``; the first counts."""
-        self.end_reason = self.end_reason or why
+    def end(self, reason: str) -> None:
+        """End the session with ``logout``, ``expired``, ``rights`` or ``replaced``; the first reason stays."""
+        self.end_reason = self.end_reason or reason
         self.ended.set()
 
     def expire(self, now: float) -> None:
-        """It ends when it is too old."""
+        """End the session if it is older than ``SESSION_LIFETIME_S``."""
         if now - self.opened >= SESSION_LIFETIME_S:
             self.end("expired")
 
@@ -113,31 +113,37 @@ class Session(SessionRecord):
         return now - self.active >= SESSION_IDLE_TIMEOUT_S
 
     def record_activity(self, now: float) -> None:
-        """The person did something. An idle session stays idle: only a password wakes it (``Sessions.wake``)."""
+        """Record activity of the user. An idle session stays idle until ``SessionTable.unlock``."""
         if not self.is_idle(now):
             self.active = now
 
 
 class SessionTable:
-    """Every open session. Times are monotonic seconds (S20)."""
+    """All open sessions. Times are monotonic seconds."""
 
     def __init__(self) -> None:
         self._by_digest: dict[str, Session] = {}
 
     def open(self, user: User, address: str, now: float) -> tuple[str, Session]:
-        """A new secret, always (no secret survives a login), and its session."""
+        """Open a session and return its secret, which is new for every login, and the session."""
         self._limit_sessions(user.name, now)
         secret = secrets.token_urlsafe(32)
         session = Session(
-            "s-" + secrets.token_hex(8), secrets.token_urlsafe(24), user.name, user.stamp, address, now, now
+            id="s-" + secrets.token_hex(8),
+            csrf=secrets.token_urlsafe(24),
+            user=user.name,
+            stamp=user.stamp,
+            address=address,
+            opened=now,
+            active=now,
         )
         self._by_digest[secret_digest(secret)] = session
         return secret, session
 
     def unlock(self, session: Session, now: float) -> str:
-        """A password was given again: a new secret for the same session, whose leases stay its own.
+        """Unlock an idle session after a password check and return its new secret.
 
-        Its CSRF token stays too: another tab of the same browser must not need a new one before it can stop.
+        Its id and CSRF token stay: its control leases remain valid, and another tab of the browser can still stop.
         """
         self._by_digest = {key: one for key, one in self._by_digest.items() if one is not session}
         secret = secrets.token_urlsafe(32)
@@ -146,6 +152,7 @@ class SessionTable:
         return secret
 
     def find(self, secret: str, now: float) -> Session | None:
+        """Return the open session of a secret; None if there is none or it has ended."""
         session = self._by_digest.get(secret_digest(secret))
         if session is None:
             return None
@@ -156,26 +163,26 @@ class SessionTable:
         return session
 
     def stored(self) -> tuple[StoredSession, ...]:
-        """For ``access.kept``."""
+        """Return the open sessions for ``SessionStore``."""
         return tuple(
             StoredSession(**one.fields(), digest=digest)
             for digest, one in self._by_digest.items()
             if one.end_reason is None
         )
 
-    def restore(self, kept: Iterable[StoredSession]) -> None:
-        """As another process had them."""
-        for one in kept:
+    def restore(self, stored: Iterable[StoredSession]) -> None:
+        """Add the saved sessions of an earlier process."""
+        for one in stored:
             self._by_digest[one.digest] = Session(**one.fields())
 
     def of_user(self, user: str) -> list[Session]:
         return [session for session in self._by_digest.values() if session.user == user and session.end_reason is None]
 
-    def end_all(self, user: str, why: str) -> int:
-        """How many ended."""
+    def end_all(self, user: str, reason: str) -> int:
+        """End every session of a user and return their number."""
         ended = self.of_user(user)
         for session in ended:
-            session.end(why)
+            session.end(reason)
         self._remove_ended()
         return len(ended)
 
@@ -191,5 +198,5 @@ class SessionTable:
 
 
 def secret_digest(secret: str) -> str:
-    """Secrets are 128 bits and more of chance: one SHA-256 hides them well enough."""
+    """Return the SHA-256 of a secret. Secrets are at least 128 random bits, so that no slower hash is needed."""
     return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,7 +1,4 @@
-"""Who may come in: users, tokens and one-time codes as values. Secrets are kept as hashes only (S07).
-
-``access.json``: the register in a file that only its owner reads (0600), replaced as a whole.
-"""
+"""User database: users, tokens and one-time codes, and their file. Secrets are stored as hashes only."""
 
 from __future__ import annotations
 
@@ -27,12 +24,12 @@ _USER_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """A person."""
+    """Person with a role."""
 
     name: str
     role: Role
     password: str | None
-    """argon2's own text; None: can't log in by password."""
+    """Encoded argon2 hash; None: no login by password."""
     created_ms: int
     disabled: bool = False
 
@@ -42,14 +39,14 @@ class User:
 
     @property
     def stamp(self) -> str:
-        """Whatever of this changes ends the user's sessions (S04: role loss)."""
-        said = f"{self.role} {self.password} {self.disabled} {self.created_ms}"
-        return hashlib.sha256(said.encode()).hexdigest()
+        """Fingerprint of role, password and state. A change of it ends the user's sessions."""
+        state = f"{self.role} {self.password} {self.disabled} {self.created_ms}"
+        return hashlib.sha256(state.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A program's key, of one user: never more than that user may."""
+    """Access token of a program. It never has more rights than its user."""
 
     id: str
     name: str
@@ -62,7 +59,7 @@ class Token:
 
 @dataclass(frozen=True, slots=True)
 class OneTimeCode:
-    """A code that logs a user in, once."""
+    """Code that logs a user in once."""
 
     digest: str
     user: str
@@ -71,36 +68,36 @@ class OneTimeCode:
 
 @dataclass(frozen=True, slots=True)
 class UserDatabase:
-    """All of them. Every change gives a new one."""
+    """Immutable set of users, tokens and codes."""
 
     users: tuple[User, ...] = ()
     tokens: tuple[Token, ...] = ()
     codes: tuple[OneTimeCode, ...] = ()
 
     def find(self, name: str) -> User | None:
-        """By the name as somebody typed it."""
-        wanted = normalized_name(name)
-        return next((user for user in self.users if user.name == wanted), None)
+        """Return the user of a name in any spelling."""
+        normalized = normalized_name(name)
+        return next((user for user in self.users if user.name == normalized), None)
 
     def user(self, name: str) -> User:
-        """Raises ResourceNotFound."""
+        """Return the user of a name. Raises ResourceNotFound."""
         found = self.find(name)
         if found is None:
             raise ResourceNotFound("access.no_such_user", name=name)
         return found
 
     def rights_of(self, name: str) -> frozenset[Right]:
-        """None at all for somebody who is not there."""
+        """Return the rights of a user; none if there is no such user."""
         found = self.find(name)
         return frozenset() if found is None else found.rights
 
     @property
     def has_administrator(self) -> bool:
-        """One who can log in: commands and addresses beyond this machine wait for that (S06, S15)."""
+        """Whether an administrator can log in. Before that, commands and remote access are refused."""
         return any(_can_administer(user) for user in self.users)
 
     def with_user(self, user: User) -> UserDatabase:
-        """Raises Unfit for a name that can't be one, Conflict where it is taken."""
+        """Add a user. Raises InvalidInput for an invalid name, Conflict for one that exists."""
         if not _USER_NAME.fullmatch(user.name) or user.name != normalized_name(user.name):
             raise InvalidInput("access.bad_name", name=user.name)
         if self.find(user.name) is not None:
@@ -108,38 +105,38 @@ class UserDatabase:
         return replace(self, users=(*self.users, user))
 
     def with_changed_user(self, user: User) -> UserDatabase:
-        """Replace a user. Raises ResourceNotFound; Conflict where no administrator would remain."""
+        """Replace the user of the same name. Raises ResourceNotFound; Conflict if no administrator would be left."""
         self.user(user.name)
         return self._with_administrator(
             replace(self, users=tuple(user if one.name == user.name else one for one in self.users))
         )
 
     def without_user(self, name: str) -> UserDatabase:
-        """Without the user and all that was the user's. Raises ResourceNotFound, Conflict."""
-        gone = self.user(name).name
+        """Remove a user and its tokens and codes. Raises ResourceNotFound; Conflict for the last administrator."""
+        removed = self.user(name).name
         return self._with_administrator(
             UserDatabase(
-                tuple(user for user in self.users if user.name != gone),
-                tuple(token for token in self.tokens if token.user != gone),
-                tuple(code for code in self.codes if code.user != gone),
+                users=tuple(user for user in self.users if user.name != removed),
+                tokens=tuple(token for token in self.tokens if token.user != removed),
+                codes=tuple(code for code in self.codes if code.user != removed),
             )
         )
 
     def with_token(self, token: Token) -> UserDatabase:
-        """Raises ResourceNotFound for its user, Unfit where the user may not all of it."""
+        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none."""
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
             raise InvalidInput("access.beyond_role", rights=", ".join(sorted(beyond)))
         return replace(self, tokens=(*self.tokens, token))
 
     def without_token(self, id: str) -> UserDatabase:
-        """Raises ResourceNotFound."""
+        """Remove a token. Raises ResourceNotFound."""
         if all(token.id != id for token in self.tokens):
             raise ResourceNotFound("access.no_such_token", id=id)
         return replace(self, tokens=tuple(token for token in self.tokens if token.id != id))
 
     def with_code(self, code: OneTimeCode, now_ms: int) -> UserDatabase:
-        """Raises ResourceNotFound for its user. Codes that are too old go."""
+        """Add a one-time code and remove expired ones. Raises ResourceNotFound for its user."""
         self.user(code.user)
         return replace(self, codes=(*_unexpired(self.codes, now_ms), code))
 
@@ -153,7 +150,7 @@ class UserDatabase:
 
 
 def normalized_name(name: str) -> str:
-    """One spelling for names that look alike (NFKC, case folded)."""
+    """Return the common spelling of names that look alike (NFKC, case folded)."""
     return unicodedata.normalize("NFKC", name).casefold()
 
 
@@ -165,15 +162,16 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
     return tuple(code for code in codes if code.expires_ms > now_ms)
 
 
+USER_FILE = "users.json"
 _USER_DATABASE_ADAPTER = TypeAdapter(UserDatabase)
 _PRIVATE_MODE = 0o600
 
 
 class UserFile:
-    """The register; several programs may use one file: each change reads it again under a lock.
+    """File of the user database, private to its owner. Programs may share it: each change re-reads it under a lock.
 
-    Raises ConfigurationError where it can't be read or written, or is none of ours: nobody starts from nothing. Whoever
-    has read it once goes on with what it said then: a slip of an editor takes nobody's stop away.
+    Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
+    one. After a successful read later read errors are ignored: a broken edit must take nobody's right to stop.
     """
 
     def __init__(self, path: Path) -> None:
@@ -182,7 +180,7 @@ class UserFile:
         self._database = UserDatabase()
 
     def read(self) -> UserDatabase:
-        """What the file says now; read again only where it changed."""
+        """Return the database; the file is read again only if it has changed."""
         try:
             return self._read_if_changed()
         except ConfigurationError:
@@ -197,19 +195,19 @@ class UserFile:
             return UserDatabase()
         except OSError as error:
             raise self._unusable_error(str(error)) from error
-        seen = (state.st_mtime_ns, state.st_size, state.st_ino)
-        if seen != self._file_state:
-            self._database, self._file_state = self._load(), seen
+        fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)
+        if fingerprint != self._file_state:
+            self._database, self._file_state = self._load(), fingerprint
         return self._database
 
     def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
-        """Put what ``change`` makes of it; durable on return. Where ``change`` raises, nothing is put."""
+        """Write the result of ``change`` durably and return it. If ``change`` raises, nothing is written."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             with os.fdopen(_open_private(self.path.with_suffix(".lock")), "w") as lock:
                 flock(lock, LOCK_EX)
                 after = change(self._read_if_changed())
-                replace_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
+                atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
         except OSError as error:
             raise self._unusable_error(error.strerror or str(error)) from error
         return after
@@ -224,16 +222,16 @@ class UserFile:
         return ConfigurationError("access.store_unusable", file=str(self.path), problem=problem)
 
 
-def replace_private(path: Path, content: bytes) -> None:
-    """Old or new, never half, never readable by others; durable on return."""
+def atomic_write_private(path: Path, content: bytes) -> None:
+    """Replace a file atomically and durably; only its owner can read it. Raises OSError."""
     atomic_write.atomic_write(path, content, _create_private)
 
 
 def _create_private(part: Path) -> IO[bytes]:
-    """A file of nobody else's making."""
+    """Create a new file; an existing one, whoever made it, is removed first."""
     part.unlink(missing_ok=True)
     return os.fdopen(_open_private(part, os.O_EXCL), "wb")
 
 
-def _open_private(path: Path, more: int = 0) -> int:
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | more, _PRIVATE_MODE)
+def _open_private(path: Path, flags: int = 0) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | flags, _PRIVATE_MODE)

@@ -192,7 +192,7 @@ class PlantConfig:
     audit: AuditConfig = AuditConfig()
     web: WebConfig = WebConfig()
     users: Path | None = None
-    """The users' store; ``access.json`` in the state directory where None."""
+    """The users' store; ``users.json`` in the state directory where None."""
     source: str = ""
     """The file it was read from."""
 

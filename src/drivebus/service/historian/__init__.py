@@ -1,4 +1,4 @@
-"""What the plant keeps of the past: samples with rollups, events, and other rooms' documents; SQLite or PostgreSQL."""
+"""Historian: samples with rollups, events and documents, in SQLite or PostgreSQL."""
 
 from drivebus.service.historian.historian import FLUSH_INTERVAL_S, Historian
 

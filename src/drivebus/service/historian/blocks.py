@@ -1,9 +1,9 @@
-"""Bytes of a stored row and back: columns, packed and deflated. Little-endian on every machine.
+"""Binary encoding of stored rows: columns, packed and deflated, little-endian.
 
 A block of raw samples: ``<BI`` version 1, n; deflated: n × int32 time steps in ms (the first from the partition's
-beginning; a clock that was set back gives a negative one), n × float64 values (NaN: a gap), n × uint8 qualities.
+start; negative where the clock was set back), n × float64 values (NaN: a gap), n × uint8 qualities.
 A block of a rollup: ``<BI`` 2, n; deflated: n × uint32 point numbers in the partition, n × uint32 counts, n × uint8
-qualities, n × float64 mean, low, high. Where low = mean = high all along: version 3, without low and high.
+qualities, n × float64 mean, low, high. If low = mean = high in all points: version 3, without low and high.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from drivebus.service.historian.points import Points
 _BLOCK_HEADER = struct.Struct("<BI")
 _RAW, _ROLLED, _FLAT = 1, 2, 3
 _DEFLATE_LEVEL = 1
-"""More effort gains a tenth and costs twice the time (values with two decimals, 1,700 a block)."""
+"""A higher level saves a tenth and takes twice the time (values with two decimals, 1,700 a block)."""
 
 SampleColumns = tuple[list[int], list[float], bytes]
-"""Times (UTC ms), values (NaN: a gap), quality codes; in the order in which they came."""
+"""Times (UTC ms), values (NaN: a gap), quality codes; in order of arrival."""
 
 
 class DamagedBlock(ValueError):
-    """A row's bytes are no block."""
+    """The bytes of a row are not a valid block."""
 
 
 def pack(code: str, numbers: Iterable[float]) -> bytes:
-    """Numbers of one array type code as little-endian bytes."""
+    """Return numbers of one ``array`` type code as little-endian bytes."""
     found = array(code, numbers)
     if sys.byteorder == "big":
         found.byteswap()
@@ -52,21 +52,21 @@ def unpack_floats(data: bytes) -> list[float]:
 
 
 def encode_samples(start_ms: int, time: Sequence[int], value: Sequence[float], quality: bytes) -> bytes:
-    """Samples of one partition that begins at ``start_ms``."""
+    """Encode samples of the partition that starts at ``start_ms``."""
     steps = map(sub, time, [start_ms, *time[:-1]])
     body = pack("i", steps) + pack("d", value) + quality
     return _BLOCK_HEADER.pack(_RAW, len(time)) + zlib.compress(body, _DEFLATE_LEVEL)
 
 
 def decode_samples(start_ms: int, data: bytes) -> SampleColumns:
-    """Raises Damaged."""
+    """Decode samples. Raises DamagedBlock."""
     _, n, body = _unpack_block(data, {_RAW: 13})
     time = list(accumulate(unpack("i", body[: 4 * n]), initial=start_ms))[1:]
     return time, unpack_floats(body[4 * n : 12 * n]), body[12 * n :]
 
 
 def encode_points(start_ms: int, width_ms: int, points: Points) -> bytes:
-    """Points of one partition that begins at ``start_ms``, each for ``width_ms``."""
+    """Encode points of ``width_ms`` of the partition that starts at ``start_ms``."""
     places = pack("I", [(time - start_ms) // width_ms for time in points.time])
     low, mean, high = (pack("d", column) for column in (points.low, points.mean, points.high))
     flat = low == mean == high
@@ -75,7 +75,7 @@ def encode_points(start_ms: int, width_ms: int, points: Points) -> bytes:
 
 
 def decode_points(start_ms: int, width_ms: int, data: bytes) -> Points:
-    """Raises Damaged."""
+    """Decode points. Raises DamagedBlock."""
     kind, n, body = _unpack_block(data, {_ROLLED: 33, _FLAT: 17})
     time = _point_times(start_ms, width_ms, unpack("I", body[: 4 * n]))
     mean = unpack_floats(body[9 * n : 17 * n])
@@ -91,7 +91,7 @@ def _point_times(start_ms: int, width_ms: int, places: list[int]) -> list[int]:
 
 
 def _unpack_block(data: bytes, sizes: dict[int, int]) -> tuple[int, int, bytes]:
-    """The kind, the number of points and the bytes of one of the kinds, each of its size a point."""
+    """Return kind, number of points and inflated bytes. ``sizes``: bytes a point of the allowed kinds."""
     try:
         kind, n = _BLOCK_HEADER.unpack_from(data)
         body = zlib.decompress(data[_BLOCK_HEADER.size :])
@@ -106,7 +106,7 @@ _BATCH_GROUP = struct.Struct("<qqq")
 
 
 def encode_batch(groups: Iterable[tuple[int, int, SampleColumns]]) -> bytes:
-    """What came in one interval, as ``(tag, number of the first, samples)``: the row that makes it durable."""
+    """Encode the samples of one flush interval, ``(tag, number of the first, samples)``, as a row of the journal."""
     rows = list(groups)
     heads = b"".join(_BATCH_GROUP.pack(tag, first, len(samples[0])) for tag, first, samples in rows)
     bodies = b"".join(pack("q", time) + pack("d", value) + quality for _, _, (time, value, quality) in rows)
@@ -114,7 +114,7 @@ def encode_batch(groups: Iterable[tuple[int, int, SampleColumns]]) -> bytes:
 
 
 def decode_batch(data: bytes) -> list[tuple[int, int, SampleColumns]]:
-    """Raises Damaged."""
+    """Decode a row of the journal. Raises DamagedBlock."""
     try:
         (rows,) = struct.unpack_from("<I", data)
         heads = [_BATCH_GROUP.unpack_from(data, 4 + _BATCH_GROUP.size * n) for n in range(rows)]

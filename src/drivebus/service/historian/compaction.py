@@ -1,14 +1,9 @@
-"""Samples that are durable (in the journal) but not yet in blocks: one buffer a tag, shared by writer and readers.
+"""Life of samples in the store: open blocks (durable in the journal), compaction into blocks, retention.
 
-Samples of one tag are numbered 0, 1, 2 … in the order in which they came. The numbers know nothing of the wall clock:
-when it is set back, later samples have later numbers and earlier times, and nothing is lost or put in another place.
-
-Samples of one tag become blocks at every level. Pure, but for the rows of merged levels, which it asks for.
-
-How long history stays: by age at each level, and by size. Pure but for the store that it is given.
-
-Age is the time that the service has been running since a row was stored, and at most a day of each pause: no wall clock
-that jumps, in whatever direction, makes a row older (G15).
+Samples of a tag are numbered 0, 1, 2 … in order of arrival. When the wall clock is set back, later samples have larger
+numbers and earlier times, and none is lost or moved.
+Age is the running time of the service since a row was stored, plus at most a day of each pause, so that a jump of the
+wall clock makes no row older.
 """
 
 from __future__ import annotations
@@ -38,11 +33,11 @@ from drivebus.service.historian.store import Block, Compaction, HistoryStore
 
 @dataclass(slots=True)
 class TagBuffer:
-    """One tag's samples from number ``first`` on."""
+    """Open samples of one tag from number ``first`` on."""
 
     first: int
     oldest_batch: int = 0
-    """Journal row that holds sample ``first``."""
+    """Row of the journal that holds sample ``first``."""
     time: array[int] = field(default_factory=lambda: array("q"))
     value: array[float] = field(default_factory=lambda: array("d"))
     quality: bytearray = field(default_factory=bytearray)
@@ -59,7 +54,7 @@ class TagBuffer:
 
 
 class OpenBlocks:
-    """Every tag's buffer. The writer changes it, readers copy out of it."""
+    """Open samples of all tags. The writer changes them, readers copy them."""
 
     def __init__(self) -> None:
         self._buffers: dict[int, TagBuffer] = {}
@@ -67,14 +62,14 @@ class OpenBlocks:
         self.total = 0
 
     def add_tag(self, tag: int, first: int) -> None:
-        """Know a tag whose samples before number ``first`` are in blocks."""
+        """Add a tag whose samples before number ``first`` are in blocks."""
         self._buffers[tag] = TagBuffer(first)
 
     def next_number(self, tag: int) -> int:
         return self._buffers[tag].next_number
 
     def add(self, batch: int, groups: Iterable[tuple[int, int, SampleColumns]]) -> None:
-        """Samples of journal row ``batch``; those already in blocks are skipped (after a restart)."""
+        """Add the samples of journal row ``batch``. After a restart those already in blocks are skipped."""
         with self._lock:
             for tag, first, (time, value, quality) in groups:
                 buffer = self._buffers[tag]
@@ -88,13 +83,13 @@ class OpenBlocks:
                 self.total += len(time) - skip
 
     def copy(self, tag: int) -> tuple[int, SampleColumns]:
-        """The number of the first and the samples."""
+        """Return the number of the first open sample and the samples."""
         with self._lock:
             buffer = self._buffers[tag]
             return buffer.first, buffer.samples()
 
     def drop_compacted(self, tag: int, upto: int) -> None:
-        """All before number ``upto`` are in blocks now. A tag nobody began is passed over."""
+        """Remove the samples before number ``upto``, which are in blocks now. Unknown tags are ignored."""
         with self._lock:
             if (buffer := self._buffers.get(tag)) is None:
                 return
@@ -105,22 +100,22 @@ class OpenBlocks:
             self.total -= done
 
     def oldest_first(self) -> list[tuple[int, int]]:
-        """``(tag, how many samples)``, the one that holds the oldest journal row first."""
+        """Return ``(tag, number of samples)``, the tag that holds the oldest journal row first."""
         held = [(buffer.oldest_batch, -len(buffer), tag) for tag, buffer in self._buffers.items() if len(buffer)]
         return [(tag, -size) for _, size, tag in sorted(held)]
 
     def oldest_batch(self, without: Container[int] = ()) -> int | None:
-        """The oldest journal row that is still needed once the tags ``without`` are in blocks."""
+        """Return the oldest journal row that is needed once the tags ``without`` are compacted."""
         held = (buffer.oldest_batch for tag, buffer in self._buffers.items() if len(buffer) and tag not in without)
         return min(held, default=None)
 
 
 MergedBlockLookup = Callable[[ResolutionLevel, int, int], bytes | None]
-"""The row of a merged level's partition: level, tag, beginning (ms)."""
+"""Lookup of the block of a merged level's partition: level, tag, start (ms)."""
 
 
 def compact_samples(tag: int, first: int, samples: SampleColumns, found: MergedBlockLookup) -> Compaction:
-    """All blocks that these samples make or change; ``first`` is the number of the first."""
+    """Return all blocks that these samples create or change. ``first`` is the number of the first sample."""
     made = list(_raw_blocks(tag, first, samples))
     points = points_of_samples(*samples)
     for level in (ResolutionLevel.SECOND, ResolutionLevel.MINUTE, ResolutionLevel.HOUR):
@@ -130,7 +125,7 @@ def compact_samples(tag: int, first: int, samples: SampleColumns, found: MergedB
 
 
 def _raw_blocks(tag: int, first: int, samples: SampleColumns) -> Iterator[Block]:
-    """In the order in which they came: a clock that jumps to another hour and back makes a block each time."""
+    """Yield raw blocks in order of arrival: a clock that jumps to another hour and back makes a block each time."""
     time, value, quality = samples
     length = RESOLUTIONS[ResolutionLevel.RAW].partition_ms
     at = 0
@@ -154,19 +149,20 @@ def _rollup_blocks(
 
 
 MAX_COUNTED_PAUSE_MS = DAY_MS
+"""Part of a pause of the service that counts as age."""
 MAX_EVENTS = 1_000_000
-"""So many of the newest stay: some 300 MB."""
+"""Newest events that are kept: about 300 MB."""
 DELETE_BATCH_ROWS = 200
 """Rows deleted in one transaction: some tens of milliseconds."""
 MIN_RETENTION_MS = 2 * HOUR_MS
-"""What only the size forbids stays so long all the same: the chart of the last hour is never empty."""
+"""The size limit deletes nothing younger, so that the chart of the last hour is never empty."""
 
 
-def clock_at_start(kept: tuple[int, int] | None, wall_ms: int) -> int:
-    """The clock of age when the service begins; ``kept``: that clock and the wall clock when both were last written."""
-    if kept is None:
+def clock_at_start(saved: tuple[int, int] | None, wall_ms: int) -> int:
+    """Return the age clock at the start. ``saved``: age clock and wall clock when they were last saved."""
+    if saved is None:
         return 0
-    clock_ms, then_ms = kept
+    clock_ms, then_ms = saved
     return clock_ms + min(max(0, wall_ms - then_ms), MAX_COUNTED_PAUSE_MS)
 
 
@@ -180,7 +176,7 @@ def retention_days(setting: HistoryConfig, level: ResolutionLevel) -> float:
 
 
 def delete_expired(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> bool:
-    """Delete some of what is too old; is there more? Raises StoreError."""
+    """Delete a batch of expired rows and return whether there may be more. Raises StoreError."""
     oldest = {level: now_ms - round(retention_days(setting, level) * DAY_MS) for level in ResolutionLevel}
     store.delete_events(MAX_EVENTS)
     return DELETE_BATCH_ROWS in [
@@ -189,9 +185,8 @@ def delete_expired(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> 
 
 
 def delete_oversize(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> bool:
-    """Delete some where there is too much, the finest level's oldest first; may there be more to delete?
-
-    Raises StoreError.
+    """Delete a batch of rows if the store is too large, finest level and oldest first, and return whether there may be
+    more. Raises StoreError.
     """
     if store.size_bytes() <= setting.largest_mb * 1e6:
         return False

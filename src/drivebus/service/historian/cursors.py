@@ -1,4 +1,4 @@
-"""Opaque places in a list: a few whole numbers as text."""
+"""Opaque cursors of several whole numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def encode_cursor(*numbers: int) -> str:
 
 
 def decode_cursor(text: str, count: int) -> list[int]:
-    """The ``count`` numbers of a cursor. Raises InvalidParameters."""
+    """Return the ``count`` numbers of a cursor. Raises InvalidParameters."""
     try:
         numbers = [int(part) for part in urlsafe_b64decode(text.encode()).decode().split(".")]
         if len(numbers) == count and min(numbers) >= 0 and encode_cursor(*numbers) == text:

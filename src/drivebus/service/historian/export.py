@@ -1,4 +1,4 @@
-"""History as a file for other programs, in parts that each fit one line of the plant's socket."""
+"""Export of the history as CSV or Parquet, in parts that each fit one line of the service's socket."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ Json = dict[str, Any]
 ExportRow = tuple[Any, ...]
 
 CSV_ROWS_PER_PART = 20_000
-"""Of CSV in one part: some 1.5 MB."""
+"""Rows of one CSV part: about 1.5 MB."""
 MAX_PARQUET_EXPORTS = 4
-"""Parquet exports that may be under way; each holds a part in memory. A further one ends the oldest."""
+"""Concurrent Parquet exports; each holds a part in memory. A further one ends the oldest."""
 
 EXPORT_COLUMNS: dict[bool, tuple[str, ...]] = {
     True: ("time", "tag", "value", "unit", "quality", "number"),
     False: ("time", "tag", "minimum", "mean", "maximum", "unit", "quality", "values"),
 }
-"""Of raw samples (``number``: in the order of their coming) and of rollups (``values``: how many it stands for)."""
+"""Columns of raw samples (``number``: order of arrival) and of rollups (``values``: number of values)."""
 
 _FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 
 
 def escape_formula(text: str) -> str:
-    """Text that no spreadsheet takes for a formula (S17)."""
+    """Return text that no spreadsheet evaluates as a formula (CSV injection)."""
     return f"'{text}" if text.startswith(_FORMULA_PREFIXES) else text
 
 
@@ -46,7 +46,7 @@ def iso_time(time_ms: int) -> str:
 def export_windows(
     reader: HistoryReader, asked: ExportParams, tags: Mapping[str, Tag], from_ms: int
 ) -> Iterator[tuple[int, list[ExportRow]]]:
-    """Stretch by stretch: its beginning (ms) and its rows by time, from the one on that ``from_ms`` lies in."""
+    """Yield the start (ms) and the sorted rows of each partition, from the one that contains ``from_ms``."""
     level = LEVEL_BY_NAME[asked.resolution]
     ids = [tag.id for tag in tags.values()]
     length = RESOLUTIONS[level].partition_ms
@@ -85,7 +85,7 @@ def _point_rows(
 
 
 class HistoryExporter:
-    """All methods run on the reader's thread."""
+    """Exports of one reader. All methods run on the reader's thread."""
 
     def __init__(self, reader: HistoryReader) -> None:
         self._reader = reader
@@ -93,13 +93,13 @@ class HistoryExporter:
         self._serial = 0
 
     def next_part(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
-        """One part; ``next`` is None after the last. Raises InvalidParameters, ConfigurationError, StoreError."""
+        """Return one part; ``next`` is None in the last. Raises InvalidParameters, ConfigurationError, StoreError."""
         name = f"history-{asked.resolution}-{iso_time(asked.from_ms)[:10]}.{asked.format}"
         made = self._csv(asked, tags) if asked.format == "csv" else self._parquet(asked, tags)
         return {"file": name, **made}
 
     def _csv(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
-        """Without a memory between the parts: the cursor tells the stretch and the row in it."""
+        """Stateless: the cursor holds the partition and the row in it."""
         text = io.StringIO()
         writer = csv.writer(text)
         at, skip = (asked.from_ms, 0) if asked.cursor is None else decode_cursor(asked.cursor, 2)
@@ -116,7 +116,7 @@ class HistoryExporter:
         return {"text": text.getvalue(), "next": None}
 
     def _parquet(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
-        """The cursor tells which export and how many parts are gone."""
+        """Stateful: the cursor holds the number of the export and of its finished parts."""
         try:
             from drivebus.service.historian.parquet import parquet_parts
         except ImportError as error:

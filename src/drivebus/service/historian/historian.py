@@ -1,6 +1,7 @@
-"""``Historian``: what the plant keeps of the past. One thread writes, one reads, the loop never waits.
+"""Historian of a plant: samples with rollups, events and documents. One thread writes, one reads; the event loop never
+waits.
 
-Declared loss when the power fails: what came in the last flush interval (1 s); what ``flush`` acknowledged, never.
+A power failure may lose the last flush interval (1 s), but nothing that ``flush`` has acknowledged.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from drivebus.profiles.model import Text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian.queries import HistoryQueries
 from drivebus.service.historian.sqlite import SqliteConnection
-from drivebus.service.historian.store import Document, EventRow, HistoryStore, SqlStore, StoreError
+from drivebus.service.historian.store import Document, EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import HistoryWriter, WriteQueue
 from drivebus.service.live.views import Sample
 
@@ -33,27 +34,26 @@ log = logging.getLogger("drivebus.history")
 HISTORY_FILE = "history.db"
 FLUSH_INTERVAL_S = 1.0
 DATABASE_OPEN_TIMEOUT_S = 1.0
-"""A server that does not answer delays the start of the plant by so much."""
-LOAD_BATCH_SAMPLES = 20_000
-"""Samples at a time of a past that is loaded."""
+"""A database server that does not answer delays the start of the service by this time at most."""
+IMPORT_BATCH_SAMPLES = 20_000
+"""Samples of an import that are in memory at a time."""
 
 
 def open_stores(setting: HistoryConfig, directory: Path) -> tuple[HistoryStore, HistoryStore]:
-    """The writer's and the reader's way to the setting's database. Raises ConfigurationError."""
+    """Return the writer's and the reader's store of the configured database. Raises ConfigurationError."""
     if setting.url is None:
         path = directory / HISTORY_FILE
-        return SqlStore(SqliteConnection(path)), SqlStore(SqliteConnection(path, reader=True), reader=True)
+        return HistoryStore(SqliteConnection(path)), HistoryStore(SqliteConnection(path, reader=True), reader=True)
     try:
         from drivebus.service.historian.postgres import PostgresConnection
     except ImportError as error:
         raise ConfigurationError("history.no_asyncpg") from error
-    return SqlStore(PostgresConnection(setting.url)), SqlStore(
-        PostgresConnection(setting.url, reader=True), reader=True
-    )
+    writing = HistoryStore(PostgresConnection(setting.url))
+    return writing, HistoryStore(PostgresConnection(setting.url, reader=True), reader=True)
 
 
-class Historian(HistoryQueries):
-    """History of one plant. Use from one asyncio loop."""
+class Historian:
+    """History of one plant. Use it from one event loop."""
 
     def __init__(
         self,
@@ -62,34 +62,32 @@ class Historian(HistoryQueries):
         *,
         flush_s: float = FLUSH_INTERVAL_S,
         wall_ms: Callable[[], int] = clock.wall_ms,
-        made: Callable[[HistoryConfig, Path], tuple[HistoryStore, HistoryStore]] = open_stores,
+        open_stores: Callable[[HistoryConfig, Path], tuple[HistoryStore, HistoryStore]] = open_stores,
     ) -> None:
-        writing, reading = made(setting, directory)
+        writing, reading = open_stores(setting, directory)
         self._flush_s = flush_s
         self.queue = WriteQueue()
-        super().__init__(HistoryWriter(writing, setting, self.queue, wall_ms=wall_ms), reading)
+        self.writer = HistoryWriter(writing, setting, self.queue, wall_ms=wall_ms)
+        self.queries = HistoryQueries(self.writer, reading)
         self._write_thread = ThreadPoolExecutor(1, "history-writer")
         self._task: asyncio.Task[None] | None = None
 
-    # --- life ---------------------------------------------------------------------------------------------------
-
     async def open(self) -> None:
-        """Begin to write. A database that can't be opened is tried again each second: see ``ok``."""
+        """Start writing. A database that cannot be opened is tried again every flush interval; see ``ok``."""
         self._task = asyncio.create_task(self._flush_periodically(), name="history")
         first = asyncio.ensure_future(self._on_writer_thread(self.writer.run_cycle))
         await asyncio.wait({first}, timeout=DATABASE_OPEN_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Write what is left, as far as the database takes it."""
+        """Write what is queued, as far as the database accepts it, and close."""
         if self._task is not None:
             self._task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._task
-        # The writer goes last: SQLite puts the newest into the file itself only when nobody else has it open.
-        await self._on_reader_thread(self._reader.close)
+        # The writer closes last: SQLite moves its WAL into the database file only on the last connection's close.
+        await self.queries.close()
         await self._on_writer_thread(self.writer.close)
         self._write_thread.shutdown()
-        self._read_thread.shutdown()
 
     async def __aenter__(self) -> Historian:
         await self.open()
@@ -104,22 +102,20 @@ class Historian(HistoryQueries):
             try:
                 await self._on_writer_thread(self.writer.run_cycle)
             except Exception as error:
-                # A mistake of ours: the next round tries again, and everybody sees that this one did not work.
+                # A defect must not end the task: report it and try again in the next interval.
                 self.writer.problem = repr(error)
                 log.exception("history can't be written")
 
     def _on_writer_thread(self, work: Callable[[], T]) -> Awaitable[T]:
         return asyncio.get_running_loop().run_in_executor(self._write_thread, work)
 
-    # --- giving -------------------------------------------------------------------------------------------------
-
     @property
     def ok(self) -> bool:
-        """Could the last batch be written?"""
+        """Whether the last batch was written."""
         return self.writer.problem is None
 
     def status(self) -> Json:
-        """``ok``, why not, and what was taken in and lost since the start."""
+        """Return ``ok``, the problem, and the numbers of accepted and lost items since the start."""
         return {
             "ok": self.ok,
             "problem": self.writer.problem,
@@ -130,36 +126,37 @@ class Historian(HistoryQueries):
         }
 
     def append(self, samples: Iterable[Sample]) -> None:
-        """Never waits. What a full queue can't take is counted as lost and becomes a gap."""
+        """Queue samples without waiting. What a full queue cannot take is counted as lost and becomes a gap."""
         self.queue.append(samples)
 
     def put_event(self, event: Json) -> None:
-        """An Event of the contract (``time_ms``, ``kind``, ``drive`` and more): a marker. Never waits."""
+        """Queue an event (``time_ms``, ``kind``, ``drive`` and more) without waiting."""
         data = json.dumps(event, ensure_ascii=False, separators=(",", ":"))
         self.queue.put_event(EventRow(0, int(event["time_ms"]), str(event["kind"]), event.get("drive"), data))
 
     def set_labels(self, labels: Mapping[str, tuple[str, Text]]) -> None:
-        """Tag → unit and what it is, for ``tags``; one that never has a sample is no tag."""
+        """Set unit and text of tags. A tag appears in queries only once it has a sample."""
         self.queue.set_labels(labels)
 
     def put_document(self, kind: str, id: str, value: Any) -> None:
-        """Keep somebody's state under a kind and an id; ``None`` forgets it."""
+        """Queue a JSON document under a kind and an id; ``None`` deletes it. Never waits."""
         data = None if value is None else json.dumps(value, ensure_ascii=False, separators=(",", ":"))
         self.queue.put_document(Document(kind, id, data))
 
-    async def import_samples(self, samples: Iterable[Sample]) -> None:
-        """A past that this plant did not live through (a demo's shift): any number, durable on return.
+    async def documents(self, kind: str) -> dict[str, Any]:
+        """Return all durable documents of a kind by id. Raises ServiceUnavailable."""
+        return await self.queries.documents(kind)
 
-        Raises ServiceUnavailable.
-        """
-        given = iter(samples)
-        while piece := list(islice(given, LOAD_BATCH_SAMPLES)):
-            self.queue.append(piece)
+    async def import_samples(self, samples: Iterable[Sample]) -> None:
+        """Write any number of past samples durably. Raises ServiceUnavailable."""
+        remaining = iter(samples)
+        while batch := list(islice(remaining, IMPORT_BATCH_SAMPLES)):
+            self.queue.append(batch)
             await self.flush()
             await self._on_writer_thread(self.writer.run_cycle)
 
     async def flush(self) -> None:
-        """Whatever was given before is durable on return. Raises ServiceUnavailable where it can't be."""
+        """Make everything queued before the call durable. Raises ServiceUnavailable."""
         try:
             await self._on_writer_thread(self.writer.write)
         except StoreError as error:

@@ -1,4 +1,4 @@
-"""The one door to pyarrow: rows as a Parquet file, made part by part."""
+"""Parquet encoding, part by part. The only module that imports pyarrow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 PARQUET_ROWS_PER_GROUP = 100_000
-"""In one row group and one part: some 1 MB."""
+"""Rows of one row group, which is one part: about 1 MB."""
 
 _COLUMN_TYPES = {
     "time": pa.timestamp("ms", tz="UTC"),
@@ -23,7 +23,7 @@ _COLUMN_TYPES = {
 
 
 class _CountingSink(io.RawIOBase):
-    """Counts every byte, as the file's own table of places needs it, and holds those that were not taken yet."""
+    """Output stream that counts all bytes, for the file's offsets, and holds those not taken yet."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
@@ -47,7 +47,7 @@ class _CountingSink(io.RawIOBase):
 
 
 def parquet_parts(windows: Iterable[list[tuple[Any, ...]]], names: Sequence[str]) -> Iterator[bytes]:
-    """All of them after one another are the file."""
+    """Yield the parts of a Parquet file; concatenated they are the file."""
     schema = pa.schema([(name, _COLUMN_TYPES.get(name, pa.float64())) for name in names])
     sink = _CountingSink()
     with pq.ParquetWriter(sink, schema, compression="zstd") as writer:

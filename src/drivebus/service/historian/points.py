@@ -1,11 +1,7 @@
-"""How finely history is kept: the samples themselves and three rollups. Values only.
+"""Points of one signal: resolutions, roll-up, and reduction to the points of a chart. Pure.
 
-Columns of one signal and how they are rolled up. Pure: time is in the data.
-
-A rollup can be rolled up again and two rollups of the same stretch can be put together (late samples, a second seal),
-because each point carries how many values it stands for.
-
-From stored points to at most so many on a screen. Pure.
+Each point carries the number of values it stands for, so that a rollup can be rolled up again and two rollups of the
+same time can be combined (late samples, a second compaction).
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ DAY_MS = 24 * HOUR_MS
 
 
 class ResolutionLevel(IntEnum):
-    """One resolution. The number stands in the store's rows: never change one."""
+    """Resolution of stored points. The numbers are in the store's rows and must never change."""
 
     RAW = 0
     SECOND = 1
@@ -39,16 +35,16 @@ class ResolutionLevel(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """What a level's rows hold."""
+    """Properties of a level's points and rows."""
 
     name: str
-    """As the API says it."""
+    """Name in the API."""
     width_ms: int
-    """One point stands for so long."""
+    """Time that one point stands for."""
     partition_ms: int
-    """One row holds points of one stretch of this length, counted from 1970, and of no other."""
+    """Time that one row stands for, counted from 1970."""
     merged: bool
-    """A late sample changes the row that is there; else it makes one more row of the same stretch."""
+    """Whether a late sample changes the existing row; else it makes a further row of the same partition."""
 
 
 RESOLUTIONS: dict[ResolutionLevel, Resolution] = {
@@ -68,17 +64,17 @@ QUALITY_BY_CODE: tuple[Quality, ...] = (Quality.GOOD, Quality.UNCERTAIN, Quality
 
 @dataclass(slots=True)
 class Points:
-    """Columns of equal length. ``low``, ``mean`` and ``high`` are NaN where ``count`` is 0: a gap."""
+    """Columns of equal length. Where ``count`` is 0, a gap, ``low``, ``mean`` and ``high`` are NaN."""
 
     time: Sequence[int] = field(default_factory=list)
-    """UTC ms: the sample's own time, or the beginning of what the point stands for."""
+    """UTC ms: time of the sample, or start of the point's interval."""
     count: Sequence[int] = field(default_factory=list)
-    """Values that the point stands for; a bad one does not count."""
+    """Number of values that the point stands for; bad ones do not count."""
     low: Sequence[float] = field(default_factory=list)
     mean: Sequence[float] = field(default_factory=list)
     high: Sequence[float] = field(default_factory=list)
     quality: bytes = b""
-    """0 all good, 2 nothing to trust, 1 something between."""
+    """0: all values good; 2: none; 1: some."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -88,9 +84,9 @@ class Points:
 
 
 def points_of_samples(time: Sequence[int], value: Sequence[float], quality: bytes) -> Points:
-    """Samples as points in the order of their times; samples of one time stay in the order in which they came.
+    """Return samples as points sorted by time; samples of equal time keep their order.
 
-    A bad sample is a gap, whatever value stands beside it: nothing stale is shown as live (G17).
+    A bad sample becomes a gap whatever its value, so that no stale value is shown as live.
     """
     known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
     if 0 in known:
@@ -99,7 +95,7 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
 
 
 def sorted_by_time(points: Points) -> Points:
-    """Sorted by time, and stable."""
+    """Return points sorted by time (stable)."""
     time = list(points.time)
     if time == sorted(time):
         return points
@@ -116,7 +112,7 @@ def sorted_by_time(points: Points) -> Points:
 
 
 def concat(pieces: Iterable[Points]) -> Points:
-    """All pieces as one, in the order of their times."""
+    """Return all pieces as one, sorted by time."""
     found = Points([], [], [], [], [], b"")
     time, count, low, mean, high = list[int](), list[int](), list[float](), list[float](), list[float]()
     for piece in pieces:
@@ -130,7 +126,7 @@ def concat(pieces: Iterable[Points]) -> Points:
 
 
 def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
-    """Those with ``first_ms <= time <= last_ms``; they are in order."""
+    """Return the points with ``first_ms <= time <= last_ms`` of sorted points."""
     return _slice(points, bisect_left(points.time, first_ms), bisect_right(points.time, last_ms))
 
 
@@ -140,7 +136,7 @@ def _slice(points: Points, a: int, b: int) -> Points:
 
 
 def _bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
-    """Where each stretch of ``width_ms`` begins and ends in the column ``time``, which is in order."""
+    """Return begin and end index of each bucket of ``width_ms`` in a sorted column."""
     if not time:
         return []
     if (time[-1] - time[0]) // width_ms * 8 > len(time):
@@ -156,7 +152,7 @@ def _bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
 
 
 def roll_up(points: Points, width_ms: int) -> Points:
-    """One point for each ``width_ms``, counted from 1970, that has any; ``points`` are in order."""
+    """Roll up sorted points to one point for each non-empty bucket of ``width_ms``, counted from 1970."""
     time, count, low, mean, high, quality = points.columns()
     runs = _bucket_ranges(time, width_ms)
     starts = [time[begin] // width_ms * width_ms for begin, _ in runs]
@@ -177,19 +173,19 @@ Column = Sequence[float]
 def _roll_up_complete(
     runs: BucketRanges, count: Sequence[int], low: Column, mean: Column, high: Column
 ) -> RolledColumns:
-    """Every point has a value."""
+    """Roll up points that all have values."""
     lows, highs = [min(low[a:b]) for a, b in runs], [max(high[a:b]) for a, b in runs]
     counts = [sum(count[a:b]) for a, b in runs]
     weighed = mean if count.count(1) == len(count) else list(map(mul, mean, count))
     means = map(truediv, [sum(weighed[a:b]) for a, b in runs], counts)
-    # Rounding may not push a mean out of what it is the mean of.
+    # Rounding must not move a mean outside the range of its values.
     return counts, lows, list(map(min, map(max, means, lows), highs)), highs
 
 
 def _roll_up_with_gaps(
     runs: BucketRanges, count: Sequence[int], low: Column, mean: Column, high: Column
 ) -> RolledColumns:
-    """Some points are gaps: each run without them, and a gap where nothing is left."""
+    """Roll up points with gaps: without them, and to a gap where no value is left."""
     counts, lows, means, highs = list[int](), list[float](), list[float](), list[float]()
     for a, b in runs:
         columns = [list(compress(column[a:b], count[a:b])) for column in (count, low, mean, high)]
@@ -206,7 +202,7 @@ def _roll_up_with_gaps(
 
 
 def _combined_quality(codes: bytes) -> int:
-    """Good only where all are good, bad only where all are bad."""
+    """Return GOOD if all are good, BAD if all are bad, else UNCERTAIN."""
     for code in (GOOD, BAD):
         if codes.count(code) == len(codes):
             return code
@@ -214,7 +210,7 @@ def _combined_quality(codes: bytes) -> int:
 
 
 def split_partitions(points: Points, width_ms: int) -> Iterable[tuple[int, Points]]:
-    """Cut where one stretch of ``width_ms`` ends: the stretch's beginning (ms) and its points; they are in order."""
+    """Yield the start (ms) and the points of each partition of ``width_ms``; ``points`` are sorted."""
     for a, b in _bucket_ranges(points.time, width_ms):
         yield points.time[a] // width_ms * width_ms, _slice(points, a, b)
 
@@ -222,36 +218,38 @@ def split_partitions(points: Points, width_ms: int) -> Iterable[tuple[int, Point
 Json = dict[str, Any]
 
 MEAN_DIGITS = 6
-"""After the point, of a mean."""
+"""Decimal places of a mean."""
 MIN_POINTS_DIVISOR = 4
-"""A quarter of the points asked for. With all of them, up to 60 times as many would be read, and not 15 times."""
+"""A level with a quarter of the requested points is fine enough; all of them would mean to read up to 60 times as many
+instead of 15.
+"""
 MISSING_SPAN_DIVISOR = 10
-"""A tenth of the span at its beginning is worth a coarser level."""
+"""A coarser level is chosen if it covers a tenth of the time range more."""
 GAP_FACTOR = 3
-"""So many times the usual distance without a point is a gap."""
+"""A distance of this many times the usual one is a gap."""
 
 
 def coarsest_sufficient(from_ms: int, to_ms: int, points: int) -> ResolutionLevel:
-    """The coarsest level that still gives enough."""
-    wanted = (to_ms - from_ms) / points * MIN_POINTS_DIVISOR
-    return max(one for one in ResolutionLevel if one is ResolutionLevel.RAW or RESOLUTIONS[one].width_ms <= wanted)
+    """Return the coarsest level with enough points."""
+    widest = (to_ms - from_ms) / points * MIN_POINTS_DIVISOR
+    return max(one for one in ResolutionLevel if one is ResolutionLevel.RAW or RESOLUTIONS[one].width_ms <= widest)
 
 
 ReadLevel = Callable[[ResolutionLevel], dict[str, Points]]
-"""What a level has of each signal, thinned or not."""
+"""Reads the points of every signal at a level."""
 
 
 def coarsest_covering(
     first: ResolutionLevel, from_ms: int, to_ms: int, read: ReadLevel
 ) -> tuple[ResolutionLevel, dict[str, Points]]:
-    """What ``first`` has, or a coarser level that reaches back farther: fine history is forgotten earlier."""
+    """Return the points of ``first``, or of a coarser level that reaches back farther."""
     chosen, found = first, read(first)
     for coarser in (one for one in ResolutionLevel if one > first):
         missing = _first_time(found, to_ms) - from_ms
         if missing * MISSING_SPAN_DIVISOR <= to_ms - from_ms:
             break
         other = read(coarser)
-        # A bucket may begin before its first sample: of what is finer there is nothing missing within its length.
+        # A bucket may begin before its first sample: within one bucket the finer level misses nothing.
         within = RESOLUTIONS[coarser].width_ms if any(map(len, found.values())) else 0
         if (_first_time(found, to_ms) - _first_time(other, to_ms) - within) * MISSING_SPAN_DIVISOR > to_ms - from_ms:
             chosen, found = coarser, other
@@ -262,22 +260,22 @@ def _first_time(found: Mapping[str, Points], to_ms: int) -> int:
     return min((points.time[0] for points in found.values() if len(points)), default=to_ms)
 
 
-def downsample(points: Points, one: ResolutionLevel, from_ms: int, to_ms: int, most: int) -> Points:
-    """At most ``most`` points, in order, with a gap wherever nothing was recorded; ``points`` are in order."""
-    width = RESOLUTIONS[one].width_ms
-    if one is not ResolutionLevel.RAW and len(points) <= 2 * most:
+def downsample(points: Points, level: ResolutionLevel, from_ms: int, to_ms: int, max_points: int) -> Points:
+    """Return at most ``max_points`` of sorted points, with a gap wherever nothing was recorded."""
+    width = RESOLUTIONS[level].width_ms
+    if level is not ResolutionLevel.RAW and len(points) <= 2 * max_points:
         points = roll_up(points, width)
-    if len(points) <= most and len(shown := with_gaps(points, width)) <= most:
+    if len(points) <= max_points and len(shown := with_gaps(points, width)) <= max_points:
         return shown
     span = max(to_ms - from_ms, 1)
     # Buckets begin at multiples of their length, so that one more than span / length may be touched.
-    bucket = -(-span // (most - 1) // width) * width
+    bucket = -(-span // (max_points - 1) // width) * width
     return with_gaps(roll_up(points, bucket), bucket)
 
 
 def with_gaps(points: Points, width_ms: int) -> Points:
-    """A gap after each point that is followed by far too long a silence, for the whole and for what is beside it:
-    where a signal was read more slowly for a while, its points stay joined.
+    """Insert a gap after each point whose distance to the next is far longer than usual, both overall and among its
+    neighbours: a stretch that was polled more slowly stays joined.
     """
     time = points.time
     if len(time) < 3:
@@ -300,12 +298,12 @@ def with_gaps(points: Points, width_ms: int) -> Points:
 
 
 def _smaller_neighbour(steps: list[int], at: int) -> int:
-    """The smaller of the steps before and after."""
+    """Return the smaller of the steps before and after."""
     return min(steps[max(0, at - 1) : at] + steps[at + 1 : at + 2])
 
 
 def series_json(points: Points) -> Json:
-    """As the API gives it: null is a gap."""
+    """Return the columns of the API; null stands for a gap."""
     known = points.count
     if 0 not in known:
         low, high = list(points.low), list(points.high)

@@ -1,6 +1,7 @@
-"""The one door to asyncpg: a PostgreSQL server, with a loop of its own for each connection's thread.
+"""Connection to a PostgreSQL server, with an event loop of its own. The only module that imports asyncpg.
 
-The tables lie in the schema ``drivebus``, or where the address says (``postgresql://host/name?search_path=north``).
+The tables are in the schema ``drivebus``, or in the one that the URL names
+(``postgresql://host/name?search_path=north``).
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from drivebus.service.historian.store import SqlRow
 
 POSTGRES_CONNECT_TIMEOUT_S = 5.0
 POSTGRES_QUERY_TIMEOUT_S = 20.0
-"""A server that takes longer counts as gone."""
+"""A query that takes longer counts as a lost connection."""
 POSTGRES_SCHEMA = "drivebus"
 
 
 class DatabaseInUse(Exception):
-    """Another service writes to these tables."""
+    """Another service writes to the same tables."""
 
 
 class PostgresConnection:
-    """A connection to ``url``; a reader never writes."""
+    """Connection to ``url``. A reader is read-only."""
 
     errors: tuple[type[Exception], ...] = (
         asyncpg.PostgresError,
@@ -94,7 +95,7 @@ class PostgresConnection:
         return [tuple(row) for row in self._run_coroutine(self._connected.fetch(_numbered(statement), *given))]
 
     def execute(self, statement: str, *given: Any) -> int:
-        """The server answers ``DELETE 5``, ``INSERT 0 5``."""
+        """Execute a statement; the status ``DELETE 5`` or ``INSERT 0 5`` holds the number of rows."""
         words = str(self._run_coroutine(self._connected.execute(_numbered(statement), *given))).split()
         return int(words[-1]) if words and words[-1].isdigit() else 0
 
@@ -113,15 +114,15 @@ class PostgresConnection:
             raise
 
     def size_bytes(self) -> int:
-        """The packed data with some room for keys; what the server keeps beside is its own."""
+        """Return the size of the packed data with an allowance for keys."""
         return int(self.fetch("SELECT coalesce(sum(octet_length(data) + 100), 0) FROM block")[0][0])
 
     def vacuum(self) -> None:
-        """The server's autovacuum does that."""
+        """Do nothing: the server has autovacuum."""
 
 
 @cache
 def _numbered(statement: str) -> str:
-    """``?`` as ``$1``, ``$2`` …"""
+    """Replace ``?`` by ``$1``, ``$2`` …"""
     numbers = count(1)
     return sub(r"\?", lambda _: f"${next(numbers)}", statement)

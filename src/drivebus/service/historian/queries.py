@@ -1,4 +1,4 @@
-"""What can be asked of the history: tags, trends, files, events, documents. The reader's thread answers."""
+"""Queries of the history: tags, trends, events, exports, documents. They run on the reader's thread."""
 
 from __future__ import annotations
 
@@ -32,16 +32,19 @@ T = TypeVar("T")
 
 
 class HistoryQueries:
-    """The reading half of a historian."""
+    """Queries over the durable history and the writer's open blocks."""
 
     def __init__(self, writer: HistoryWriter, store: HistoryStore) -> None:
-        self.writer = writer
+        self._writer = writer
         self._reader = HistoryReader(store, lambda: writer.open_blocks)
         self._exports = HistoryExporter(self._reader)
         self._read_thread = ThreadPoolExecutor(1, "history-reader")
 
     async def _on_reader_thread(self, work: Callable[[], T]) -> T:
-        """Raises ServiceUnavailable; the connection that failed is made anew for the next one."""
+        """Run ``work`` on the reader's thread. After an error the next query opens a new connection.
+
+        Raises ServiceUnavailable.
+        """
         try:
             return await asyncio.get_running_loop().run_in_executor(self._read_thread, work)
         except StoreError as error:
@@ -49,63 +52,69 @@ class HistoryQueries:
                 await asyncio.get_running_loop().run_in_executor(self._read_thread, self._reader.close)
             raise ServiceUnavailable("history.unavailable", why=str(error)) from error
 
+    async def close(self) -> None:
+        await self._on_reader_thread(self._reader.close)
+        self._read_thread.shutdown()
+
     def tags(self) -> Json:
-        """Every tag that has history, by name."""
-        known = sorted(self.writer.tags.values(), key=lambda tag: tag.name)
+        """Return every tag that has samples, by name."""
+        known = sorted(self._writer.tags.values(), key=lambda tag: tag.name)
         return {"tags": [_tag_json(tag) for tag in known]}
 
     def tag_ids(self, names: Sequence[str]) -> dict[str, int]:
-        """Raises NotFound."""
+        """Return the ids of tags. Raises NotFound."""
         for name in names:
-            if name not in self.writer.tags:
+            if name not in self._writer.tags:
                 raise NotFound("history.no_tag", tag=name)
-        return {name: self.writer.tags[name].id for name in names}
+        return {name: self._writer.tags[name].id for name in names}
 
-    async def trend(self, asked: TrendParams) -> Json:
-        """See ``history.trend``. Raises NotFound, InvalidParameters, ServiceUnavailable."""
-        ids = self.tag_ids(asked.tags)
-        check_time_order(asked.from_ms, asked.to_ms)
-        return await self._on_reader_thread(lambda: self._trend(asked, ids))
+    async def trend(self, params: TrendParams) -> Json:
+        """Answer ``history.trend``. Raises NotFound, InvalidParameters, ServiceUnavailable."""
+        ids = self.tag_ids(params.tags)
+        check_time_order(params.from_ms, params.to_ms)
+        return await self._on_reader_thread(lambda: self._trend(params, ids))
 
-    def _trend(self, asked: TrendParams, ids: Mapping[str, int]) -> Json:
-        span = asked.from_ms, asked.to_ms
+    def _trend(self, params: TrendParams, ids: Mapping[str, int]) -> Json:
+        span = params.from_ms, params.to_ms
         names = {tag: name for name, tag in ids.items()}
 
         def read(level: ResolutionLevel) -> dict[str, Points]:
             found = self._reader.points(level, list(names), *span)
-            return {names[tag]: downsample(points, level, *span, asked.points) for tag, points in found}
+            return {names[tag]: downsample(points, level, *span, params.points) for tag, points in found}
 
-        level, shown = coarsest_covering(coarsest_sufficient(*span, asked.points), *span, read)
+        level, shown = coarsest_covering(coarsest_sufficient(*span, params.points), *span, read)
         return {
             "resolution": RESOLUTIONS[level].name,
             "series": {name: series_json(one) for name, one in shown.items()},
         }
 
-    async def events(self, asked: TimeRangeParams) -> Json:
-        """See ``history.markers``: newest first. Raises InvalidParameters, ServiceUnavailable."""
-        check_time_order(asked.from_ms, asked.to_ms)
-        last = None if asked.cursor is None else decode_cursor(asked.cursor, 2)
-        before = None if last is None else (last[0], last[1])
-        window = EventQuery(asked.from_ms, asked.to_ms, asked.drive, before, asked.limit + 1)
-        rows = await self._on_reader_thread(lambda: self._reader.store.events(window))
-        shown = rows[: asked.limit]
+    async def events(self, params: TimeRangeParams) -> Json:
+        """Return a page of events, newest first. Raises InvalidParameters, ServiceUnavailable."""
+        check_time_order(params.from_ms, params.to_ms)
+        before = None
+        if params.cursor is not None:
+            time_ms, id = decode_cursor(params.cursor, 2)
+            before = (time_ms, id)
+        query = EventQuery(params.from_ms, params.to_ms, params.drive, before, params.limit + 1)
+        rows = await self._on_reader_thread(lambda: self._reader.store.events(query))
+        shown = rows[: params.limit]
         more = encode_cursor(shown[-1].time_ms, shown[-1].id) if len(rows) > len(shown) else None
         return {"items": [json.loads(row.data) for row in shown], "next": more}
 
-    async def export(self, asked: ExportParams) -> Json:
-        """See ``history.export``. Raises NotFound, InvalidParameters, ConfigurationError, ServiceUnavailable."""
-        self.tag_ids(asked.tags)
-        check_time_order(asked.from_ms, asked.to_ms)
-        tags = {name: self.writer.tags[name] for name in asked.tags}
-        return await self._on_reader_thread(lambda: self._exports.next_part(asked, tags))
+    async def export(self, params: ExportParams) -> Json:
+        """Answer ``history.export``. Raises NotFound, InvalidParameters, ConfigurationError, ServiceUnavailable."""
+        self.tag_ids(params.tags)
+        check_time_order(params.from_ms, params.to_ms)
+        tags = {name: self._writer.tags[name] for name in params.tags}
+        return await self._on_reader_thread(lambda: self._exports.next_part(params, tags))
 
     async def documents(self, kind: str) -> dict[str, Any]:
-        """Everything durable of a kind, by id. Raises ServiceUnavailable."""
+        """Return all durable documents of a kind by id. Raises ServiceUnavailable."""
         rows = await self._on_reader_thread(lambda: self._reader.store.documents(kind))
         return {row.id: json.loads(row.data) for row in rows if row.data is not None}
 
     def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
-        """The operations ``history.*``, called with their parameters and the actor."""
+        """Return the handlers of the operations ``history.*``."""
 
         async def tags(_params: Any, _actor: Any) -> Json:
             return self.tags()
@@ -119,7 +128,7 @@ class HistoryQueries:
 
 
 def check_time_order(from_ms: int, to_ms: int) -> None:
-    """Raises InvalidParameters."""
+    """Raise InvalidParameters if a time range ends before it begins."""
     if to_ms < from_ms:
         raise InvalidParameters("plant.params", faults=[param_fault("to_ms", to_ms, "in_order", from_ms=from_ms)])
 

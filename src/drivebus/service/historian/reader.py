@@ -1,7 +1,7 @@
-"""Reads beside the writer, with a connection and a thread of its own: what is in blocks and what is only durable yet.
+"""Reader of the history: combines stored blocks with the writer's open samples, on a connection and thread of its own.
 
-The samples that are not in blocks are copied first, the database is looked at once after that. A tag's ``sealed``
-number of that look tells which of the copies became blocks in between, so that none is missing and none counts twice.
+Open samples are copied first, then the database is read in one snapshot. The snapshot's ``first_uncompacted`` of a tag
+tells which copied samples became blocks in between, so that none is missing and none counts twice.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from drivebus.service.historian.store import Block, HistoryStore, StoreError
 
 @dataclass(frozen=True, slots=True)
 class NumberedSamples:
-    """Samples of a tag with the numbers in the order of their coming."""
+    """Samples of a tag with their numbers, in order of arrival."""
 
     number: list[int]
     samples: SampleColumns
 
 
 class HistoryReader:
-    """All methods but the constructor run on the reader's thread and raise StoreError."""
+    """Reader of a store. All methods run on the reader's thread and raise StoreError."""
 
     def __init__(self, store: HistoryStore, open_blocks: Callable[[], OpenBlocks]) -> None:
         self._store = store
@@ -42,7 +42,7 @@ class HistoryReader:
 
     @property
     def store(self) -> HistoryStore:
-        """Open."""
+        """The store, opened on first use."""
         if not self._is_open:
             self._store.open()
             self._is_open = True
@@ -55,9 +55,9 @@ class HistoryReader:
     def points(
         self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
     ) -> Iterator[tuple[int, Points]]:
-        """Tag after tag, every point that begins within, or (rollups) that ``from_ms`` lies in; in order.
+        """Yield tag by tag the sorted points in the time range; rollups include the point that ``from_ms`` falls into.
 
-        Only one tag's points are in memory at a time: with ten, getting that memory took as long as the work.
+        Only one tag's points are in memory at a time: allocating the memory of ten took as long as the work.
         """
         width = RESOLUTIONS[level].width_ms
         first = from_ms if level is ResolutionLevel.RAW else from_ms // width * width
@@ -74,7 +74,7 @@ class HistoryReader:
             yield tag, slice_time(concat(pieces), first, to_ms)
 
     def samples(self, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, NumberedSamples]:
-        """Samples with their numbers, in the order of their coming."""
+        """Return the samples of each tag with their numbers, in order of arrival."""
         found = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
         fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
         runs = [(row.tag, row.number, blocks.decode_samples(row.start_ms, row.data)) for row in rows]
@@ -83,7 +83,7 @@ class HistoryReader:
         return found
 
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
-        """The first partition that begins at ``from_ms`` or later and holds any of these tags."""
+        """Return the start of the first partition at ``from_ms`` or later with any of these tags."""
         length = RESOLUTIONS[level].partition_ms
         times = (time for tag in tags for time in self._open_blocks().copy(tag)[1][0])
         fresh = [start for start in {time // length * length for time in times} if start >= from_ms]
@@ -106,7 +106,7 @@ def _run_order(run: tuple[int, int, SampleColumns]) -> tuple[int, int]:
 
 
 def _skip_compacted(first: int, samples: SampleColumns, sealed: int) -> tuple[int, SampleColumns]:
-    """Without those before number ``sealed``."""
+    """Drop the samples before number ``first_uncompacted``."""
     skip = max(0, sealed - first)
     time, value, quality = samples
     return first + skip, (time[skip:], value[skip:], quality[skip:])

@@ -1,4 +1,4 @@
-"""The one door to sqlite3: one file beside the plant's others. WAL, and every commit is synced before it counts."""
+"""Connection to an SQLite file: WAL mode, every commit synced. The only module that imports sqlite3."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from drivebus.service.historian.store import SqlRow
 
 VACUUM_PAGES = 1000
-"""Free pages given back at a time: some milliseconds."""
+"""Free pages returned at a time: some milliseconds."""
 
 
 class SqliteConnection:
-    """A connection to ``path``; a reader never writes."""
+    """Connection to the file ``path``. A reader is read-only."""
 
     errors: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
     type_names = {"id": "INTEGER PRIMARY KEY", "bytes": "BLOB"}
@@ -30,7 +30,7 @@ class SqliteConnection:
             self.path.touch(mode=0o600)
         where = f"{self.path.absolute().as_uri()}?mode={'ro' if self._reader else 'rw'}"
         self._connection = sqlite3.connect(where, uri=True, isolation_level=None, timeout=5.0)
-        # Debian's build overwrites what is deleted; a history has no secrets and the journal is deleted all the time.
+        # Debian's build overwrites deleted data; a history has no secrets, and journal rows are deleted all the time.
         pragmas = ["secure_delete = OFF"]
         if not self._reader:
             pragmas += ["auto_vacuum = INCREMENTAL", "journal_mode = WAL", "synchronous = FULL"]
@@ -72,7 +72,7 @@ class SqliteConnection:
                 self.execute("ROLLBACK")
 
     def size_bytes(self) -> int:
-        """Pages in use; free ones are used again before the file grows."""
+        """Return the size of the pages in use; free pages are reused before the file grows."""
         pages, free, size = (
             self.fetch(f"PRAGMA {name}")[0][0] for name in ("page_count", "freelist_count", "page_size")
         )

@@ -1,9 +1,7 @@
-"""What the historian needs of a database. ``sqlite`` and ``postgres`` are two of them, with the same tests.
+"""Store of the history: tables and statements in the SQL that SQLite and PostgreSQL share.
 
-A store is used by one thread. Every writing method is one transaction and durable on return. After StoreError nobody
-knows whether it was done: the store is opened again, and tells.
-
-The historian's tables and statements, in the SQL that SQLite and PostgreSQL share. A ``Door`` is one connection.
+A store is used by one thread. Every writing method is one transaction and durable on return. After StoreError it is
+unknown whether the write was done; opening the store again shows it.
 """
 
 from __future__ import annotations
@@ -17,16 +15,16 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 from drivebus.service.historian.points import ResolutionLevel
 
 SCHEMA_VERSION = 1
-"""Version of the tables; a store of a later one is left alone."""
+"""Version of the tables; a store of a later version is not touched."""
 
 
 class StoreError(Exception):
-    """The database could not do it: full, read-only, damaged, gone. What was asked for may or may not be done."""
+    """The database failed: full, read-only, damaged, unreachable. The write may or may not be done."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tag:
-    """A signal of a drive; stays known when the drive is taken out of the plant."""
+    """Signal of a drive. It stays known after the drive is removed from the plant."""
 
     id: int
     name: str
@@ -35,25 +33,25 @@ class Tag:
     en: str = ""
     zh: str = ""
     first_uncompacted: int = 0
-    """Samples with a smaller number are in blocks."""
+    """Number of the first sample that is not in a block."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One row of packed points."""
+    """Row of packed points."""
 
     level: ResolutionLevel
     tag: int
     start_ms: int
-    """Beginning of its partition."""
+    """Start of its partition."""
     number: int
-    """Number of its first sample; 0 where a partition has one row only (merged levels)."""
+    """Number of its first sample; 0 for merged levels, whose partitions have one row."""
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class EventRow:
-    """Something that happened; ``id`` orders events of one moment."""
+    """Event; ``id`` orders events of equal time."""
 
     id: int
     time_ms: int
@@ -65,7 +63,7 @@ class EventRow:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """Somebody else's state, by kind and id. ``data`` (JSON) None deletes it."""
+    """JSON document of another component, by kind and id. ``data`` None deletes it."""
 
     kind: str
     id: str
@@ -74,106 +72,46 @@ class Document:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What came in one interval."""
+    """Content of one flush interval."""
 
     id: int
     samples: bytes | None = None
     tags: Sequence[Tag] = ()
-    """New, or with a new unit or text."""
+    """New tags, and tags with a new unit or text."""
     events: Sequence[EventRow] = ()
     documents: Sequence[Document] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Compaction:
-    """Samples of one tag moved from the journal into blocks."""
+    """Move of one tag's samples from the journal into blocks."""
 
     tag: int
     to_number: int
-    """Of the first that stays in the journal."""
+    """Number of the first sample that stays in the journal."""
     blocks: Sequence[Block]
 
 
 @dataclass(frozen=True, slots=True)
 class StoreContents:
-    """What a store holds when it is opened."""
+    """Content of a store when it is opened."""
 
     tags: Sequence[Tag]
     last_event: int
     clock: tuple[int, int] | None = None
-    """The clock of age and the wall clock (ms) when they were last kept."""
+    """Age clock and wall clock (ms) when they were last saved."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventQuery:
-    """Which events are asked for; newest first."""
+    """Query of events, newest first."""
 
     from_ms: int
     to_ms: int
     drive: str | None
     before: tuple[int, int] | None
-    """``(time_ms, id)`` of the last one had."""
+    """``(time_ms, id)`` of the last event of the previous page."""
     limit: int
-
-
-class HistoryStore(Protocol):
-    """Each method raises StoreError."""
-
-    def open(self) -> StoreContents:
-        """Connect, make the tables where there are none."""
-        ...
-
-    def close(self) -> None: ...
-
-    def journal(self) -> Iterator[tuple[int, bytes]]:
-        """Batches that are not yet in blocks, in their order."""
-        ...
-
-    def write_batch(self, batch: Batch) -> None:
-        """Nothing more where a batch of this id is there."""
-        ...
-
-    def compact(self, seals: Sequence[Compaction], stored_ms: int, keep_from: int | None) -> None:
-        """Put blocks (in place of one at the same place) and forget journal rows before ``keep_from`` (all: None)."""
-        ...
-
-    def merged_block(self, level: ResolutionLevel, tag: int, start_ms: int) -> bytes | None:
-        """The one row of a merged level's partition."""
-        ...
-
-    def delete_blocks(self, level: ResolutionLevel, before_ms: int, most: int) -> int:
-        """Delete at most so many of the blocks that were stored before; how many it were."""
-        ...
-
-    def delete_events(self, but: int) -> None:
-        """All but so many of the newest."""
-        ...
-
-    def oldest_stored_ms(self, level: ResolutionLevel, skip: int) -> int | None:
-        """When the ``skip``-th oldest block of a level was stored."""
-        ...
-
-    def save_clock(self, clock_ms: int, wall_ms: int) -> None: ...
-
-    def size_bytes(self) -> int:
-        """What the data takes, without what deleted rows left free."""
-        ...
-
-    def read_blocks(
-        self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
-    ) -> tuple[dict[int, int], list[Block]]:
-        """At one moment: each tag's ``sealed``, and blocks whose partition begins within, by tag, start, number."""
-        ...
-
-    def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
-        """The first partition that begins at ``from_ms`` or later and holds any of these tags."""
-        ...
-
-    def events(self, window: EventQuery) -> list[EventRow]: ...
-
-    def documents(self, kind: str) -> list[Document]:
-        """By id."""
-        ...
 
 
 P = ParamSpec("P")
@@ -206,41 +144,41 @@ _DELETE_BLOCKS = "DELETE FROM block WHERE id IN (SELECT id FROM block WHERE leve
 
 
 class SqlConnection(Protocol):
-    """One connection, used by one thread. ``?`` stands for a parameter. Raises what its database raises."""
+    """Connection to a database, used by one thread. ``?`` stands for a parameter. Raises the database's own errors."""
 
     errors: tuple[type[Exception], ...]
-    """All that a database, a disk or a network can do."""
+    """All errors of the database, disk and network."""
     type_names: dict[str, str]
-    """What ``{id}`` (a key that counts itself where nothing is given) and ``{bytes}`` are called there."""
+    """Column types for ``{id}``, an auto-incremented key, and ``{bytes}``."""
 
     def connect(self) -> None: ...
     def close(self) -> None: ...
 
     def version(self) -> int:
-        """Of the tables; 0: there are none."""
+        """Return the version of the tables; 0 if there are none."""
         ...
 
     def fetch(self, statement: str, *given: Any) -> list[SqlRow]: ...
     def execute(self, statement: str, *given: Any) -> int:
-        """How many rows were changed."""
+        """Execute a statement and return the number of changed rows."""
         ...
 
     def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None: ...
     def transaction(self, *, writing: bool) -> AbstractContextManager[None]:
-        """All or nothing; one that only reads sees one moment."""
+        """Run a transaction. One that only reads sees a consistent snapshot."""
         ...
 
     def size_bytes(self) -> int: ...
     def vacuum(self) -> None:
-        """Give back what deleted rows left free, a little at a time."""
+        """Return some of the space of deleted rows."""
         ...
 
 
-def _raises_store_error(method: Callable[Concatenate[SqlStore, P], R]) -> Callable[Concatenate[SqlStore, P], R]:
-    """A method whose database errors are StoreError."""
+def _raises_store_error(method: Callable[Concatenate[HistoryStore, P], R]) -> Callable[Concatenate[HistoryStore, P], R]:
+    """Translate the database errors of a method to StoreError."""
 
     @wraps(method)
-    def wrapped(self: SqlStore, /, *args: P.args, **kwargs: P.kwargs) -> R:
+    def wrapped(self: HistoryStore, /, *args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return method(self, *args, **kwargs)
         except self.connection.errors as error:
@@ -249,8 +187,8 @@ def _raises_store_error(method: Callable[Concatenate[SqlStore, P], R]) -> Callab
     return wrapped
 
 
-class SqlStore:
-    """A ``Store`` through a door; a reader makes no tables."""
+class HistoryStore:
+    """Store over a connection. Each method raises StoreError. A reader creates no tables."""
 
     def __init__(self, connection: SqlConnection, *, reader: bool = False) -> None:
         self.connection = connection
@@ -314,15 +252,15 @@ class SqlStore:
 
     @_raises_store_error
     def merged_block(self, level: ResolutionLevel, tag: int, start_ms: int) -> bytes | None:
-        asked = "SELECT data FROM block WHERE level = ? AND tag = ? AND start_ms = ? AND number = 0"
-        found = self.connection.fetch(asked, level, tag, start_ms)
+        query = "SELECT data FROM block WHERE level = ? AND tag = ? AND start_ms = ? AND number = 0"
+        found = self.connection.fetch(query, level, tag, start_ms)
         return bytes(found[0][0]) if found else None
 
     @_raises_store_error
-    def delete_blocks(self, level: ResolutionLevel, before_ms: int, most: int) -> int:
-        gone = self.connection.execute(_DELETE_BLOCKS, level, before_ms, most)
+    def delete_blocks(self, level: ResolutionLevel, before_ms: int, max_rows: int) -> int:
+        deleted = self.connection.execute(_DELETE_BLOCKS, level, before_ms, max_rows)
         self.connection.vacuum()
-        return gone
+        return deleted
 
     @_raises_store_error
     def delete_events(self, but: int) -> None:
@@ -330,8 +268,8 @@ class SqlStore:
 
     @_raises_store_error
     def oldest_stored_ms(self, level: ResolutionLevel, skip: int) -> int | None:
-        asked = "SELECT stored_ms FROM block WHERE level = ? ORDER BY stored_ms LIMIT 1 OFFSET ?"
-        found = self.connection.fetch(asked, level, skip)
+        query = "SELECT stored_ms FROM block WHERE level = ? ORDER BY stored_ms LIMIT 1 OFFSET ?"
+        found = self.connection.fetch(query, level, skip)
         return found[0][0] if found else None
 
     @_raises_store_error
@@ -348,16 +286,16 @@ class SqlStore:
         self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
     ) -> tuple[dict[int, int], list[Block]]:
         one = "SELECT tag, start_ms, number, data FROM block WHERE level = ? AND tag = ?"
-        asked = f"{one} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
+        query = f"{one} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
         with self.connection.transaction(writing=False):
             sealed = {row[0]: row[1] for row in self.connection.fetch("SELECT id, sealed FROM tag")}
-            rows = [row for tag in tags for row in self.connection.fetch(asked, level, tag, from_ms, to_ms)]
+            rows = [row for tag in tags for row in self.connection.fetch(query, level, tag, from_ms, to_ms)]
         return sealed, [Block(level, *row) for row in rows]
 
     @_raises_store_error
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
-        asked = "SELECT min(start_ms) FROM block WHERE level = ? AND tag = ? AND start_ms >= ?"
-        found = [self.connection.fetch(asked, level, tag, from_ms)[0][0] for tag in tags]
+        query = "SELECT min(start_ms) FROM block WHERE level = ? AND tag = ? AND start_ms >= ?"
+        found = [self.connection.fetch(query, level, tag, from_ms)[0][0] for tag in tags]
         return min((start for start in found if start is not None), default=None)
 
     @_raises_store_error
@@ -367,10 +305,10 @@ class SqlStore:
         given: list[Any] = [window.from_ms, window.to_ms, *before]
         if window.drive is not None:
             where, given = f"{where} AND drive = ?", [*given, window.drive]
-        asked = f"SELECT id, time_ms, kind, drive, data FROM event WHERE {where} ORDER BY time_ms DESC, id DESC LIMIT ?"
-        return [EventRow(*row) for row in self.connection.fetch(asked, *given, window.limit)]
+        query = f"SELECT id, time_ms, kind, drive, data FROM event WHERE {where} ORDER BY time_ms DESC, id DESC LIMIT ?"
+        return [EventRow(*row) for row in self.connection.fetch(query, *given, window.limit)]
 
     @_raises_store_error
     def documents(self, kind: str) -> list[Document]:
-        asked = "SELECT kind, id, data FROM document WHERE kind = ? ORDER BY id"
-        return [Document(*row) for row in self.connection.fetch(asked, kind)]
+        query = "SELECT kind, id, data FROM document WHERE kind = ? ORDER BY id"
+        return [Document(*row) for row in self.connection.fetch(query, kind)]

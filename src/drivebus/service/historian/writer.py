@@ -1,12 +1,8 @@
-"""Where the plant leaves what is to be remembered. Never waits: a full queue loses what comes, counts it and marks the
-hole, so that no line is drawn across it.
+"""Writer of the history: queue, batches, compaction into blocks, retention.
 
-What came in one interval, made ready for one transaction: samples by tag, new tags, events with their numbers.
-
-The one writer: makes durable what the intake holds, moves it into blocks, forgets what is too old.
-
-Every method runs on the writer's thread. A store that fails is closed and opened again at the next
-round; until then the batch stays in memory and the intake fills, and nobody else notices.
+The queue never blocks: when it is full, samples are dropped, counted and marked as a gap, so that no chart draws a line
+across them. The writer works on a thread of its own. A store that fails is closed and opened again in the next cycle;
+until then the batch stays in memory and the queue fills.
 """
 
 from __future__ import annotations
@@ -41,27 +37,27 @@ from drivebus.service.live.views import Sample
 from drivebus.values import Quality
 
 MAX_QUEUED_SAMPLES = 200_000
-"""Half an hour of 12 drives with 10 signals each second: a full disk found and mended in that time loses nothing."""
+"""Half an hour of 12 drives with 10 signals a second: a full disk that is cleared in that time loses nothing."""
 MAX_QUEUED_NOTES = 10_000
-"""Events and documents."""
+"""Queued events and documents."""
 
 
 @dataclass(slots=True)
 class QueuedBatch:
-    """What the writer puts into one batch."""
+    """Content of the queue for one batch."""
 
     samples: list[Sample] = field(default_factory=list)
     events: list[EventRow] = field(default_factory=list)
-    """Without an id yet."""
+    """Their ids are assigned by ``BatchBuilder``."""
     documents: dict[tuple[str, str], Document] = field(default_factory=dict)
-    """The last one of each place."""
+    """The newest of each kind and id."""
     labels: dict[str, tuple[str, Text]] = field(default_factory=dict)
     accepted: int = 0
-    """Things accepted up to and with these: what a flush waits for."""
+    """Number of items accepted up to and including this batch: what a flush waits for."""
 
 
 class WriteQueue:
-    """A bounded queue between the loop's thread and the writer's."""
+    """Bounded queue between the event loop's thread and the writer's."""
 
     def __init__(self, max_samples: int = MAX_QUEUED_SAMPLES, max_notes: int = MAX_QUEUED_NOTES) -> None:
         self._lock = Lock()
@@ -70,9 +66,9 @@ class WriteQueue:
         self._waiting = QueuedBatch()
         self._gaps: dict[str, int] = {}
         self.queued = 0
-        """Samples that wait."""
+        """Number of samples in the queue."""
         self.samples = 0
-        """Samples taken in so far, marks of holes among them."""
+        """Number of samples accepted since the start, gap markers included."""
         self.lost_samples = 0
         self.lost_notes = 0
         self.accepted = 0
@@ -96,7 +92,7 @@ class WriteQueue:
             self._gaps.setdefault(sample.tag, sample.time_ms)
 
     def _gap_markers(self) -> list[Sample]:
-        """A gap for each tag at the first moment that was lost."""
+        """Return one gap for each tag, at its first dropped sample."""
         holes, self._gaps = self._gaps, {}
         return [Sample(tag, time_ms, None, Quality.BAD) for tag, time_ms in holes.items()]
 
@@ -123,7 +119,7 @@ class WriteQueue:
             self.accepted += 1
 
     def take(self, max_samples: int) -> QueuedBatch:
-        """Everything that waits, of samples about ``most``."""
+        """Remove and return the content of the queue, with about ``max_samples`` samples."""
         with self._lock:
             taken, self._waiting = self._waiting, QueuedBatch()
             while self._batches and len(taken.samples) < max_samples:
@@ -134,39 +130,39 @@ class WriteQueue:
 
 
 def sample_value(sample: Sample) -> float:
-    """NaN for what is no number: a gap."""
+    """Return a sample's value; NaN, which stands for a gap, if it has none."""
     value = sample.value
     return value if value is not None and math.isfinite(value) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class PendingBatch:
-    """A batch on its way, tried again until it is durable."""
+    """Batch that is written again until it is durable."""
 
     batch: Batch
     groups: list[tuple[int, int, SampleColumns]]
-    """Tag, number of the first, samples."""
+    """Tag, number of its first sample, samples."""
     accepted: int
-    """What the intake had accepted up to and with it."""
+    """``QueuedBatch.accepted`` of its content."""
 
 
 class BatchBuilder:
-    """Knows every tag and the last numbers."""
+    """Builder of batches: knows every tag and the last numbers of batches and events."""
 
     def __init__(self) -> None:
         self.tags: dict[str, Tag] = {}
         self.last_batch = 0
-        """Number of the last journal row."""
+        """Number of the last row of the table ``journal``."""
         self._last_event = 0
         self._labels: dict[str, tuple[str, Text]] = {}
 
     def resume(self, contents: StoreContents) -> None:
-        """Go on where a store ends."""
+        """Continue after the content of a store."""
         self.tags = {tag.name: tag for tag in contents.tags}
         self._last_event = contents.last_event
 
-    def build(self, taken: QueuedBatch, following: Callable[[int], int]) -> PendingBatch:
-        """``following``: a known tag → the number of its next sample."""
+    def build(self, taken: QueuedBatch, next_number: Callable[[int], int]) -> PendingBatch:
+        """Build a batch. ``next_number`` returns the number of a known tag's next sample."""
         by_tag: defaultdict[str, list[Sample]] = defaultdict(list)
         for sample in taken.samples:
             by_tag[sample.tag].append(sample)
@@ -174,7 +170,7 @@ class BatchBuilder:
         new = {tag.name: tag.id for tag in tags if tag.name not in self.tags}
         groups = []
         for name, samples in by_tag.items():
-            tag, first = (new[name], 0) if name in new else (self.tags[name].id, following(self.tags[name].id))
+            tag, first = (new[name], 0) if name in new else (self.tags[name].id, next_number(self.tags[name].id))
             groups.append((tag, first, _sample_columns(samples)))
         events = [replace(event, id=self._last_event + n) for n, event in enumerate(taken.events, 1)]
         packed = encode_batch(groups) if groups else None
@@ -182,7 +178,7 @@ class BatchBuilder:
         return PendingBatch(batch, groups, taken.accepted)
 
     def _changed_tags(self, names: list[str], taken: QueuedBatch) -> list[Tag]:
-        """Tags that are new, or that have another unit or text now."""
+        """Return the tags that are new or have a new unit or text."""
         found = []
         self._labels.update(taken.labels)
         free = 1 + max((tag.id for tag in self.tags.values()), default=0)
@@ -197,7 +193,7 @@ class BatchBuilder:
         return found
 
     def confirm(self, batch: Batch) -> None:
-        """It is durable."""
+        """Take over the numbers of a batch that is durable."""
         self.tags |= {tag.name: tag for tag in batch.tags}
         self.last_batch = batch.id
         self._last_event += len(batch.events)
@@ -215,23 +211,26 @@ def _sample_columns(samples: list[Sample]) -> SampleColumns:
 log = logging.getLogger("drivebus.history")
 
 MAX_BATCH_SAMPLES = 50_000
-"""Samples in one transaction."""
+"""Samples of one transaction."""
 FULL_BLOCK_SAMPLES = 3600
-"""Samples of a tag that make a full block."""
+"""Samples of one tag in a full block."""
 MAX_OPEN_SAMPLES = 200_000
 MAX_OPEN_SAMPLES_PER_TAG = 600
-"""The journal holds so many samples, or so many a tag if that is more. Fewer: small blocks; more: a long start."""
+"""The journal holds ``MAX_OPEN_SAMPLES``, or this many per tag if that is more. With fewer, blocks are small; with
+more, a start takes long.
+"""
 TAGS_PER_COMPACTION = 16
-"""Tags sealed in one transaction."""
+"""Tags compacted in one transaction."""
 COMPACTION_BUDGET_S = 0.25
-"""Of one round at most, unless samples come faster than that."""
+"""Time for compaction in one cycle, unless samples arrive faster than they are compacted."""
 COMPACTION_PAUSE_S = 0.0005
-"""Between two tags: the bus loops of the same process get the interpreter in between."""
+"""Pause between two tags, in which the bus loops of the same process get the interpreter."""
 RETENTION_INTERVAL_S = 600.0
+"""Interval of deleting expired rows."""
 
 
 class HistoryWriter:
-    """Over a store that nobody else writes to."""
+    """Writer of a store. It must be the store's only writer."""
 
     def __init__(
         self,
@@ -247,38 +246,38 @@ class HistoryWriter:
         self._wall_ms, self._monotonic_s, self._pause_s = wall_ms, monotonic_s, pause_s
         self.open_blocks = OpenBlocks()
         self.problem: str | None = None
-        """Why nothing can be written now."""
+        """Error that prevents writing; None if the last write succeeded."""
         self.written_count = 0
-        """Things of the intake that are durable."""
+        """Number of accepted items that are durable."""
         self._builder = BatchBuilder()
         self._pending: PendingBatch | None = None
         self._is_open = False
         self._was_open = False
-        """It was open once: what is in memory goes on."""
+        """Whether the store was open before, so that the open blocks in memory are valid."""
         self._clock_ms = 0
         self._clock_s = self._retention_s = monotonic_s()
 
     @property
     def tags(self) -> dict[str, Tag]:
-        """Every tag by name."""
+        """All tags by name."""
         return self._builder.tags
 
     def run_cycle(self) -> None:
-        """Once each flush interval. Raises nothing that a database can do."""
+        """Write, compact and delete; called once each flush interval. Raises no StoreError."""
         with suppress(StoreError):
             self.write()
             self._compact_due()
             self._apply_retention()
 
     def write(self) -> None:
-        """Everything that the intake held at the call is durable on return. Raises StoreError."""
-        mark = self._queue.accepted
+        """Make everything durable that was queued at the call. Raises StoreError."""
+        accepted = self._queue.accepted
         self._guarded(self._write_batch)
-        while self.written_count < mark:
+        while self.written_count < accepted:
             self._guarded(self._write_batch)
 
     def close(self) -> None:
-        """The last batch, as far as the store takes it."""
+        """Write the last batch, as far as the store accepts it, and close the store."""
         try:
             self.write()
         except StoreError:
@@ -289,7 +288,7 @@ class HistoryWriter:
                 self._store.close()
 
     def compact_all(self) -> None:
-        """Everything into blocks. Raises StoreError."""
+        """Compact all open samples. Raises StoreError."""
         self.write()
         self._guarded(lambda: self._compact([tag for tag, _ in self.open_blocks.oldest_first()]))
 
@@ -327,7 +326,7 @@ class HistoryWriter:
         self._is_open = self._was_open = True
 
     def _replay(self, contents: StoreContents) -> None:
-        """After a start: what was durable and is not in blocks yet."""
+        """Load the durable samples that are not in blocks yet, after a start."""
         self.open_blocks = OpenBlocks()
         self._builder.resume(contents)
         for tag in contents.tags:
@@ -351,21 +350,21 @@ class HistoryWriter:
         self._pending = None
 
     def _compact_due(self) -> None:
-        most = max(MAX_OPEN_SAMPLES, MAX_OPEN_SAMPLES_PER_TAG * len(self.tags))
+        limit = max(MAX_OPEN_SAMPLES, MAX_OPEN_SAMPLES_PER_TAG * len(self.tags))
         until = self._monotonic_s() + COMPACTION_BUDGET_S
-        while ripe := self._due_tags(most):
-            self._guarded(lambda ripe=ripe: self._compact(ripe))  # type: ignore[misc]
-            if self.open_blocks.total < 2 * most and self._monotonic_s() > until:
+        while due := self._due_tags(limit):
+            self._guarded(lambda due=due: self._compact(due))  # type: ignore[misc]
+            if self.open_blocks.total < 2 * limit and self._monotonic_s() > until:
                 return
 
-    def _due_tags(self, most: int) -> list[int]:
-        """Tags with a full block, and those that keep the oldest journal rows while there are too many."""
-        over, ripe = self.open_blocks.total - most, []
+    def _due_tags(self, limit: int) -> list[int]:
+        """Return the tags with a full block, and while the journal is too long those that hold its oldest rows."""
+        excess, due = self.open_blocks.total - limit, []
         for tag, size in self.open_blocks.oldest_first():
-            if size >= FULL_BLOCK_SAMPLES or over > 0:
-                ripe.append(tag)
-                over -= size
-        return ripe[:TAGS_PER_COMPACTION]
+            if size >= FULL_BLOCK_SAMPLES or excess > 0:
+                due.append(tag)
+                excess -= size
+        return due[:TAGS_PER_COMPACTION]
 
     def _compact(self, tags: list[int]) -> None:
         for at in range(0, len(tags), TAGS_PER_COMPACTION):
@@ -381,7 +380,7 @@ class HistoryWriter:
         return compact_samples(tag, first, samples, self._store.merged_block)
 
     def _age_clock_ms(self) -> int:
-        """The clock of age."""
+        """Return the age clock in ms: running time of the service plus counted pauses."""
         return self._clock_ms + round(1000 * (self._monotonic_s() - self._clock_s))
 
     def _apply_retention(self) -> None:

@@ -1,4 +1,4 @@
-"""Cases: what was known of a drive in the minute before it tripped, frozen so that it can be opened later."""
+"""Incidents: values, states, events and frames of the minute before a drive tripped, saved for later analysis."""
 
 from drivebus.service.incidents.recorder import IncidentRecorder
 from drivebus.service.incidents.store import IncidentStore

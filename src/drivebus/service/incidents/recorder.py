@@ -1,9 +1,4 @@
-"""Which parameters of a drive matter when it has tripped. Pure.
-
-The last minute of one drive: its samples at full rate, its states, its last events. Pure, time is an argument.
-
-The flight recorder: listens to everything, and freezes the last minute of a drive when it trips.
-"""
+"""Incident recorder: keeps the last minute of every drive in memory and saves it when the drive trips."""
 
 from __future__ import annotations
 
@@ -28,16 +23,18 @@ from drivebus.values import Quality
 
 
 def incident_parameters(profile: DriveProfile) -> tuple[str, ...]:
-    """Ramps, what makes it obey the bus, what it does when the host falls silent: what of it can be read."""
+    """Return the readable parameters to save with an incident: ramps, preconditions for bus control, communication
+    loss.
+    """
     rule = profile.comm_loss
-    asked = [one.notation for one in profile.preconditions if one.unreadable is None]
-    names = [*(profile.ramp_notations or ()), *asked, rule.time_notation, rule.action_notation]
+    preconditions = [one.notation for one in profile.preconditions if one.unreadable is None]
+    names = [*(profile.ramp_notations or ()), *preconditions, rule.time_notation, rule.action_notation]
     return tuple(dict.fromkeys(name for name in names if name is not None))
 
 
 RECORDED_BEFORE_S = 60.0
 MAX_BUFFERED_SAMPLES = 20_000
-"""330 a second for a minute, more than a line at 115,200 baud brings of one drive; about 3 MB (I12)."""
+"""333 a second for a minute, more than one drive delivers at 115,200 baud; about 3 MB."""
 MAX_BUFFERED_STATES = 1_000
 MAX_BUFFERED_EVENTS = 50
 QUALITY_CODES = {Quality.GOOD: 0, Quality.UNCERTAIN: 1, Quality.BAD: 2}
@@ -46,21 +43,23 @@ BufferedSample = tuple[float, str, float | None, Quality]
 
 @dataclass(slots=True)
 class RingBuffer:
-    """Kept by the monotonic clock; UTC may jump in the middle of a minute (F21)."""
+    """Last minute of one drive: samples at full rate, states, events. Times are monotonic seconds, because the wall
+    clock may jump.
+    """
 
     _samples: deque[BufferedSample] = field(default_factory=lambda: deque(maxlen=MAX_BUFFERED_SAMPLES))
     _states: deque[tuple[float, Json]] = field(default_factory=lambda: deque(maxlen=MAX_BUFFERED_STATES))
     _events: deque[Json] = field(default_factory=lambda: deque(maxlen=MAX_BUFFERED_EVENTS))
 
     def add_samples(self, samples: Sequence[Sample], now: float) -> None:
-        """New readings, as they come."""
+        """Add new samples, and drop those older than a minute."""
         for sample in samples:
             self._samples.append((now, sample.tag.partition(".")[2], sample.value, sample.quality))
         while self._samples[0][0] < now - RECORDED_BEFORE_S:
             self._samples.popleft()
 
     def add_view(self, view: DriveView, now: float) -> None:
-        """Kept only where it is another than before."""
+        """Add the drive's state if it differs from the last one."""
         state = {
             "state": view.state,
             "direction": view.direction,
@@ -72,15 +71,15 @@ class RingBuffer:
             self._states.append((now, state))
 
     def add_event(self, event: Json) -> None:
-        """A command, a lease, an alarm of this drive."""
+        """Add an event of this drive: command, control lease, alarm."""
         self._events.append(event)
 
     def copy(self) -> RingBuffer:
-        """As it is now, for another thread; takes no time worth counting."""
+        """Return a copy for another thread."""
         return RingBuffer(self._samples.copy(), self._states.copy(), self._events.copy())
 
     def as_json(self, now: float) -> Json:
-        """Everything, with times in seconds before ``now`` (negative)."""
+        """Return the content, with times as (negative) seconds relative to ``now``."""
         signals: dict[str, Json] = {}
         for at, name, value, quality in self._samples:
             if at >= now - RECORDED_BEFORE_S:
@@ -91,23 +90,24 @@ class RingBuffer:
         return {"signals": signals, "states": self._states_json(now), "events": list(self._events)}
 
     def _states_json(self, now: float) -> list[Json]:
-        """The minute's, and the one with which it began."""
+        """Return the states of the last minute and the one that it began with."""
         states = [{"t": round(at - now, 3), **state} for at, state in self._states]
         older = sum(state["t"] < -RECORDED_BEFORE_S for state in states)
         return states[max(0, older - 1) :]
 
 
 INCIDENT_FRAMES = 200
+"""Newest frames of the bus saved with an incident."""
 INCIDENT_REPEAT_S = 10.0
-"""A drive that trips again sooner has one case: relays that chatter fill no disk."""
+"""A trip of the same drive within this time belongs to the same incident, so that a chattering relay fills no disk."""
 TRIP_ALARM_KINDS = frozenset({str(AlarmKind.FAULT), str(SystemAlarm.INTERLOCK_TRIP), str(SystemAlarm.STOP_UNCONFIRMED)})
-"""Alarms that freeze a case when they are raised."""
+"""Alarms that record an incident when they are raised."""
 LOG = logging.getLogger("drivebus.service")
 
 
 @dataclass(frozen=True, slots=True)
 class BusSnapshot:
-    """The drive's bus at that moment. ``frames``: its newest, each as JSON and as it was on the wire."""
+    """State of a bus at the moment of a trip. ``frames``: its newest frames, as JSON and as traced."""
 
     bus: str
     link: str
@@ -116,7 +116,9 @@ class BusSnapshot:
 
 
 class IncidentRecorder:
-    """``read`` fetches the parameters that matter from a drive; it may fail, and the case stands without them."""
+    """Recorder of incidents. ``read_parameters`` reads a drive's parameters afterwards; an incident is complete without
+    them if that fails.
+    """
 
     def __init__(
         self, store: IncidentStore, read_parameters: Callable[[str], Awaitable[Mapping[str, Json]]] | None = None
@@ -126,80 +128,81 @@ class IncidentRecorder:
         self._last_incident: dict[str, tuple[float, asyncio.Task[str | None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self.error: OSError | None = None
-        """Why the last case could not be kept."""
+        """Error of saving the last incident; None if it was saved."""
 
-    # --- what it hears ---------------------------------------------------------------------------------------------
+    # --- recording -------------------------------------------------------------------------------------------------
 
     def record_samples(self, drive: str, samples: Sequence[Sample], now: float) -> None:
-        """Every new reading of a drive."""
+        """Record new samples of a drive."""
         if samples:
             self._buffer(drive).add_samples(samples, now)
 
     def record_view(self, view: DriveView, now: float) -> None:
-        """Every look at a drive."""
+        """Record the state of a drive."""
         self._buffer(view.id).add_view(view, now)
 
     def record_event(self, event: Json) -> None:
-        """Every event; those of no drive are nobody's."""
+        """Record an event that concerns a drive."""
         if event["drive"] is not None:
             self._buffer(event["drive"]).add_event(event)
 
     def remove_drive(self, drive: str) -> None:
-        """It is no longer part of the plant."""
+        """Drop the buffer of a drive that was removed from the plant."""
         self._buffers.pop(drive, None)
         self._last_incident.pop(drive, None)
 
     def _buffer(self, drive: str) -> RingBuffer:
         return self._buffers.setdefault(drive, RingBuffer())
 
-    # --- what it keeps ---------------------------------------------------------------------------------------------
+    # --- saving ----------------------------------------------------------------------------------------------------
 
     def capture(
-        self, alarm: Alarm, view: DriveView | None, line: BusSnapshot | None, now: float, now_ms: int
+        self, alarm: Alarm, view: DriveView | None, bus: BusSnapshot | None, now: float, now_ms: int
     ) -> asyncio.Task[str | None]:
-        """Take what is known now; the task ends with the case's id when it is kept, or with None.
+        """Capture an incident now; the task returns its id once it is saved, None if that failed.
 
-        Never fails, and only copies: the bus waits neither for a disk (G14) nor for a minute to be written out (G06).
+        Never raises and only copies, so that no bus waits for the disk or for the encoding.
         """
         last = self._last_incident.get(alarm.drive)
         if last is not None and now - last[0] < INCIDENT_REPEAT_S:
             return last[1]
-        ring = self._buffer(alarm.drive).copy()
-        write = partial(self._write, alarm, view, line, ring, now, now_ms)
-        task = asyncio.get_running_loop().create_task(self._save(write, alarm.drive), name=f"case of {alarm.drive}")
+        buffer = self._buffer(alarm.drive).copy()
+        write = partial(self._write, alarm, view, bus, buffer, now, now_ms)
+        name = f"incident of {alarm.drive}"
+        task = asyncio.get_running_loop().create_task(self._save(write, alarm.drive), name=name)
         self._last_incident[alarm.drive] = (now, task)
         return task
 
     def _write(
-        self, alarm: Alarm, view: DriveView | None, line: BusSnapshot | None, ring: RingBuffer, now: float, now_ms: int
+        self, alarm: Alarm, view: DriveView | None, bus: BusSnapshot | None, buffer: RingBuffer, now: float, now_ms: int
     ) -> str:
-        """In a thread."""
+        """Write the incident and return its id. Runs on a thread."""
         raised = alarm.as_json()
         summary = {
             "time_ms": now_ms,
             "drive": alarm.drive,
-            "bus": line.bus if line else None,
+            "bus": bus.bus if bus else None,
             "why": alarm.kind,
             "alarm": alarm.id,
             "title": raised["title"],
             "text": raised["text"],
         }
-        frames = [told | {"t": round(event.time - now, 6)} for told, event in (line.frames if line else ())]
+        frames = [frame | {"t": round(event.time - now, 6)} for frame, event in (bus.frames if bus else ())]
         whole = {
             "before_s": RECORDED_BEFORE_S,
             "raised": raised,
             "view": view.as_json() if view else None,
-            **ring.as_json(now),
+            **buffer.as_json(now),
             "frames": frames,
         }
-        return self._store.write(alarm.drive, summary, whole, _capture_header(line, now, now_ms), _wire_frames(line))
+        return self._store.write(alarm.drive, summary, whole, _capture_header(bus, now, now_ms), _wire_frames(bus))
 
     async def _save(self, write: Callable[[], str], drive: str) -> str | None:
         try:
             id = await asyncio.get_running_loop().run_in_executor(None, write)
         except OSError as error:
             self.error = error
-            LOG.error("a case of %s could not be kept: %s", drive, error)
+            LOG.error("an incident of %s could not be saved: %s", drive, error)
             return None
         self.error = None
         if self._read_parameters is not None and drive:
@@ -215,23 +218,23 @@ class IncidentRecorder:
         try:
             found = await self._read_parameters(drive)
             await asyncio.get_running_loop().run_in_executor(None, partial(self._store.add_parameters, id, found))
-        except Exception as error:  # a drive that can't be asked now, a disk that is full: the case stands without them
-            LOG.warning("the parameters of %s could not be kept: %s", drive, error)
+        except Exception as error:  # the drive does not answer or the disk is full: the incident is complete without
+            LOG.warning("the parameters of %s could not be saved: %s", drive, error)
 
     async def close(self) -> None:
-        """Keep what is being kept; read no more."""
+        """Finish saving incidents; cancel reading of parameters."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, *(task for _, task in self._last_incident.values()), return_exceptions=True)
 
 
-def _wire_frames(line: BusSnapshot | None) -> list[tuple[float, bool, bytes]]:
-    return [(event.time, event.kind is TraceKind.SENT, event.data) for _, event in (line.frames if line else ())]
+def _wire_frames(bus: BusSnapshot | None) -> list[tuple[float, bool, bytes]]:
+    return [(event.time, event.kind is TraceKind.SENT, event.data) for _, event in (bus.frames if bus else ())]
 
 
-def _capture_header(line: BusSnapshot | None, now: float, now_ms: int) -> CaptureHeader:
-    """``started`` is the label of the first frame: a capture begins with it."""
-    first = min((event.time for _, event in (line.frames if line else ())), default=now)
+def _capture_header(bus: BusSnapshot | None, now: float, now_ms: int) -> CaptureHeader:
+    """Return the header of the capture, which starts with the first frame."""
+    first = min((event.time for _, event in (bus.frames if bus else ())), default=now)
     started = datetime.fromtimestamp(now_ms / 1000 - (now - first), UTC).isoformat(timespec="milliseconds")
-    settings = line.settings if line else SerialSettings()
-    return CaptureHeader(settings, line.link if line else "", started, f"drivebus {version('drivebus')}")
+    settings = bus.settings if bus else SerialSettings()
+    return CaptureHeader(settings, bus.link if bus else "", started, f"drivebus {version('drivebus')}")

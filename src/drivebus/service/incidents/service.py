@@ -38,7 +38,7 @@ class AlarmIncidentService:
         """Number of the newest alarm: whatever happens to an older one is no trip."""
         self.stores: dict[str, Callable[[], Exception | None]] = {
             "alarms.jsonl": lambda: log.error,
-            "cases": lambda: self.recorder.error,
+            "incidents": lambda: self.recorder.error,
         }
         """What is written in the background → why that fails now."""
         self._check_task: asyncio.Task[None] | None = None
@@ -168,7 +168,7 @@ class AlarmIncidentService:
 
     async def _list_incidents(self, params: ask.TimeRangeParams, actor: Actor) -> Json:
         span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
-        return await asyncio.to_thread(self._store.list, *span)
+        return await asyncio.to_thread(self._store.query, *span)
 
     async def _get_incident(self, params: ask.IncidentParams, actor: Actor) -> Json:
         return await asyncio.to_thread(self._store.get, params.case)

@@ -1,4 +1,7 @@
-"""Cases on disk: a folder each, there whole or not at all, of bounded number and size. No clock lives here."""
+"""Incidents on disk: one folder each, written atomically, bounded in number and size.
+
+Every function blocks for as long as the disk takes.
+"""
 
 from __future__ import annotations
 
@@ -21,21 +24,21 @@ from drivebus.service.storage.append_log import write_durably
 INCIDENT_ID: Final = re.compile(r"(\d{6,12})-[a-z0-9][a-z0-9_-]{0,63}")
 MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
-"""Octets of all cases together; the oldest go first (I12)."""
-CAPTURE_FILE: Final = "line.dbcap"
+"""All incidents together; beyond it the oldest are deleted."""
+CAPTURE_FILE: Final = "bus.dbcap"
 WireFrames = Sequence[tuple[float, bool, bytes]]
-"""Monotonic second, did we send it, its bytes."""
+"""Monotonic second, whether drivebus sent it, its bytes."""
 
 
 class IncidentStore:
-    """The cases in ``folder``. Every function takes as long as a disk does."""
+    """Incidents in ``folder``."""
 
     def __init__(self, folder: Path, max_incidents: int = MAX_INCIDENTS, max_bytes: int = MAX_INCIDENT_BYTES) -> None:
         self.folder, self._max_incidents, self._max_bytes = folder, max_incidents, max_bytes
         self._lock = Lock()
 
     def write(self, drive: str, summary: Json, whole: Json, header: CaptureHeader, frames: WireFrames) -> str:
-        """The new case's id; durable when it returns. Raises OSError, and then there is no such case."""
+        """Write an incident durably and return its id. Raises OSError; then nothing was written."""
         with self._lock:
             return self._write(drive, summary, whole, header, frames)
 
@@ -46,7 +49,7 @@ class IncidentStore:
         part = self.folder / f".{id}"
         part.mkdir(mode=0o700)
         _write_capture(part / CAPTURE_FILE, header, frames)
-        write_durably(part / "case.json", _encode({"id": id, **summary, **whole}))
+        write_durably(part / "incident.json", _encode({"id": id, **summary, **whole}))
         write_durably(part / "summary.json", _encode({"id": id, **summary}))
         part.rename(self.folder / id)
         fsync_directory(self.folder)
@@ -54,25 +57,25 @@ class IncidentStore:
         return id
 
     def add_parameters(self, id: str, parameters: Mapping[str, Json]) -> None:
-        """What was read of the drive afterwards. Raises NotFound, OSError."""
+        """Add parameters read from the drive afterwards. Raises NotFound, OSError."""
         write_durably(self._path(id) / "parameters.json", _encode(dict(parameters)))
 
     def get(self, id: str) -> Json:
-        """The whole case, with ``parameters`` (None: not read) and the recorded line as ``capture``.
+        """Return an incident, with ``parameters`` (None if not read) and the bus's frames as ``capture``.
 
         Raises NotFound.
         """
         path = self._path(id)
-        found = _read_json(path / "case.json")
+        found = _read_json(path / "incident.json")
         if found is None:
-            raise NotFound("alarms.no_case", case=id)
+            raise NotFound("alarms.no_incident", incident=id)
         capture = {"name": f"{id}.dbcap", "text": (path / CAPTURE_FILE).read_text(encoding="utf-8")}
         return found | {"parameters": _read_json(path / "parameters.json"), "capture": capture}
 
-    def list(
+    def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Summaries, the newest first. Raises InvalidParameters for a cursor of somebody else's."""
+        """Return a page of summaries, newest first. Raises InvalidParameters for an unknown cursor."""
         found = ((_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(self._ids()))
         wanted = (
             (number, one)
@@ -82,36 +85,35 @@ class IncidentStore:
         return page(((number, lambda one=one: one) for number, one in wanted), cursor, limit)  # type: ignore[misc]
 
     def _path(self, id: str) -> Path:
-        """Nobody reaches out of the folder by a name (S19)."""
+        """Return an incident's folder. Only ids of the strict form are accepted, so that none leads elsewhere."""
         if not INCIDENT_ID.fullmatch(id) or not (self.folder / id).is_dir():
-            raise NotFound("alarms.no_case", case=id)
+            raise NotFound("alarms.no_incident", incident=id)
         return self.folder / id
 
-    def _ids(self) -> Sequence[str]:
+    def _ids(self) -> list[str]:
         if not self.folder.is_dir():
             return []
-        return sorted(
-            (one.name for one in self.folder.iterdir() if INCIDENT_ID.fullmatch(one.name)), key=_incident_number
-        )
+        ids = [one.name for one in self.folder.iterdir() if INCIDENT_ID.fullmatch(one.name)]
+        return sorted(ids, key=_incident_number)
 
     def _remove_partial(self) -> None:
-        """What a killed writer left half."""
+        """Delete folders that an interrupted write left."""
         for one in self.folder.iterdir():
             if one.name.startswith("."):
                 shutil.rmtree(one, ignore_errors=True)
 
     def _limit_size(self) -> None:
-        ids = list(self._ids())
+        ids = self._ids()
         sizes = [sum(file.stat().st_size for file in (self.folder / id).iterdir()) for id in ids]
         while len(ids) > 1 and (len(ids) > self._max_incidents or sum(sizes) > self._max_bytes):
             sizes.pop(0)
             self._remove(ids.pop(0))
 
     def _remove(self, id: str) -> None:
-        """Out of the list at once, then from the disk."""
+        """Hide the incident at once, then delete it."""
         with suppress(OSError):
-            gone = (self.folder / id).rename(self.folder / f".{id}")
-            shutil.rmtree(gone, ignore_errors=True)
+            hidden = (self.folder / id).rename(self.folder / f".{id}")
+            shutil.rmtree(hidden, ignore_errors=True)
 
 
 def _incident_number(id: str) -> int:
@@ -123,7 +125,7 @@ def _encode(value: Json) -> bytes:
 
 
 def _read_json(path: Path) -> Json | None:
-    """None where it is not there, or was spoilt."""
+    """Return the object in a file; None if it is missing or damaged."""
     try:
         found = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -132,7 +134,7 @@ def _read_json(path: Path) -> Json | None:
 
 
 def _write_capture(path: Path, header: CaptureHeader, frames: WireFrames) -> None:
-    """As the port would have recorded it: ``drivebus capture`` and ``monitor`` open it. Raises OSError."""
+    """Write the frames as a capture file, as a recording port would. Raises OSError."""
     ordered = sorted(frames, key=lambda frame: frame[0])
     try:
         writer = CaptureWriter(path, header, now=ordered[0][0] if ordered else 0.0)

@@ -34,7 +34,7 @@ _WEB_ARGUMENTS_ADAPTER = TypeAdapter(WebArguments)
 
 def web_command(setting: PlantConfig, socket: Path, announce: AddressOutput = "plain") -> list[str]:
     """The command line that starts it."""
-    child = WebArguments(setting.directory, setting.users or setting.directory / "access.json", setting.web, announce)
+    child = WebArguments(setting.directory, setting.users or setting.directory / "users.json", setting.web, announce)
     return [sys.executable, "-m", "drivebus.web", str(socket), _WEB_ARGUMENTS_ADAPTER.dump_json(child).decode()]
 
 
@@ -46,9 +46,7 @@ def parse_web_arguments(arguments: list[str]) -> tuple[Path, WebArguments]:
     match arguments:
         case [socket]:
             directory = Path(socket).parent
-            return Path(socket), WebArguments(
-                directory, directory / "access.json", WebConfig(), parent_pid=os.getppid()
-            )
+            return Path(socket), WebArguments(directory, directory / "users.json", WebConfig(), parent_pid=os.getppid())
         case [socket, setting]:
             return Path(socket), _WEB_ARGUMENTS_ADAPTER.validate_json(setting)
     raise ValueError("SOCKET [SETTING]")

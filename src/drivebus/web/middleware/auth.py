@@ -13,6 +13,7 @@ from drivebus.service.auth.service import AuthService
 from drivebus.service.runtime.fairness import yield_to_loop
 from drivebus.web import route_policy
 from drivebus.web.error_response import send_error
+from drivebus.web.error_status import RequestError, http_status
 from drivebus.web.middleware import request_body
 from drivebus.web.middleware.denial_log import DenialLog
 from drivebus.web.middleware.host_check import HostCheck
@@ -24,7 +25,7 @@ COOKIE_NAMES = ("__Host-drivebus", "drivebus_session")
 CSRF_HEADER = "x-drivebus-csrf"
 
 
-class MethodNotAllowed(AuthError):
+class MethodNotAllowed(RequestError):
     """The address exists, the method does not."""
 
     status = 405
@@ -120,7 +121,7 @@ class AuthMiddleware:
         actor = Actor("", frozenset(), "", address=client_address(scope)) if visitor is None else visitor.actor
         await self.denials.record_denial(_method(scope), entry.path if entry else "-", error.key, actor)
         if scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 4000 + error.status})
+            await send({"type": "websocket.close", "code": 4000 + http_status(error)})
         else:
             await send_error(send, error, (b"connection", b"close"))
 

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive
 
-from drivebus.service.auth.errors import AuthError
+from drivebus.web.error_status import RequestError
 
 MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES = 1024 * 1024, 4 * 1024
 """Octets: where a right is needed, and where none is. The worst JSON of so much takes 0.3 s and 1 ms to read (S14)."""
@@ -20,25 +20,25 @@ BODY_TIMEOUT_S = 10.0
 _LENGTH = re.compile("[0-9]{1,9}")
 
 
-class BodyTooLarge(AuthError):
+class BodyTooLarge(RequestError):
     """More than is read of this visitor."""
 
     status = 413
 
 
-class BodyTimeout(AuthError):
+class BodyTimeout(RequestError):
     """The body did not come in time."""
 
     status = 408
 
 
-class UnsupportedMediaType(AuthError):
+class UnsupportedMediaType(RequestError):
     """Another content type, or packed."""
 
     status = 415
 
 
-class MalformedBody(AuthError):
+class MalformedBody(RequestError):
     """Not one JSON document, or one that two readers could read in two ways."""
 
     status = 422
