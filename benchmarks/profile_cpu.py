@@ -20,9 +20,9 @@ from benchmarks.harness import CStations, Figures
 from benchmarks.master import UNPACED_BAUD, UNPACED_PERIOD_S
 from benchmarks.virtual import STATIONS
 from drivebus.bus import Bus
-from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.messages import BusResult
+from drivebus.bus.prepared_request import Poll
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusResult
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 SYSTEM_CALLS = ("posix.", "select.", "fcntl.", "timerfd")

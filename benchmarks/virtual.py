@@ -10,9 +10,9 @@ from benchmarks.harness import Figures
 from drivebus.bus import Bus
 from drivebus.bus.commands import DeliverResult, Send, SetTimer
 from drivebus.bus.core import BusCore
-from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.messages import BusResult
+from drivebus.bus.prepared_request import Poll
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusResult
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters, RegisterValues
 from drivebus.serial_settings import SerialSettings
 from drivebus.testing import virtual_time

@@ -9,9 +9,9 @@ from common import BAUD, PATH, REGISTERS, SECONDS, STATIONS, ClientMeter, is_wro
 from links import link
 
 from drivebus.bus import Bus
-from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.messages import BusResult
+from drivebus.bus.prepared_request import Poll
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusResult
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 DELAY_S = 0.002

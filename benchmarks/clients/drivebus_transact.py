@@ -8,8 +8,8 @@ from common import BAUD, PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
 from links import link
 
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusRequest, RequestPriority
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from drivebus.protocols.codec import Effect, StationConfig, StationTiming
+from drivebus.bus.messages import StationConfig
+from drivebus.protocols.codec import Effect
 from drivebus.protocols.modbus import Diagnostics, ModbusRtuCodec
+from drivebus.serial_settings import StationTiming
 
 
 def link(address: int, codec: ModbusRtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationConfig:

@@ -18,11 +18,11 @@ import time
 from pathlib import Path
 
 from drivebus.bus import Bus, Poll
-from drivebus.bus.poll_schedule import estimate_bus_load
+from drivebus.bus.load import estimate_bus_load
+from drivebus.bus.messages import BusResult
 from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import StopUnconfirmed
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusResult
 from drivebus.protocols.modbus import ReadRegisters
 from verification.drive_variants import VC660
 from verification.timing_bounds import TimingBounds

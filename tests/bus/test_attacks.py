@@ -11,13 +11,13 @@ import pytest
 
 from drivebus.bus import Bus, Poll
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import RetryPolicy
 from drivebus.bus.station import DUPLICATE_WINDOW_S
 from drivebus.errors import NotPermitted, PortLost
-from drivebus.ports.base import Receiver
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import RetryPolicy
 from drivebus.testing.bus_script import BusScript, ScriptedPort
 from drivebus.testing.virtual_time import run
+from drivebus.types import Receiver
 from fixtures.bus import (
     CHARACTER_S,
     COMMAND,
@@ -321,7 +321,7 @@ def test_after_a_replug_every_station_owes_a_fence_before_its_data_count() -> No
     play.result("read")
     play.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
     play.reopen()
-    assert core.stations[1].suspect
+    assert core.stations[1].state.is_suspect
     lost_at, before = play.now, len(play.sent)
     play.submit(read_request(), "again")
     assert play.result("again").error is None
@@ -392,7 +392,7 @@ def test_f05_only_exactly_an_answers_worth_of_bytes_is_a_spoiled_answer(more: in
     play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(more))] if frame[1] == 3 else []
     play.submit(read_request(count=1), "read")
     play.run_until(play.now + 0.03)
-    assert play.core.stations[1].suspect is suspect
+    assert play.core.stations[1].state.is_suspect is suspect
 
 
 def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> None:
@@ -402,11 +402,11 @@ def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> Non
     two.alive = False
     play.submit(read_request(2), "lost")
     play.run_until(play.now + 0.1)
-    assert play.core.stations[2].suspect
+    assert play.core.stations[2].state.is_suspect
     play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(0))] if frame[:2] == b"\x01\x03" else []
     play.submit(read_request(1, count=1), "read")
     play.run_until(play.now + 0.04)
-    assert play.core.stations[1].suspect
+    assert play.core.stations[1].state.is_suspect
 
 
 def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew() -> None:
@@ -422,7 +422,7 @@ def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew
     fenced_at = play.sent[-1][0]
     play.run_until(fenced_at + 8 * CHARACTER_S + 0.02 + len(good) * CHARACTER_S)
     state = play.core.stations[1]
-    assert state.suspect and state.quarantined_until >= fenced_at + state.config.timing.max_reply_lateness_s
+    assert state.state.is_suspect and state.quarantined_until >= fenced_at + state.config.timing.max_reply_lateness_s
 
 
 def test_g19_after_a_replug_a_mirrored_reply_is_not_believed_although_the_old_adapter_had_no_echo() -> None:

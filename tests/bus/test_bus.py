@@ -11,8 +11,8 @@ import pytest
 
 from drivebus.bus import Bus, Poll, Presence
 from drivebus.bus import timer as timers
+from drivebus.bus.messages import BusResult
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.protocols.codec import BusResult
 from drivebus.testing.bus_script import ScriptedPort
 from drivebus.testing.virtual_time import run
 from fixtures.bus import (

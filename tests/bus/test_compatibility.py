@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import StationConfig
 from drivebus.errors import ConfigurationError, HeaderError
 from drivebus.protocols import dzb100 as dzb
 from drivebus.protocols import sunfar
-from drivebus.protocols.codec import Complete, Effect, StationConfig
+from drivebus.protocols.codec import Complete, Effect
 from fixtures.bus import SETTINGS, TIMING, effect, station_config
 
 
@@ -34,14 +35,22 @@ class Anything:
 def c320(address: int = 5) -> StationConfig:
     codec = sunfar.SunfarCodec()
     return StationConfig(
-        address, codec, TIMING, lambda frame: Effect.NONE, lambda n: sunfar.SunfarReadParameter(address, 1, n % 9)
+        address=address,
+        codec=codec,
+        timing=TIMING,
+        effect_of=lambda frame: Effect.NONE,
+        sync_request=lambda n: sunfar.SunfarReadParameter(address, 1, n % 9),
     )
 
 
 def dzb100(address: int = 6) -> StationConfig:
     codec = dzb.Dzb100Codec()
     return StationConfig(
-        address, codec, TIMING, lambda frame: Effect.NONE, lambda n: dzb.Dzb100ReadParameter(address, n % 81)
+        address=address,
+        codec=codec,
+        timing=TIMING,
+        effect_of=lambda frame: Effect.NONE,
+        sync_request=lambda n: dzb.Dzb100ReadParameter(address, n % 81),
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 from drivebus.bus import Poll
 from drivebus.bus.station import DUPLICATE_WINDOW_S
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import StationTiming
+from drivebus.serial_settings import StationTiming
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
     CHARACTER_S,
@@ -61,7 +61,7 @@ def test_a_second_answer_is_believed_once_at_most(seed: int, skew_s: float) -> N
     copies = 0
     play.start_polling(1, [Poll(read(), 0.0)])
     play.run_until(60)
-    good = [answer for answer in play.results["watch"] if answer.error is None]
+    good = [answer for answer in play.results["polls"] if answer.error is None]
     wrong = [answer for answer in good if answer.reply.values[0] != made[round(answer.sent_at or 0, 9)]]
     assert copies > 80 and len(good) > 800
     assert len(wrong) <= copies

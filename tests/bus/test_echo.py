@@ -9,9 +9,10 @@ import pytest
 
 from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoState
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy, StationConfig
 from drivebus.errors import LineError, PortLost
 from drivebus.protocols import sunfar
-from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy, StationConfig
+from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 from drivebus.testing.bus_script import BusScript, Wire
 from fixtures.bus import (
@@ -189,13 +190,17 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
     codec = sunfar.SunfarCodec()
     request = sunfar.SunfarWriteParameter(1, 0, 1, 5000)
     link = StationConfig(
-        1, codec, TIMING, lambda frame: Effect.SETTING, lambda n: sunfar.SunfarReadParameter(1, 1 + n % 9, 0)
+        address=1,
+        codec=codec,
+        timing=TIMING,
+        effect_of=lambda frame: Effect.SETTING,
+        sync_request=lambda n: sunfar.SunfarReadParameter(1, 1 + n % 9, 0),
     )
     bus = BusCore(SerialSettings(9600, parity="E"), has_line_timing=False, echo="off")
     bus.add_station(link)
     play = BusScript(bus, echoing(wire_to(), 0.004))
     for number in range(5):
-        permit = Permit(1, Effect.SETTING, RetryPolicy.EEPROM, 1e9, 0)
+        permit = Permit(station=1, effect=Effect.SETTING, retry_policy=RetryPolicy.EEPROM, expires_at=1e9, stop_epoch=0)
         play.submit(BusRequest(1, request, RequestPriority.PARAMETER, RetryPolicy.EEPROM, permit), number)
         answer = play.result(number)
         assert answer.reply is None and answer.error is not None

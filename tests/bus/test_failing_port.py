@@ -9,9 +9,9 @@ import pytest
 
 from drivebus.bus import Bus
 from drivebus.errors import PortUnavailable
-from drivebus.ports.base import Receiver
 from drivebus.testing.bus_script import ScriptedPort
 from drivebus.testing.virtual_time import run
+from drivebus.types import Receiver
 from fixtures.bus import SETTINGS, FakeStation, read_request, station_config, stop_request, wire_to
 
 

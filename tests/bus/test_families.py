@@ -9,9 +9,9 @@ import pytest
 
 from drivebus import profiles
 from drivebus.bus import Bus, Poll, Presence
+from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusResult
 from drivebus.testing.virtual_time import run
 
 MODELS = ("c320", "dzb100", "vc660", "df800")
@@ -20,7 +20,7 @@ WEATHERS = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
 
 def reads(dialect: Any) -> list[Any]:
     """Two reads that belong to the family's everyday polls."""
-    fences = [dialect.link.fence(n) for n in range(4)]
+    fences = [dialect.station_config.sync_request(n) for n in range(4)]
     return fences[:2] if not dialect.state_reads() else list(dialect.state_reads())
 
 

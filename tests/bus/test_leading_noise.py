@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import ProtocolError
-from drivebus.protocols.codec import StationTiming
+from drivebus.serial_settings import StationTiming
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import TIMING, Delivery, FakeStation, byte_by_byte, make_core, read_request, whole, wire_to
 

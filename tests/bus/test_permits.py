@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from drivebus.bus.prepared_request import ENCODE_CACHE_SIZE, PreparedRequest, encode_cached
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.station import ENCODE_CACHE_SIZE
 from drivebus.errors import ConfigurationError, Expired, LineError, NoReply, NotPermitted
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
     COMMAND,
@@ -28,7 +30,12 @@ from fixtures.bus import (
 
 
 def permit(**changes: object) -> Permit:
-    return replace(Permit(1, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, 100.0, 0), **changes)  # type: ignore[arg-type]
+    return replace(
+        Permit(
+            station=1, effect=Effect.MOTION, retry_policy=RetryPolicy.EDGE_TRIGGERED, expires_at=100.0, stop_epoch=0
+        ),
+        **changes,
+    )  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +145,7 @@ def test_while_latched_nothing_moves_and_settings_pass() -> None:
     play.core.set_start_inhibit([1], True)
     play.submit(start_request(play.core), "start")
     error = play.result("start").error
-    assert isinstance(error, NotPermitted) and error.key == "bus.latched"
+    assert isinstance(error, NotPermitted) and error.key == "bus.start_inhibited"
     play.submit(read_request(), "read")
     play.result("read")
     play.submit(write_request(play.core), "setpoint")
@@ -249,7 +256,7 @@ def test_a_drive_registered_anew_is_no_freer_than_before() -> None:
     play.core.set_start_inhibit([1], True)
     for _ in range(2):
         play.core.stations[1].record_duplicate_reply(play.now)
-        play.core.stations[1].counters.record_failure(LineError("bus.marks", station=1, count=1), play.now)
+        play.core.stations[1].counters.record_failure(LineError("bus.line_errors", station=1, count=1), play.now)
     bad = play.core.statistics(play.now).stations[1].damage_rate
     assert bad > 0 and play.core.health(1, play.now).duplicate_address
     play._perform(play.core.remove_station(1, play.now))
@@ -318,16 +325,14 @@ def test_only_so_many_reads_of_a_station_are_remembered_and_no_write() -> None:
     """I12: a program that reads ever other registers must not fill the memory."""
     station = make_core(1).stations[1]
     for register in range(ENCODE_CACHE_SIZE):
-        encode_cached(modbus.ReadRegisters(1, register), station, SETTINGS)
+        station.encode(modbus.ReadRegisters(1, register), SETTINGS)
     assert len(station.encode_cache) == ENCODE_CACHE_SIZE
-    found = encode_cached(modbus.ReadRegisters(1, 7), station, SETTINGS)
+    found = station.encode(modbus.ReadRegisters(1, 7), SETTINGS)
     assert found is station.encode_cache[modbus.ReadRegisters(1, 7)]
-    assert (
-        encode_cached(modbus.ReadRegisters(1, ENCODE_CACHE_SIZE), station, SETTINGS)[0][3] == ENCODE_CACHE_SIZE & 0xFF
-    )
+    assert station.encode(modbus.ReadRegisters(1, ENCODE_CACHE_SIZE), SETTINGS).data[3] == ENCODE_CACHE_SIZE & 0xFF
     assert len(station.encode_cache) == 1
     for other in (modbus.WriteRegister(1, 0x2001, 1), modbus.ReadRegisters(2, 7)):
-        assert not encode_cached(other, station, SETTINGS)[5]
+        assert not station.encode(other, SETTINGS).cacheable
     assert len(station.encode_cache) == 1
 
 
@@ -358,7 +363,7 @@ def test_a_permit_of_an_older_generation_than_the_last_stop_is_void_and_so_is_on
 
 def test_a_latched_station_is_refused_motion_only() -> None:
     start, setting = job(permit()), job(permit(effect=Effect.SETTING), 0x2001)
-    for one, key in ((start, "bus.latched"), (setting, None)):
+    for one, key in ((start, "bus.start_inhibited"), (setting, None)):
         one.station.start_inhibited = True
         refusal = one.permit_error(0.0)
         assert (refusal.key if refusal else None) == key

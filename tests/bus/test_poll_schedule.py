@@ -8,13 +8,14 @@ import pytest
 
 from drivebus import profiles
 from drivebus.bus import BusStatistics, Poll, StationStatistics, estimate_bus_load
-from drivebus.bus.poll_schedule import PollSchedule
+from drivebus.bus.messages import RequestPriority, StationConfig
+from drivebus.bus.scheduler import PollSchedule
 from drivebus.bus.statistics import percentiles
 from drivebus.drives import create_dialect
 from drivebus.errors import PortLost
 from drivebus.protocols import modbus, sunfar
-from drivebus.protocols.codec import Effect, RequestPriority, StationConfig, StationTiming
-from drivebus.serial_settings import SerialSettings
+from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import SerialSettings, StationTiming
 from fixtures.bus import (
     CHARACTER_S,
     SETTINGS,
@@ -82,7 +83,7 @@ def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
     for number in range(500):
         play.submit(read_request(2), number)
     play.run_until(10)
-    good = [answer.received_at or 0 for answer in play.results["watch"]]
+    good = [answer.received_at or 0 for answer in play.results["polls"]]
     assert max(later - earlier for earlier, later in pairwise(good)) < 0.3
 
 
@@ -90,7 +91,7 @@ def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
     """G07: what confirms a stop is read in the parameter lane."""
     play = make_script(FakeStation(1), FakeStation(2))
     for number in range(200):
-        play.submit(read_request(2, lane=RequestPriority.COMMAND), f"command {number}")
+        play.submit(read_request(2, priority=RequestPriority.COMMAND), f"command {number}")
     play.submit(read_request(1), "parameter")
     play.submit(read_request(1), "another")
     play.run()
@@ -102,9 +103,9 @@ def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
 def test_lanes_are_served_in_their_order() -> None:
     play = make_script(FakeStation(1))
     play.submit(read_request(), "busy")
-    play.submit(read_request(register=4, lane=RequestPriority.PROBE), "probe")
-    play.submit(read_request(register=3, lane=RequestPriority.POLL), "poll")
-    play.submit(read_request(register=2, lane=RequestPriority.PARAMETER), "parameter")
+    play.submit(read_request(register=4, priority=RequestPriority.PROBE), "probe")
+    play.submit(read_request(register=3, priority=RequestPriority.POLL), "poll")
+    play.submit(read_request(register=2, priority=RequestPriority.PARAMETER), "parameter")
     play.submit(write_request(play.core, register=1), "command")
     play.run()
     assert list(play.results) == ["command", "busy", "parameter", "poll", "probe"]
@@ -114,7 +115,7 @@ def test_a_scan_gets_its_turns_on_a_full_bus() -> None:
     play = make_script(FakeStation(1), FakeStation(2))
     play.start_polling(1, [Poll(read(1), 0.0)])
     for number in range(20):
-        play.submit(read_request(2, lane=RequestPriority.PROBE), number)
+        play.submit(read_request(2, priority=RequestPriority.PROBE), number)
     play.run_until(20)
     assert all(number in play.results for number in range(20))
 
@@ -124,9 +125,9 @@ def test_a_cancelled_watch_is_silent_even_with_its_frame_out() -> None:
     play.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
     play.run_until(0.01)
     assert len(play.sent) == 1
-    play._perform(play.core.stop_polling("watch", play.now))
+    play._perform(play.core.stop_polling("polls", play.now))
     play.run_until(5)
-    assert "watch" not in play.results and len(play.sent) == 1
+    assert "polls" not in play.results and len(play.sent) == 1
     assert len(play.core.scheduler.poll_schedule) == 0
 
 
@@ -158,7 +159,12 @@ def test_the_stop_bound_is_that_of_the_reliability_table() -> None:
     stop = sunfar.SunfarControl(1, sunfar.SunfarOperation.STOP)
     longest = sunfar.SunfarWriteParameter(1, 0, 1, 1)
     one = StationConfig(
-        1, codec, timing, lambda f: Effect.NONE, lambda n: sunfar.ReadIdentity(1, 0), extra={"stop": stop}
+        address=1,
+        codec=codec,
+        timing=timing,
+        effect_of=lambda f: Effect.NONE,
+        sync_request=lambda n: sunfar.ReadIdentity(1, 0),
+        stop_request=stop,
     )
     assert len(codec.encode_request(longest)) == 18
     for baud, bound_ms in ((1200, 607), (2400, 313), (4800, 167), (9600, 93), (19200, 57)):
@@ -238,9 +244,9 @@ def test_g20_each_marked_byte_is_counted_once_for_the_bus_and_for_the_drive_that
         play.receive(b"\x01\x03", at=at, line_errors=2)
     play.run_until(0.54)
     found = play.core.statistics(play.now)
-    assert (found.counters["marks"], found.stations[1].counters["marks"]) == (5, 4)
+    assert (found.counters["line_errors"], found.stations[1].counters["line_errors"]) == (5, 4)
     play.run_until(2)
-    assert play.core.statistics(play.now).counters["marks"] == 5
+    assert play.core.statistics(play.now).counters["line_errors"] == 5
 
 
 def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:
@@ -304,10 +310,10 @@ def test_a_watch_that_was_cancelled_while_its_station_was_silent_stays_cancelled
     play = make_script(station)
     play.start_polling(1, [Poll(read(), 0.2)])
     play.run_until(3)
-    play._perform(play.core.stop_polling("watch", play.now))
+    play._perform(play.core.stop_polling("polls", play.now))
     station.alive = True
     play.run_until(200)
-    assert station.received_requests and station.read_count == 0 and not play.core.stations[1].suspect
+    assert station.received_requests and station.read_count == 0 and not play.core.stations[1].state.is_suspect
 
 
 def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:

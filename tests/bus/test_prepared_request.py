@@ -1,4 +1,4 @@
-"""A job is computed once, of its bytes: how often it may go, in which lane, how long it waits (F10, F16, I3)."""
+"""A job is computed once, of its bytes: how often it may go, in which priority, how long it waits (F10, F16, I3)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus.prepared_request import PreparedRequest, encode_cached, priority_of
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.prepared_request import PreparedRequest, priority_of
 from drivebus.bus.station import Station
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from fixtures.bus import COMMAND, SETTINGS, START, STOP, TIMING, read_request, station_config
 
 SPEED = 0x2001
@@ -24,7 +25,7 @@ def job(ask: BusRequest, *, fence: bool = False) -> PreparedRequest:
 
 
 def permit(write_class: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit:
-    return Permit(1, effect, write_class, 100.0, 0)
+    return Permit(station=1, effect=effect, retry_policy=write_class, expires_at=100.0, stop_epoch=0)
 
 
 def write(
@@ -65,11 +66,13 @@ def test_a_fence_goes_once() -> None:
 
 
 def test_i3_a_stop_has_the_stop_lane_and_nothing_else_has() -> None:
-    for lane in RequestPriority:
-        ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), lane)
+    for priority in RequestPriority:
+        ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), priority)
         assert job(ask).priority is RequestPriority.STOP
-        assert priority_of(BusRequest(1, None, lane), Effect.NONE) is (lane or RequestPriority.COMMAND)
-        assert job(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), lane)).priority is not RequestPriority.STOP
+        assert priority_of(BusRequest(1, None, priority), Effect.NONE) is (priority or RequestPriority.COMMAND)
+        assert (
+            job(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), priority)).priority is not RequestPriority.STOP
+        )
 
 
 def test_what_it_costs_is_that_of_its_bytes() -> None:
@@ -120,5 +123,5 @@ class Terse(modbus.ModbusRtuCodec):
 )
 def test_only_a_read_that_this_very_station_answers_is_remembered(codec: Any, request_: Any, plain: bool) -> None:
     one = station(codec)
-    assert encode_cached(request_, one, SETTINGS)[5] is plain
+    assert one.encode(request_, SETTINGS).cacheable is plain
     assert (request_ in one.encode_cache) is plain

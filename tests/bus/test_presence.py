@@ -71,7 +71,7 @@ def test_a_station_that_never_answered_is_never_seen_and_still_looked_for() -> N
     station.alive = True
     play.run_until(65)
     assert play.core.presence(1) is Presence.ONLINE
-    assert play.results["watch"][-1].error is None
+    assert play.results["polls"][-1].error is None
 
 
 def test_probes_back_off_from_one_second_to_the_longest_pause() -> None:

@@ -107,7 +107,7 @@ def test_an_unanswered_fence_makes_the_station_silent_and_tells_who_waits() -> N
     station.alive = False
     play.submit(read_request(), "second")
     answer = play.result("second")
-    assert isinstance(answer.error, NoReply) and answer.error.key == "bus.silent"
+    assert isinstance(answer.error, NoReply) and answer.error.key == "bus.offline"
     assert play.core.presence(1) is Presence.OFFLINE
 
 
@@ -136,7 +136,7 @@ def test_the_answer_to_the_wrong_question_makes_suspect_not_wise() -> None:
         CODEC.encode_reply(modbus.RegisterValues(1, 3, (6, 6, 6, 6))), at=play.now + 8 * CHARACTER_S + 20 * CHARACTER_S
     )
     play.run_until(play.now + 0.06)
-    assert play.core.stations[1].suspect and len(play.sent) == 2
+    assert play.core.stations[1].state.is_suspect and len(play.sent) == 2
 
 
 def counting() -> BusCore:
@@ -167,12 +167,12 @@ def test_the_late_answer_to_somebodys_own_question_is_not_taken_for_a_fences() -
     assert fence[1] == 3 and fence[5] == 2
     play.receive(registers(7, 7), at=fence_at + 8 * CHARACTER_S + 0.01)
     play.run_until(fence_at + 0.09)
-    assert play.core.stations[1].suspect
+    assert play.core.stations[1].state.is_suspect
     station.alive = True
     play.run_until(fence_at + 5.0)
     assert len(play.sent) == 3, "a fence proves nothing while its own answer may still come as well"
     play.run_until(fence_at + 5.3)
-    assert not play.core.stations[1].suspect and play.sent[3][0] > fence_at + 5.0
+    assert not play.core.stations[1].state.is_suspect and play.sent[3][0] > fence_at + 5.0
 
 
 def test_the_late_answer_to_a_fence_that_was_not_believed_is_not_taken_for_the_next_ones() -> None:
@@ -189,10 +189,10 @@ def test_the_late_answer_to_a_fence_that_was_not_believed_is_not_taken_for_the_n
     second_at = play.sent[3][0]
     play.receive(registers(7, 7), at=second_at + 8 * CHARACTER_S + 0.01)
     play.run_until(second_at + 4.9)
-    assert len(play.sent) == 4 and play.core.stations[1].suspect
+    assert len(play.sent) == 4 and play.core.stations[1].state.is_suspect
     station.alive = True
     play.run_until(second_at + 6.0)
-    assert not play.core.stations[1].suspect and play.sent[4][0] > second_at + 5.0
+    assert not play.core.stations[1].state.is_suspect and play.sent[4][0] > second_at + 5.0
 
 
 class LateStation(FakeStation):

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus.poll_schedule import Poll, PreparedPoll
-from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.scheduler import MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW, NEVER, Scheduler
 from drivebus.bus.station import Station
 from drivebus.errors import Expired, NotPermitted
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from fixtures.bus import COMMAND, SETTINGS, START, STOP, read, station_config
 
 SPEED = 0x2001
@@ -22,28 +22,34 @@ def station(address: int = 1) -> Station:
     return Station(station_config(address), SETTINGS)
 
 
-def ask(one: Station, lane: RequestPriority = RequestPriority.PARAMETER, **more: Any) -> PreparedRequest:
-    return PreparedRequest(BusRequest(one.address, read(one.address), lane, **more), "token", one, SETTINGS)
+def ask(one: Station, priority: RequestPriority = RequestPriority.PARAMETER, **more: Any) -> PreparedRequest:
+    return PreparedRequest(BusRequest(one.address, read(one.address), priority, **more), "token", one, SETTINGS)
 
 
-def stop(one: Station, lane: RequestPriority = RequestPriority.STOP, address: int | None = None) -> PreparedRequest:
+def stop(one: Station, priority: RequestPriority = RequestPriority.STOP, address: int | None = None) -> PreparedRequest:
     request = modbus.WriteRegister(one.address if address is None else address, COMMAND, STOP)
-    return PreparedRequest(BusRequest(one.address, request, lane), "token", one, SETTINGS)
+    return PreparedRequest(BusRequest(one.address, request, priority), "token", one, SETTINGS)
 
 
 def write(
-    one: Station, register: int = SPEED, *, until: float = 100.0, lane: RequestPriority = RequestPriority.COMMAND
+    one: Station, register: int = SPEED, *, until: float = 100.0, priority: RequestPriority = RequestPriority.COMMAND
 ) -> PreparedRequest:
     effect = Effect.MOTION if register == COMMAND else Effect.SETTING
-    permit = Permit(one.address, effect, RetryPolicy.EDGE_TRIGGERED, until, one.stop_epoch)
+    permit = Permit(
+        station=one.address,
+        effect=effect,
+        retry_policy=RetryPolicy.EDGE_TRIGGERED,
+        expires_at=until,
+        stop_epoch=one.stop_epoch,
+    )
     request = modbus.WriteRegister(one.address, register, START)
     return PreparedRequest(
-        BusRequest(one.address, request, lane, RetryPolicy.EDGE_TRIGGERED, permit, until), "token", one, SETTINGS
+        BusRequest(one.address, request, priority, RetryPolicy.EDGE_TRIGGERED, permit, until), "token", one, SETTINGS
     )
 
 
 def poll(one: Station, period_s: float = 0.0, due: float = 0.0) -> PreparedPoll:
-    return PreparedPoll(Poll(read(one.address), period_s), "watch", one, SETTINGS, due)
+    return PreparedPoll(Poll(read(one.address), period_s), "polls", one, SETTINGS, due)
 
 
 def filled(*jobs: PreparedRequest) -> Scheduler:
@@ -76,8 +82,13 @@ def test_nothing_is_next_where_nothing_waits() -> None:
 def test_lanes_go_in_their_order_and_each_first_come_first_served() -> None:
     one = station()
     jobs = [
-        ask(one, lane)
-        for lane in (RequestPriority.PROBE, RequestPriority.POLL, RequestPriority.PARAMETER, RequestPriority.COMMAND)
+        ask(one, priority)
+        for priority in (
+            RequestPriority.PROBE,
+            RequestPriority.POLL,
+            RequestPriority.PARAMETER,
+            RequestPriority.COMMAND,
+        )
         for _ in range(2)
     ]
     scheduler = filled(*jobs)
@@ -109,10 +120,10 @@ def test_commands_that_nobody_waited_behind_do_not_count() -> None:
     assert taken(scheduler, 5) == [*commands[3:7], late]
 
 
-@pytest.mark.parametrize("lane", [RequestPriority.COMMAND, RequestPriority.PARAMETER])
-def test_i4_after_four_urgent_frames_a_poll_has_its_turn(lane: RequestPriority) -> None:
+@pytest.mark.parametrize("priority", [RequestPriority.COMMAND, RequestPriority.PARAMETER])
+def test_i4_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority) -> None:
     one, other = station(), station(2)
-    urgent, polled = [ask(one, lane) for _ in range(10)], poll(other)
+    urgent, polled = [ask(one, priority) for _ in range(10)], poll(other)
     scheduler = filled(*urgent)
     scheduler.poll_schedule.add(polled)
     assert taken(scheduler, 10) == [*urgent[:4], polled, *urgent[4:8], polled]
@@ -126,7 +137,7 @@ def test_i4_after_four_urgent_frames_a_due_fence_has_its_turn_and_one_not_due_ha
     scheduler.mark_suspect(other)
     assert taken(scheduler, 5) == urgent[:5]
     due = other.quarantined_until
-    assert scheduler.next(due) is other.pending_sync_probe
+    assert scheduler.next(due) is scheduler._pending_sync_probes[other]
 
 
 def test_a_stop_or_poll_between_them_breaks_a_run_of_urgent_frames() -> None:
@@ -250,7 +261,7 @@ def test_a_suspect_stations_fence_goes_in_its_frames_place_when_the_quarantine_i
     fence = scheduler.next(until)
     assert fence is not None and fence.is_sync_probe and fence.station is one
     scheduler.on_sent(fence, until)
-    assert one.pending_sync_probe is None and len(scheduler) == 2
+    assert one not in scheduler._pending_sync_probes and len(scheduler) == 2
 
 
 def test_the_fence_that_has_been_due_longest_goes_first() -> None:
@@ -323,17 +334,17 @@ def test_what_is_withdrawn_is_gone_and_told_and_a_poll_of_it_is_no_second_attemp
 
 
 def test_a_stop_ends_its_stations_commands_and_permits_and_nobody_elses() -> None:
-    """6.5. A motion frame ends in whatever lane it waits; a read or setting outside the command lane stays."""
+    """6.5. A motion frame ends in whatever priority it waits; a read or setting outside the command priority stays."""
     one, other = station(), station(2)
     gone = [
         write(one),
         write(one, COMMAND),
         ask(one, RequestPriority.COMMAND),
-        write(one, COMMAND, lane=RequestPriority.PARAMETER),
+        write(one, COMMAND, priority=RequestPriority.PARAMETER),
     ]
     kept = [
         ask(one),
-        write(one, lane=RequestPriority.PARAMETER),
+        write(one, priority=RequestPriority.PARAMETER),
         ask(one, RequestPriority.PROBE),
         write(other),
         stop(one),
@@ -350,11 +361,11 @@ def test_a_forgotten_stations_polls_end_those_parked_too() -> None:
     one, other = station(), station(2)
     scheduler = Scheduler(SETTINGS)
     parked, polled, others = poll(one), poll(one), poll(other)
-    one.suspended_polls.append(parked)
+    scheduler.poll_schedule.suspended[one] = [parked]
     for each in (polled, others):
         scheduler.poll_schedule.add(each)
     scheduler.remove_station(one)
-    assert one.suspended_polls == [] and polled.cancelled and not others.cancelled
+    assert not scheduler.poll_schedule.suspended and polled.cancelled and not others.cancelled
     assert taken(scheduler, 2) == [others, others]
 
 
@@ -362,9 +373,9 @@ def test_a_station_that_is_trusted_again_has_its_parked_polls_at_once() -> None:
     one = station()
     scheduler = Scheduler(SETTINGS)
     parked = poll(one, 5.0, due=3.0)
-    one.suspended_polls.append(parked)
+    scheduler.poll_schedule.suspended[one] = [parked]
     scheduler.mark_trusted(one, 10.0)
-    assert one.suspended_polls == [] and taken(scheduler, 1, 10.0) == [parked]
+    assert not scheduler.poll_schedule.suspended and taken(scheduler, 1, 10.0) == [parked]
 
 
 def test_only_stops_count_for_whose_stop_is_next() -> None:

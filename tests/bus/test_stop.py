@@ -8,9 +8,10 @@ from dataclasses import replace
 import pytest
 
 from drivebus.bus import Poll, estimate_bus_load
+from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
 from drivebus.errors import NotPermitted, Superseded
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, Effect, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
     CHARACTER_S,
@@ -156,7 +157,7 @@ def test_nothing_else_may_use_the_stop_lane() -> None:
     play.submit(read_request(2), "busy")
     play.run_until(0.01)
     play.submit(write_request(play.core, 2, priority=RequestPriority.COMMAND), "command")
-    play.submit(read_request(1, lane=RequestPriority.STOP), "smuggled")
+    play.submit(read_request(1, priority=RequestPriority.STOP), "smuggled")
     play.result("smuggled")
     assert play.frames[1] != CODEC.encode_request(read(1))
 
@@ -170,7 +171,7 @@ def test_a_stop_goes_to_a_station_in_quarantine_and_its_reply_is_not_believed() 
     station.alive = False
     play.submit(read_request(), "lost")
     play.run_until(play.now + 0.1)
-    assert play.core.stations[1].suspect
+    assert play.core.stations[1].state.is_suspect
     station.alive = True
     play.submit(stop_request(), "stop")
     answer = play.result("stop")
@@ -240,7 +241,7 @@ def test_a_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> No
     """2000H of VC660 and DF800: the same bit is a stop here and a run there."""
     bus = make_core(1)
     other = station_config(2)
-    bus.add_station(type(other)(2, other.codec, other.timing, lambda frame: Effect.MOTION, other.sync_request))
+    bus.add_station(replace(other, effect_of=lambda frame: Effect.MOTION))
     play = BusScript(bus, wire_to(FakeStation(1)))
     play.submit(BusRequest(0, modbus.WriteRegister(0, 0x2000, STOP), RequestPriority.STOP), "all")
     error = play.result("all").error

@@ -59,18 +59,18 @@ AFTER_A_SLEEP = """
 import asyncio, time
 from drivebus.bus import Bus, Poll
 from drivebus.testing.bus_script import ScriptedPort
-from buskit import Station, ask_read, link, read, wire
+from fixtures.bus import FakeStation, read, read_request, station_config, wire_to
 
 async def story():
-    bus = Bus(ScriptedPort(wire(Station())))
-    bus.add(link())
+    bus = Bus(ScriptedPort(wire_to(FakeStation())))
+    bus.add_station(station_config())
     before = bus.now()
     assert before - time.monotonic() > 3590, "not the clock that counts sleep"
     async with bus:
-        answer = await bus.transact(ask_read())
+        answer = await bus.transact(read_request())
         assert answer.error is None and before <= answer.sent_at < answer.received_at <= bus.now() < before + 60
         seen = asyncio.Queue()
-        bus.watch(1, [Poll(read(), 0.02)], seen.put_nowait)
+        bus.start_polling(1, [Poll(read(), 0.02)], seen.put_nowait)
         for _ in range(5):
             assert (await seen.get()).error is None
 asyncio.run(asyncio.wait_for(story(), 20))

@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 
 from drivebus.bus.echo import EchoFilter
+from drivebus.bus.messages import BusRequest
 from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.station import StationState
 from drivebus.bus.transaction import Transaction
 from drivebus.errors import ChecksumError, LineError, NoReply, TrailingError
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
     CHARACTER_S,
@@ -117,14 +118,14 @@ def test_a_reply_is_believed_only_after_the_gap_in_silence() -> None:
 def test_a_byte_after_the_reply_voids_it() -> None:
     play = BusScript(make_core(1))
     play.run_until(1.0)
-    play.core.stations[1].seen = True
+    play.core.stations[1].state = StationState.ONLINE
     play.submit(read_request())
     heard = 1.0 + SENT_END + 20 * CHARACTER_S
     play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
     play.receive(b"\x00", at=heard + GAP * 0.5)
     play.run_until(heard + 3 * GAP)
     assert not play.results, "a second answer may be on its way: quarantine and fence come first"
-    assert play.core.stations[1].suspect
+    assert play.core.stations[1].state.is_suspect
     assert play.core.counters.errors == {TrailingError.__name__: 1}
 
 
@@ -132,10 +133,10 @@ def test_damage_is_repeated_at_once_and_only_once() -> None:
     """V, R of the fault matrix: the answer has come and is spoiled, so nothing can come late."""
     play = BusScript(make_core(1), lambda frame, ended: [(ended + 20 * CHARACTER_S, b"\x01\x03\x08" + bytes(10))])
     play.submit(read_request())
-    play.core.stations[1].seen = True
+    play.core.stations[1].state = StationState.ONLINE
     answer = play.result()
     assert isinstance(answer.error, ChecksumError) and answer.attempts == 2
-    assert not play.core.stations[1].suspect
+    assert not play.core.stations[1].state.is_suspect
     assert play.core.counters.events["retry"] == 1
 
 
@@ -146,7 +147,7 @@ def test_marked_bytes_void_the_transaction_whatever_they_say() -> None:
     play.submit(read_request())
     play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.05, line_errors=1)
     answer = play.result()
-    assert isinstance(answer.error, LineError) and answer.error.key == "bus.marks"
+    assert isinstance(answer.error, LineError) and answer.error.key == "bus.line_errors"
     assert answer.reply is None
 
 
@@ -158,7 +159,7 @@ def test_what_comes_before_our_own_last_stop_bit_is_no_answer() -> None:
     play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
     answer = play.result()
     assert isinstance(answer.error, NoReply)
-    assert play.core.counters.events["early"] == REPLY_BYTES
+    assert play.core.counters.events["before_tx_end"] == REPLY_BYTES
 
 
 def test_an_unpaced_port_can_not_tell_early_from_late() -> None:
@@ -197,7 +198,7 @@ def test_a_short_error_is_believed_only_if_nothing_follows() -> None:
         bus = make_core(2)
         bus.add_station(station_config(1, codec=codec))
         play = BusScript(bus)
-        bus.stations[1].seen = True
+        bus.stations[1].state = StationState.ONLINE
         bus.echo.ruled_out = True
         request = write_request(bus, register=0x0000, value=0x0000)
         short = codec.encode_reply(modbus.ExceptionReply(1, 6, None))

@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from drivebus.bus.echo import EchoFilter
+from drivebus.bus.messages import BusRequest
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
 from drivebus.errors import AddressError, ChecksumError, EchoError, LineError, NoReply, TrailingError
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, DecodeResult
+from drivebus.protocols.codec import DecodeResult
 from fixtures.bus import CHARACTER_S, COMMAND, SETTINGS, STOP, TIMING, read_request, station_config
 
 RTU = modbus.ModbusRtuCodec()
@@ -93,7 +94,7 @@ def test_the_first_thing_wrong_stays_what_is_told() -> None:
     assert isinstance(one.final_error(), LineError)
     one.on_data(b"", 1.052, line_errors=5)
     error = one.final_error()
-    assert isinstance(error, LineError) and (error.key, error.params) == ("bus.marks", {"station": 1, "count": 1})
+    assert isinstance(error, LineError) and (error.key, error.params) == ("bus.line_errors", {"station": 1, "count": 1})
 
 
 def test_marks_alone_void_it_until_the_deadline() -> None:
@@ -179,14 +180,14 @@ def test_f10_a_broadcast_is_over_after_its_turnaround_whatever_is_heard() -> Non
 
 
 def test_ruling_10_one_stray_byte_is_forgiven_once_where_the_profile_says_so() -> None:
-    one = flight(leading_junk=True)
+    one = flight(tolerate_leading_noise=True)
     one.on_data(b"\xff" + REPLY, 1.05)
     assert one.final_error() is None and (one.bytes_before_tx_end, one.received_count, one.noise_skipped) == (
         b"\xff",
         13,
         True,
     )
-    two = flight(leading_junk=True)
+    two = flight(tolerate_leading_noise=True)
     two.on_data(b"\xff\xff" + REPLY, 1.05)
     assert two.final_error() is not None and two.received_count == 14
     none = flight()
@@ -195,7 +196,7 @@ def test_ruling_10_one_stray_byte_is_forgiven_once_where_the_profile_says_so() -
 
 
 def test_ruling_10_after_the_stray_byte_the_reply_may_come_in_pieces() -> None:
-    one = flight(leading_junk=True)
+    one = flight(tolerate_leading_noise=True)
     for place, byte in enumerate(b"\xff" + REPLY):
         one.on_data(bytes((byte,)), 1.05 + place * CHARACTER_S)
     assert one.final_error() is None and one.bytes_before_tx_end == b"\xff"

@@ -9,10 +9,11 @@ import pytest
 from drivebus import profiles
 from drivebus.bus import TraceKind
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import BusRequest
+from drivebus.bus.station import StationState
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import CHARACTER_S, CODEC, SETTINGS, FakeStation, make_core, make_script, read, read_request
 
@@ -28,7 +29,7 @@ def test_two_foreign_requests_mean_a_foreign_master_and_a_minute_of_peace_ends_i
     play.receive(frame, at=1.3)
     play.run_until(1.4)
     assert play.core.health(1, play.now).foreign_master
-    assert play.core.counters.events["master"] == 2
+    assert play.core.counters.events["foreign_request"] == 2
     play.run_until(70)
     assert not play.core.health(1, play.now).foreign_master
 
@@ -74,10 +75,10 @@ def test_a_second_answer_while_idle_is_counted_and_makes_suspect() -> None:
     play.receive(answer.received, at=play.now + 0.05)
     play.run_until(play.now + 0.1)
     assert play.core.counters.events["duplicate"] == 1
-    assert play.core.stations[1].suspect
+    assert play.core.stations[1].state.is_suspect
     assert [event.kind for event in play.traced] == [TraceKind.SENT, TraceKind.REPLY, TraceKind.DUPLICATE]
     play.run_until(play.now + 2)
-    assert not play.core.stations[1].suspect, "its fence was answered"
+    assert not play.core.stations[1].state.is_suspect, "its fence was answered"
 
 
 def test_noise_is_counted_and_forgotten() -> None:
@@ -134,7 +135,7 @@ def test_f01_a_late_mirrored_answer_is_late_and_no_foreign_master(waiting: bool)
     late = CODEC.encode_reply(modbus.WriteAck(1, 6, 0x2001, 1000))
     play.submit(read_request())
     for _ in range(3):
-        play.core.stations[1].suspect = True
+        play.core.stations[1].state = StationState.SUSPECT
         if waiting:
             play.run_until(play.now + 1)
             play.receive(late, at=play.now + 0.001)
@@ -143,7 +144,7 @@ def test_f01_a_late_mirrored_answer_is_late_and_no_foreign_master(waiting: bool)
         play.run_until(play.now + 1)
     assert not play.core.health(1, play.now).foreign_master
     assert play.core.counters.events["late"] >= 2
-    assert "master" not in play.core.counters.events
+    assert "foreign_request" not in play.core.counters.events
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
@@ -159,7 +160,7 @@ def test_f14_a_foreign_master_is_heard_in_every_family_also_while_a_station_owes
     play = BusScript(bus)
     play.submit(BusRequest(1, ours.echo_test_read()), "silent")
     play.result("silent")
-    assert bus.stations[1].suspect
+    assert bus.stations[1].state.is_suspect
     foreign = stranger.codec.encode_request(stranger.echo_test_read())
     for _ in range(2):
         if waiting:

@@ -53,8 +53,8 @@ def test_a_writer_that_is_killed_spoils_at_most_its_last_line(tmp_path: Path) ->
     path = tmp_path / "killed.dbcap"
     program = (
         "import sys; from drivebus.capture.dbcap import *; from drivebus.serial_settings import SerialSettings\n"
-        "w = CaptureWriter(sys.argv[1], Header(SerialSettings()), now=0.0)\n"
-        "[w.bytes(i, 'rx', bytes([i])) for i in range(100)]\n"
+        "w = CaptureWriter(sys.argv[1], CaptureHeader(SerialSettings()), now=0.0)\n"
+        "[w.write_bytes(i, 'rx', bytes([i])) for i in range(100)]\n"
         "print('ready', flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(
@@ -72,7 +72,7 @@ def test_a_writer_that_is_killed_spoils_at_most_its_last_line(tmp_path: Path) ->
 @pytest.mark.parametrize("kept", range(1, 30))
 def test_a_cut_tail_is_left_out_and_said(tmp_path: Path, kept: int) -> None:
     whole = '{"t":0.000000,"rx":"01"}\n'
-    last = '{"t":0.100000,"rx":"0203","marks":1}\n'
+    last = '{"t":0.100000,"rx":"0203","line_errors":1}\n'
     path = tmp_path / "cut.dbcap"
     path.write_text(HEAD + whole + last[:kept])
     capture = read_capture(path)
@@ -111,7 +111,7 @@ def test_unknown_keys_and_events_of_a_later_writer_are_kept_and_not_refused(tmp_
         (HEAD + '{"t":NaN,"rx":"01"}\n', "capture.value", 2),
         (HEAD + '{"t":-1,"rx":"01"}\n', "capture.value", 2),
         (HEAD + '{"t":true,"rx":"01"}\n', "capture.value", 2),
-        (HEAD + '{"t":0,"rx":"01","marks":-1}\n', "capture.value", 2),
+        (HEAD + '{"t":0,"rx":"01","line_errors":-1}\n', "capture.value", 2),
         (HEAD + '{"t":1,"rx":"01"}\n{"t":0.5,"rx":"01"}\n', "capture.value", 3),
     ],
 )

@@ -268,7 +268,7 @@ def test_the_live_view_shows_the_plant_and_then_that_it_is_gone(
     feed = ServiceRowSource(plant.url)
     feed._drives = [_row(plant)]
     feed._mark_unreachable(ConfigurationError("service.token"))
-    assert (feed.drives()[0].presence, feed.drives()[0].readings, len(feed.news())) == ("silent", {}, 2)
+    assert (feed.drives()[0].presence, feed.drives()[0].readings, len(feed.news())) == ("offline", {}, 2)
 
 
 def _row(plant: RunningService) -> Any:

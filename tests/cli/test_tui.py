@@ -67,7 +67,7 @@ class FakeRowSource:
         odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
         return [
             DriveRow("a", "fan 1", "A", "c320", 1, "running", "forward", readings=good, presence="online", at=99.0),
-            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="silent", at=50.0),
+            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="offline", at=50.0),
         ]
 
     def lines(self) -> list[BusRow]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from drivebus.bus.messages import BusRequest
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.parameters import write_values
@@ -21,7 +22,7 @@ from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.state import Direction, OutcomeStatus
 from drivebus.errors import Expired, StartInhibited
 from drivebus.protocols import sunfar
-from drivebus.protocols.codec import BusRequest, Effect
+from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
 
 HOUR_S = 3600.0

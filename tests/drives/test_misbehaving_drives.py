@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Bus
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
@@ -25,7 +26,7 @@ from drivebus.drives.state import DerivedState, DriveState, Outcome
 from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
-from drivebus.protocols.codec import Effect, RetryPolicy
+from drivebus.protocols.codec import Effect
 from fixtures.drives import MODELS, SAFE_HZ, FakeC320, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
 
 PROVED = {"df800": {"direction_proved": True}}

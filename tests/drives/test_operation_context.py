@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
@@ -17,7 +18,6 @@ from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
 from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
-from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.service.api.errors import exchange_json
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
 

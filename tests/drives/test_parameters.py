@@ -96,7 +96,7 @@ def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
 
-@pytest.mark.parametrize("lost", [None, NotPermitted("bus.latched", station=1)])
+@pytest.mark.parametrize("lost", [None, NotPermitted("bus.start_inhibited", station=1)])
 def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
     """Nor is the next one skipped: the EEPROM may still hold the old value."""
     paper = FakeC320()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus.bus.messages import Permit, RetryPolicy
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.permissives import (
     COMMAND_TTL_S,
@@ -18,7 +19,7 @@ from drivebus.drives.permissives import (
 )
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited, Superseded
-from drivebus.protocols.codec import Effect, Permit, RetryPolicy
+from drivebus.protocols.codec import Effect
 
 START = DriveCommand("start-1", CommandKind.START, 10.0, 3)
 AROUND = BusConditions(10.5, "2026-01-02", 3)

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from drivebus import profiles, stop_bus
+from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.errors import NoReply
-from drivebus.protocols.codec import BusRequest, StationTiming
+from drivebus.serial_settings import StationTiming
 from fixtures.drives import SimulatedDrives, run_virtual
 
 FACTORY = profiles.load("c320").timing

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy, StationConfig
 from drivebus.drives import permissives
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.ports import open_port
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, Effect, RequestPriority, RetryPolicy, StationConfig, StationTiming
-from drivebus.serial_settings import SerialSettings
+from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import SerialSettings, StationTiming
 
 STATION = 5
 PEER_TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.5, max_reply_lateness_s=0.2)

@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
+from drivebus.bus.messages import BusRequest
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, StationTiming
+from drivebus.serial_settings import StationTiming
 from drivebus.simulator.bus import SimulatedBus
 from fixtures.lossy_relay import LinkQuality, LossyRelay, lossy_relay
 from fixtures.station_bench import quick_bench, run_program

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Poll, Presence
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority
 from fixtures.station_bench import wait_until
 from interop.conftest import StartProgram
 from interop.servers import (

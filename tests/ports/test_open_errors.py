@@ -14,8 +14,7 @@ import pytest
 from drivebus import i18n
 from drivebus.errors import ErrorScope, PortUnavailable
 from drivebus.ports import open_errors, open_port
-from drivebus.ports.device_users import DeviceUser, device_users, lock_holder, pids_named, process_name
-from drivebus.ports.discovery import PortInfo
+from drivebus.ports.discovery import DeviceUser, PortInfo, device_users, lock_holder, pids_named, process_name
 from fixtures.receiver import FakeReceiver
 from ports.conftest import Pty
 
@@ -27,8 +26,8 @@ async def refused(path: str) -> PortUnavailable:
 
 
 def no_ports(monkeypatch: pytest.MonkeyPatch, *existing: str) -> None:
-    ports = [PortInfo(link, "", f"device:{link}", link) for link in existing]
-    monkeypatch.setattr("drivebus.ports.discovery.discover_ports", lambda: ports)
+    ports = [PortInfo(device=link, description="", identity=f"device:{link}", url=link) for link in existing]
+    monkeypatch.setattr("drivebus.ports.open_errors.discover_ports", lambda: ports)
 
 
 async def test_a_missing_port_names_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +108,7 @@ def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
 
 def test_a_holder_that_proc_hides_is_known_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     """G18: another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
-    monkeypatch.setattr(open_errors, "holders", lambda paths: {path: [] for path in paths})
+    monkeypatch.setattr(open_errors, "device_users", lambda paths: {path: [] for path in paths})
     program = (
         "import fcntl, os, sys, time; fcntl.flock(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), fcntl.LOCK_EX); "
         "print(1, flush=True); time.sleep(9)"
@@ -153,10 +152,10 @@ def test_a_known_holder_comes_with_its_own_remedy(name: str, key: str, hint: str
 def test_a_hidden_holder_is_suspected_by_name_else_found_with_a_command(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(open_errors, "running", lambda name: [7] if name == "brltty" else [])
+    monkeypatch.setattr(open_errors, "pids_named", lambda name: [7] if name == "brltty" else [])
     error = open_errors.open_error(pty.path, OSError(errno.EBUSY, "busy"))
     assert (error.key, error.params["pid"]) == ("ports.held-brltty", 7)
-    monkeypatch.setattr(open_errors, "running", lambda _: [])
+    monkeypatch.setattr(open_errors, "pids_named", lambda _: [])
     error = open_errors.open_error(pty.path, OSError(errno.EBUSY, "busy"))
     assert error.key == "ports.busy"
     assert f"sudo fuser -v {pty.path}" in str(error)
@@ -166,20 +165,20 @@ async def test_a_real_port_that_another_program_has_open_without_a_lock_is_refus
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """F14: two masters. Ptys are not asked (their peer is no master), so this one is called a real port."""
-    from drivebus.ports import device
-    from drivebus.ports.base import Capabilities
+    from drivebus.ports import tty
     from drivebus.ports.tty import SerialDescriptor, open_device
+    from drivebus.types import Capabilities
 
     def real(*args: object, **options: object) -> SerialDescriptor:
         descriptor = open_device(*args, **options)  # type: ignore[arg-type]
         descriptor.capabilities = Capabilities(has_line_timing=True)
         return descriptor
 
-    monkeypatch.setattr(device, "open_device", real)
-    monkeypatch.setattr(device, "holders", lambda paths: {path: [DeviceUser(4711, "picocom")] for path in paths})
+    monkeypatch.setattr(tty, "open_device", real)
+    monkeypatch.setattr(tty, "device_users", lambda paths: {path: [DeviceUser(4711, "picocom")] for path in paths})
     error = await refused(pty.path)
     assert (error.key, error.params["pid"], error.params["name"]) == ("ports.held", 4711, "picocom")
-    monkeypatch.setattr(device, "holders", lambda paths: {path: [DeviceUser(os.getpid(), "us")] for path in paths})
+    monkeypatch.setattr(tty, "device_users", lambda paths: {path: [DeviceUser(os.getpid(), "us")] for path in paths})
     port = open_port(pty.path)
     await port.open(FakeReceiver())
     await port.close()

@@ -328,8 +328,11 @@ async def test_the_same_adapter_is_found_under_its_new_name_and_another_one_is_r
     other = new_pty()
     plugged = {"usb:0403:6001:A1:0": pty.path}
     monkeypatch.setattr(
-        "drivebus.ports.device.known_ports",
-        lambda: [PortInfo(device, "", identity, device) for identity, device in plugged.items()],
+        "drivebus.ports.tty.discover_ports",
+        lambda: [
+            PortInfo(device=device, description="", identity=identity, url=device)
+            for identity, device in plugged.items()
+        ],
     )
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
@@ -363,7 +366,7 @@ async def test_a_cancelled_opening_leaves_nothing_open(pty: Pty) -> None:
     assert open_descriptors() == before
 
 
-def device(name: str, **facts: object) -> discovery.door.Device:
+def device(name: str, **facts: object) -> discovery.serialx_adapter.Device:
     blank = dict.fromkeys(
         [
             "vid",
@@ -376,7 +379,7 @@ def device(name: str, **facts: object) -> discovery.door.Device:
             "interface_num",
         ]
     )
-    return discovery.door.Device(**{"device": name, "resolved_device": name, **blank, **facts})  # type: ignore[arg-type]
+    return discovery.serialx_adapter.Device(**{"device": name, "resolved_device": name, **blank, **facts})  # type: ignore[arg-type]
 
 
 def test_an_adapter_is_known_by_its_serial_number_and_one_without_by_its_socket() -> None:

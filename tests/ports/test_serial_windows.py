@@ -86,7 +86,7 @@ async def test_a_com_port_that_can_not_be_opened_says_why(monkeypatch: pytest.Mo
         raise FileNotFoundError(2, "not found")
 
     monkeypatch.setattr(serialx_adapter, "connect_windows", missing)
-    monkeypatch.setattr("drivebus.ports.discovery.discover_ports", list)
+    monkeypatch.setattr("drivebus.ports.open_errors.discover_ports", list)
     monkeypatch.setattr("drivebus.ports.open_errors._in_wsl", lambda: False)
     with pytest.raises(PortUnavailable) as caught:
         await WindowsPort(parse_port_url("COM9")).open(FakeReceiver())

@@ -27,7 +27,7 @@ from ports.conftest import Pty, open_descriptors
 def real(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ptys pass for real ports; nobody else is asked who holds them."""
     monkeypatch.setattr(tty, "is_pty", lambda _: False)
-    monkeypatch.setattr("drivebus.ports.device.holders", lambda paths: {path: [] for path in paths})
+    monkeypatch.setattr("drivebus.ports.tty.device_users", lambda paths: {path: [] for path in paths})
 
 
 async def opened(pty: Pty, sink: FakeReceiver, **options: object) -> SerialPort:
@@ -213,7 +213,7 @@ def test_nothing_that_windows_lacks_is_imported_before_a_port_of_its_kind_is_ope
         "import sys\n"
         "for name in ('termios', 'fcntl', 'tty', 'pty', 'grp', 'pwd', 'serialx'): sys.modules[name] = None\n"
         "import drivebus.ports, drivebus.capture.dbcap\n"
-        "from drivebus.ports import serial, tcp, rfc2217, memory, replay, capturing, open_port\n"
+        "from drivebus.ports import serial, tcp, rfc2217, memory, replay, recording, open_port\n"
         "for link in ('tcp://h:1', 'rfc2217://h:1', 'memory://m'): open_port(link)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

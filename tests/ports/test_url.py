@@ -106,7 +106,7 @@ def test_an_unknown_option_names_the_known_ones() -> None:
     with pytest.raises(PortUrlError) as caught:
         open_port("memory://x?bood=9600")
     assert (caught.value.key, caught.value.params["found"]) == ("ports.option-unknown", "bood")
-    assert caught.value.params["expected"] == "baud, echo, format, paced"
+    assert caught.value.params["expected"] == "baud, echo, format, line_timing"
 
 
 def test_options_are_words_flags_and_numbers() -> None:
@@ -153,7 +153,7 @@ def test_every_link_of_the_page_is_one(page: str) -> None:
         "/dev/ttyUSB0?baud=9600&format=8E1&echo=on&rs485=on",
         "tcp://h:1?echo=off&timeout=9",
         "rfc2217://h:1?echo=off&timeout=9",
-        "memory://page?paced=on&echo=on",
+        "memory://page?line_timing=on&echo=on",
     ],
 )
 def test_every_option_of_the_page_is_taken_where_the_page_says(link: str) -> None:

@@ -19,12 +19,13 @@ from typing import Any
 
 from drivebus import profiles
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives import Drive, MemoryStore, permissives
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import DrivebusError
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusRequest, Effect, RequestPriority
+from drivebus.protocols.codec import Effect
 
 
 def print_event(**what: Any) -> None:

@@ -15,13 +15,13 @@ import pytest
 
 from drivebus import profiles
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import LineError
 from drivebus.ports import device, open_port, tty
 from drivebus.ports.parmrk import ParityMarkDecoder
 from drivebus.protocols import dzb100, modbus, sunfar
-from drivebus.protocols.codec import BusRequest
 from real.recorded_bench import RecordedPlant, bus_specification
 
 Plants = Callable[..., RecordedPlant]

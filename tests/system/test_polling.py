@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Poll, Presence
+from drivebus.bus.messages import BusResult
 from drivebus.protocols import dzb100, modbus, sunfar
-from drivebus.protocols.codec import BusResult
 from drivebus.values import Quality
 from fixtures.system_bench import (
     C320,

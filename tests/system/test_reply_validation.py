@@ -13,11 +13,12 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Bus, Poll
+from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import NoReply, StartInhibited
 from drivebus.ports import open_port
 from drivebus.protocols import dzb100, modbus, sunfar
-from drivebus.protocols.codec import BusRequest, BusResult, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.port import clear_simulated_buses
 from fixtures.system_bench import (

@@ -1,4 +1,4 @@
-"""The kit sees what it is for: each broken promise of a codec is named."""
+"""The conformance kit for codecs names each violated rule."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ EXCHANGES = [
 ]
 
 
-def test_a_codec_that_keeps_its_promises_passes() -> None:
+def test_a_codec_that_obeys_the_contract_passes() -> None:
     codec: Codec = Toy()
     report = check_codec(codec, EXCHANGES)
     assert report.checks > 1000
@@ -127,25 +127,25 @@ class Forgetful(Toy):
 
 
 @pytest.mark.parametrize(
-    ("broken", "promise"),
+    ("broken", "rule"),
     [
-        (NoCheck, "a flipped request is refused"),
+        (NoCheck, "a flipped request is rejected"),
         (Hunter, "a frame counts at offset 0 only"),
         (Greedy, "what follows a frame does not change it"),
         (Impatient, "a cut frame is not complete"),
         (Liar, "reply_size is the size of the reply"),
-        (Asker, "need is beyond what is there and within the frame"),
+        (Asker, "need is beyond the data and within the frame"),
         (Crasher, "only ProtocolError comes out"),
         (Moody, "whole and byte by byte agree"),
         (Forgetful, "a decoded request encodes to the same bytes"),
     ],
 )
-def test_a_broken_promise_is_named(broken: type[Toy], promise: str) -> None:
+def test_a_violated_rule_is_named(broken: type[Toy], rule: str) -> None:
     with pytest.raises(CodecFault) as caught:
         check_codec(broken(), EXCHANGES)
-    assert caught.value.promise == promise
+    assert caught.value.rule == rule
     assert caught.value.exchange == "speed"
-    assert promise in str(caught.value)
+    assert rule in str(caught.value)
 
 
 def test_a_protocol_without_a_check_gets_its_believed_flips_counted() -> None:
@@ -157,7 +157,7 @@ def test_a_wrong_vector_is_blamed() -> None:
     wrong = CodecExchange("speed", (3, 8), bytes.fromhex("55 03 07 5F"))
     with pytest.raises(CodecFault) as caught:
         check_codec(Toy(), [wrong])
-    assert caught.value.promise == "encode_request gives the proven bytes"
+    assert caught.value.rule == "encode_request returns the known bytes"
 
 
 def test_the_toy_refuses_with_protocol_errors_only() -> None:

@@ -15,8 +15,8 @@ import pytest
 
 from drivebus import i18n
 from drivebus.bus import timer as timers
+from drivebus.bus.bus import Shell
 from drivebus.bus.core import BusCore
-from drivebus.bus.shell import Shell
 from drivebus.capture.dbcap import CaptureWriter
 from drivebus.drives import store as stores
 from drivebus.drives.eeprom_budget import EepromBudget

@@ -38,7 +38,7 @@ def test_a_manual_question_that_waits_for_the_next_probe_is_found(monkeypatch: p
 
     def patient(self: Scheduler, lane: object, now: float) -> object:
         head = lane[0]  # type: ignore[index]
-        return None if head.station.dead else first(self, lane, now)  # type: ignore[arg-type]
+        return None if head.station.state.is_unreachable else first(self, lane, now)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Scheduler, "_next_sendable", patient)
     assert any("asked and found" in one for one in violations(2))

@@ -16,9 +16,8 @@ from typing import Any
 import pytest
 
 from drivebus.bus import classify, prepared_request, validation
-from drivebus.bus.core import BusCore
+from drivebus.bus.core import BusCore, BusState
 from drivebus.bus.echo import EchoDetector
-from drivebus.bus.state import BusState
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
@@ -33,7 +32,8 @@ from drivebus.drives.operations import comm_loss, setpoint
 from drivebus.drives.operations.comm_loss import CommLossReport
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Outcome, OutcomeStatus
-from drivebus.protocols.codec import Effect, StationTiming
+from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import StationTiming
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import matrix
 from verification.drive_variants import DRIVE_VARIANTS

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus import failure
+from drivebus.bus import core as bus_core
 from drivebus.bus.station import Station
 from drivebus.drives.dialects.modbus import ModbusDialect
 from verification.campaign import CampaignRun, run_campaign
@@ -112,7 +112,7 @@ def one_question(kind: DriveVariant, address: int) -> Any:
 def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ruling 2: the late answer passes for the fence's. Many come just after the quarantine of 0.2 s."""
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(failure, "_matches_older_request", lambda flight: False)
+    monkeypatch.setattr(bus_core, "_matches_older_request", lambda flight: False)
     monkeypatch.setattr(late, "LATENESS_STEPS_S", (0.4,))
     kind = VARIANTS_BY_NAME["vc660"]
     monkeypatch.setattr(
@@ -125,7 +125,7 @@ def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyP
 def test_a_fence_that_believes_an_older_answer_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """DF800's fences differ in nothing but their number of registers: only the 5 s between them help (ruling 2)."""
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(failure, "_matches_older_request", lambda flight: False)
+    monkeypatch.setattr(bus_core, "_matches_older_request", lambda flight: False)
     session, _ = run_bus(VARIANTS_BY_NAME["df800-rtu"], 2000)
     assert any("G04" in text for text in session.violations)
 

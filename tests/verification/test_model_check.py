@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus import failure
 from drivebus.bus.core import BusCore
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import Scheduler
@@ -230,7 +229,7 @@ def _without(monkeypatch: pytest.MonkeyPatch, key: str) -> None:
     ("key", "text", "only"),
     [
         ("bus.permit_stopped", "no newer stop", {"stop", "reply"}),
-        ("bus.latched", "not latched", {"latch"}),
+        ("bus.start_inhibited", "not latched", {"latch"}),
         ("bus.no_permit", "a permit", set[str]()),
         ("bus.other_permit", "permit for this station", set[str]()),
     ],
@@ -252,7 +251,7 @@ def test_a_resend_that_is_not_checked_is_found(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_start_that_the_bus_sends_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda _: 3)
-    monkeypatch.setattr(failure, "_may_retry", lambda job, station: job.attempts < job.max_attempts)
+    monkeypatch.setattr(BusCore, "_may_retry", lambda self, job: job.attempts < job.max_attempts)
     found("left without: sent once", only={"reply", "garble"}, world=KnownStationState)
 
 

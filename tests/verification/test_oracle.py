@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import Permit
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.transaction import Transaction
 from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from drivebus.drives.state import DriveStatus
-from drivebus.protocols.codec import Permit
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
 from verification.fault_injection.wall_clock import JumpingWallClock, before_midnight, installed_clock
@@ -174,7 +174,7 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
 def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and fence a late reply is the answer to the next request of its shape."""
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now, *more: None)
-    monkeypatch.setattr("drivebus.bus.failure.reject_reason", lambda core, flight: None)
+    monkeypatch.setattr("drivebus.bus.core.reject_reason", lambda core, flight: None)
     here = stand(session, VC660, (1,), weather="late=0.2:0.3")
     here.monitor(1)
     here.run(300.0)
@@ -314,7 +314,7 @@ def test_i11_a_read_that_acts(session: CampaignRun) -> None:
 
 def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
-    monkeypatch.setattr("drivebus.bus.failure._remember_unanswered", lambda flight, now: kept.append((now, flight.job)))
+    monkeypatch.setattr("drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.job)))
     here = stand(session, weather="loss=0.1")
     here.bus.core.stations[1].unanswered_requests = kept
     here.monitor(1)

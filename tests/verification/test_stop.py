@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus import poll_schedule
+from drivebus.bus import load
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import RequestPriority
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.transaction import Transaction
 from drivebus.drives import Drive
 from drivebus.drives import outcome as settle
 from drivebus.drives.drive import raise_for_status
 from drivebus.drives.operations import stop as stopping
-from drivebus.protocols.codec import RequestPriority
 from verification.campaign import CampaignRun, load_campaign, run_campaign
 
 
@@ -33,7 +33,7 @@ def test_a_stop_that_queues_like_everything_else_is_found(monkeypatch: pytest.Mo
     put = Scheduler.enqueue
 
     def politely(self: Scheduler, job: Any) -> None:
-        job.lane = RequestPriority.PARAMETER if job.lane is RequestPriority.STOP else job.lane
+        job.priority = RequestPriority.PARAMETER if job.priority is RequestPriority.STOP else job.priority
         put(self, job)
 
     monkeypatch.setattr(Scheduler, "enqueue", politely)
@@ -58,7 +58,7 @@ def test_a_frame_that_waits_longer_than_it_may_is_found(monkeypatch: pytest.Monk
 
 
 def test_a_bound_that_leaves_something_out_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(poll_schedule, "_stop_frame_bytes", lambda link: 8)
+    monkeypatch.setattr(load, "_stop_frame_bytes", lambda link: 8)
     assert any("G06 the bus tells a bound" in one for one in violations(1))
 
 

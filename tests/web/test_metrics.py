@@ -157,7 +157,7 @@ def test_g17_a_drive_that_falls_silent_has_no_values_any_more() -> None:
             assert not [key for key in found if key[0] in measured and ("drive", "fan-1") in key[1]]
             assert [key for key in found if key[0] in measured and ("drive", "fan-2") in key[1]]
             assert of(found, "drive_up", drive="fan-1") == 0
-            assert of(found, "drive_presence", drive="fan-1", presence="silent") == 1
+            assert of(found, "drive_presence", drive="fan-1", presence="offline") == 1
             assert of(found, "drive_state", drive="fan-1", state="unknown") == 1
             assert of(found, "drive_state", drive="fan-1", state="stopped") == 0
             assert of(found, "drive_reading_good", drive="fan-1", signal="output_frequency") == 0

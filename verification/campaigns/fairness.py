@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 from drivebus.bus import Poll
-from drivebus.protocols.codec import BusRequest, BusResult
+from drivebus.bus.messages import BusRequest, BusResult
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant
 from verification.reference_tables import classify_request

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from drivebus.errors import PortLost
-from drivebus.ports import device, discovery, open_port
+from drivebus.ports import discovery, open_port
+from drivebus.ports import tty as serial_tty
 
 ADAPTER_SERIAL = "usb:0403:6001:FT4ZK1X9:0"
 WARM_UP_OPENINGS = 10
@@ -19,7 +20,7 @@ WARM_UP_OPENINGS = 10
 PORT_LOSS_TIMEOUT_S = 5.0
 
 
-_DEVICE_MODULE: Any = device
+_DEVICE_MODULE: Any = serial_tty
 """Where the product looks for what is plugged in."""
 
 
@@ -84,12 +85,14 @@ def _pty() -> tuple[int, str]:
 @contextmanager
 def _patched_ports(path: str) -> Iterator[None]:
     """The adapter is known by its serial number, whatever its name."""
-    real = _DEVICE_MODULE.known_ports
-    _DEVICE_MODULE.known_ports = lambda: [discovery.PortInfo(path, "", ADAPTER_SERIAL, path)]
+    real = _DEVICE_MODULE.discover_ports
+    _DEVICE_MODULE.discover_ports = lambda: [
+        discovery.PortInfo(device=path, description="", identity=ADAPTER_SERIAL, url=path)
+    ]
     try:
         yield
     finally:
-        _DEVICE_MODULE.known_ports = real
+        _DEVICE_MODULE.discover_ports = real
 
 
 def _descriptors() -> int:

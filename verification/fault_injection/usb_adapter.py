@@ -14,14 +14,14 @@ from random import Random
 from typing import Any
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports import device, discovery, serialx_adapter
-from drivebus.ports.base import Receiver
+from drivebus.ports import discovery, serialx_adapter, tty
+from drivebus.types import Receiver
 
 DEVICE_NAMES = tuple(f"/dev/ttyUSB{number}" for number in range(6))
 FTDI, CH340 = (0x0403, 0x6001), (0x1A86, 0x7523)
 
 
-_DEVICE_MODULE: Any = device
+_DEVICE_MODULE: Any = tty
 """Where the product looks for what is plugged in."""
 
 
@@ -53,11 +53,11 @@ class UsbHost:
     @contextmanager
     def patched_ports(self) -> Iterator[None]:
         """The product sees this machine."""
-        real, _DEVICE_MODULE.known_ports = _DEVICE_MODULE.known_ports, self._ports
+        real, _DEVICE_MODULE.discover_ports = _DEVICE_MODULE.discover_ports, self._ports
         try:
             yield
         finally:
-            _DEVICE_MODULE.known_ports = real
+            _DEVICE_MODULE.discover_ports = real
 
     def _ports(self) -> list[discovery.PortInfo]:
         ours = [self._device(self.name, self.serial, FTDI if self.serial else CH340)] if self.name else []
@@ -92,10 +92,10 @@ class UsbAdapter:
 
     async def open(self, receiver: Receiver) -> None:
         with self.machine.patched_ports():
-            name = device.find_device(DEVICE_NAMES[0], self._identity)
+            name = tty.find_device(DEVICE_NAMES[0], self._identity)
             if name != self.machine.name and name not in self.machine.other_adapters:
                 raise PortUnavailable("ports.unplugged", port=name, identity=self._identity)
-            identity = self._identity or device.identify(name)
+            identity = self._identity or tty.identify(name)
         self.opened_names.append(name)
         if name == self.machine.name:
             await self._port.open(receiver)

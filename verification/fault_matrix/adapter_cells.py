@@ -20,7 +20,7 @@ def transmitter_disabled_too_early(at: CellRun) -> None:
     line.run(6.0)
     for address in (1, 2, 3):
         line.expect(line.failure_count(address, "NoReply") >= 2, f"{address}: {line.statistics(address).errors}")
-        line.expect(str(line.bus.health(address).presence) == "silent", f"{address} is called present")
+        line.expect(str(line.bus.health(address).presence) == "offline", f"{address} is called present")
         line.expect(line.has_bad_quality(address), f"{address} has values")
     wish = line.command_to_end(1, "run", at.random_hz())
     line.expect(wish.result_word not in SUCCESS_WORDS and not line.station(1).motor.starts, f"run {wish.result_word}")
@@ -111,6 +111,6 @@ def _check_port_lost(line: MatrixBus) -> None:
     line.expect(not line.bus.is_open, "the port is not told lost")
     for address in (1, 2):
         health = line.bus.health(address)
-        line.expect(str(health.presence) == "silent" and health.suspect, f"{address}: {health}")
+        line.expect(str(health.presence) == "offline" and health.suspect, f"{address}: {health}")
     line.run(3.5)
     line.expect(line.has_bad_quality(2), "values without a port")

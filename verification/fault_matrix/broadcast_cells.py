@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import NotPermitted
 from drivebus.protocols import dzb100, modbus, sunfar
-from drivebus.protocols.codec import BusRequest, RequestPriority
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import status_read_key
 from verification.fault_matrix.matrix_bus import MatrixBus, MatrixRequest

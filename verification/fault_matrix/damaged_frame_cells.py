@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.bus import TraceKind as Became
 from drivebus.protocols import modbus, sunfar
-from drivebus.protocols.codec import StationTiming
+from drivebus.serial_settings import StationTiming
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus, ReplyAction, WireSend
 from verification.fault_matrix.swapped_digit_cells import DIGITS_OBSERVATION_S, single_reads_decide_nothing

@@ -70,7 +70,8 @@ def foreign_master(at: CellRun) -> None:
         line.run(at.rng.uniform(*FOREIGN_PAUSE_S))
     line.expect(line.bus.health(1).foreign_master and line.bus.health(2).foreign_master, "no alarm within two frames")
     line.expect(
-        line.unsolicited_count("master") == 2 and line.oracle.accepted_count == accepted, "not counted, or believed"
+        line.unsolicited_count("foreign_request") == 2 and line.oracle.accepted_count == accepted,
+        "not counted, or believed",
     )
     mark = len(line.requests)
     wish = line.command_to_end(1, "run", at.random_hz())

@@ -8,7 +8,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from drivebus.bus import StationStatistics, TraceEvent
-from drivebus.protocols.codec import BusRequest, BusResult
+from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.simulator.wire import Side
 from drivebus.values import Quality
 from verification.campaign import CampaignRun

@@ -25,7 +25,7 @@ def no_reply_to_read(at: CellRun) -> None:
     check_void(line, "mute", "NoReply")
     check_void(line, "deaf", "NoReply")
     check_persistent_failure(line, "deaf")
-    line.expect(str(line.bus.health(1).presence) == "silent", "a drive that never answers is called present")
+    line.expect(str(line.bus.health(1).presence) == "offline", "a drive that never answers is called present")
 
 
 @cell("no_answer_setpoint")

@@ -11,16 +11,14 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
-from drivebus.bus.core import BusCore
+from drivebus.bus.core import BusCore, SilenceTimeout
 from drivebus.bus.echo import EchoDetector
-from drivebus.bus.poll_schedule import PollSchedule
+from drivebus.bus.messages import RequestPriority
 from drivebus.bus.prepared_request import PreparedRequest
-from drivebus.bus.scheduler import Scheduler
-from drivebus.bus.silence import SilenceTimeout
+from drivebus.bus.scheduler import PollSchedule, Scheduler
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
-from drivebus.protocols.codec import RequestPriority
 
 SHARED_ATTRIBUTES = frozenset(
     {
@@ -36,7 +34,7 @@ SHARED_ATTRIBUTES = frozenset(
         "message",
         "permit",
         "poll_schedule",
-        "prepared",
+        "encode_cache",
         "request",
     }
 )
@@ -46,26 +44,26 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     BusCore: {
         "is_open": "same",
         "stations": "parts",
-        "gone": "gone",
-        "all_latched": "same",
+        "removed_stations": "gone",
+        "all_starts_inhibited": "same",
         "scheduler": "parts",
-        "listener": "parts",
+        "unsolicited": "parts",
         "echo": "parts",
-        "flight": "parts",
+        "transaction": "parts",
         "_silence_timeout": "patience",
         "_silent_since": "quiet",
         "_timer_at": "until",
         "_allow_mixed": "",
-        "line": "",
+        "settings": "",
         "name": "",
-        "paced": "",
+        "has_line_timing": "",
         "tracing": "",
         "opened_at": "",
-        "begun_at": "",
+        "first_opened_at": "",
         "counters": "",
         "activity": "",
         "character_s": "",
-        "out": "",
+        "_commands": "",
     },
     Scheduler: {
         "queues": "parts",
@@ -77,19 +75,17 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "_commands_in_row": "",
         "_polls_in_row": "",
         "_last_stop_at": "",
+        "_pending_sync_probes": "",
         "next_wake_at": "",
         "_settings": "",
     },
     Station: {
         "start_inhibited": "same",
-        "seen": "same",
-        "dead": "same",
-        "suspect": "same",
+        "state": "value",
         "quarantined_until": "until",
         "next_probe_at": "until",
         "sync_rejections": "same",
         "duplicate_reply_times": "many",
-        "suspended_polls": "many",
         "probe_backoff_s": "",
         "unanswered_requests": "",
         "suspect_since": "",
@@ -97,7 +93,6 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "address": "",
         "codec": "",
         "counters": "",
-        "pending_sync_probe": "",
         "last_request": "",
         "last_request_sent_at": "",
         "last_request_answered": "",
@@ -161,7 +156,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     },
     UnsolicitedBytes: {"buffer": "many", "_foreign_request_times": "many", "last_byte_at": ""},
     SilenceTimeout: {"_started_at": "", "_settings": ""},
-    PollSchedule: {"_heap": "", "_count": "", "_phase_count": ""},
+    PollSchedule: {"_heap": "", "_count": "", "_phase_count": "", "suspended": ""},
     ProbeBudget: {"allowed_at": ""},
 }
 """Left out ("") is what is fixed for a bus or follows from what is named; what is only counted; the numbers of fences
@@ -251,17 +246,19 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "same": None,
     "parts": _state_key,
     "until": time_until,
-    "quiet": lambda when, core, now, _: min(now - when, core.line.seconds(1)),
+    "quiet": lambda when, core, now, _: min(now - when, core.settings.seconds(1)),
     "patience": _silence_key,
     "there": lambda one, thing, now, _: one is not None,
     "many": lambda ones, thing, now, _: len(ones),
-    "attempts": lambda attempts, job, now, _: attempts if job.lane is not RequestPriority.STOP else None,
+    "attempts": lambda attempts, job, now, _: attempts if job.priority is not RequestPriority.STOP else None,
     "value": lambda one, thing, now, _: one.value,
-    "data": lambda data, job, now, _: b"" if job.fence else data,
-    "owner": lambda station, job, now, _: station.latched if job.permit is not None else None,
+    "data": lambda data, job, now, _: b"" if job.is_sync_probe else data,
+    "owner": lambda station, job, now, _: station.start_inhibited if job.permit is not None else None,
     "owners": lambda stations, scheduler, now, _: [station.address for station in stations],
-    "permit": lambda permit, job, now, _: permit and (permit.generation == job.station.generation, permit.effect.value),
-    "gone": lambda gone, core, now, _: [(one, gone[one].latched) for one in sorted(gone) if one not in core.stations],
+    "permit": lambda permit, job, now, _: permit and (permit.stop_epoch == job.station.stop_epoch, permit.effect.value),
+    "gone": lambda gone, core, now, _: [
+        (one, gone[one].start_inhibited) for one in sorted(gone) if one not in core.stations
+    ],
 }
 _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
 _SLOTS = {kind: tuple(kind.__slots__) for kind in NAMED_ATTRIBUTES if hasattr(kind, "__slots__")}

@@ -8,10 +8,11 @@ from typing import Any, Self
 
 from drivebus.bus.commands import CoreCommand as Deed
 from drivebus.bus.commands import DeliverResult, Send, SetTimer
+from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.permissives import CommandKind
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
-from drivebus.protocols.codec import BusRequest, Effect, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from verification.model_check import permissive_inputs as gate_question
 from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_state import FIRST_FORGED_SLOT, HeldPermit, ModelState

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import Permit
 from drivebus.drives.permissives import DriveCommand
-from drivebus.protocols.codec import Permit
 from verification.model_check import core_copy as gate_copy
 from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject

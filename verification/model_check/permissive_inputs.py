@@ -12,6 +12,7 @@ from itertools import product
 from typing import Any
 
 from drivebus.bus.core import BusCore
+from drivebus.bus.messages import Permit
 from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.operations.runner import bus_conditions
 from drivebus.drives.operations.steps import BusConditions, run_pure
@@ -19,7 +20,6 @@ from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
 from drivebus.profiles.model import Text
-from drivebus.protocols.codec import Permit
 from drivebus.values import Reading
 from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject

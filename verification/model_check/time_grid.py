@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor
 
-from drivebus.protocols.codec import StationTiming
-from drivebus.serial_settings import SerialSettings
+from drivebus.serial_settings import SerialSettings, StationTiming
 
 FINE_STEP_S = 2.0**-10
 """Just after."""

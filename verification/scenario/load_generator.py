@@ -6,7 +6,7 @@ import asyncio
 from math import nextafter
 
 from drivebus.bus import Poll
-from drivebus.protocols.codec import BusRequest, RequestPriority
+from drivebus.bus.messages import BusRequest, RequestPriority
 from verification.campaign import CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.scenario.scenario import Scenario

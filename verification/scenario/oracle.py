@@ -14,7 +14,7 @@ from math import inf
 from typing import Any
 
 from drivebus import clock
-from drivebus.protocols.codec import BusResult
+from drivebus.bus.messages import BusResult
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.reference_tables import RequestEffect, classify_request

@@ -7,10 +7,10 @@ from typing import Any
 
 from drivebus.bus import Bus
 from drivebus.bus.commands import CoreCommand, DeliverResult
+from drivebus.bus.messages import BusRequest, BusResult, RetryPolicy
 from drivebus.drives import Drive, MemoryStore, Monitor
 from drivebus.errors import DrivebusError
 from drivebus.ports import open_port
-from drivebus.protocols.codec import BusRequest, BusResult, RetryPolicy
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.scenario.invariants import check_invariants, check_memory

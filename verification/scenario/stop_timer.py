@@ -152,7 +152,7 @@ class StopTimer:
 
 def _job_name(job: Any) -> str:
     """Counted only: nothing is judged by it."""
-    if job.fence:
-        return "a probe" if job.station.dead else "a fence"
+    if job.is_sync_probe:
+        return "a probe" if job.station.state.is_unreachable else "a fence"
     again = " again" if job.attempts > 1 else ""
     return f"a {job.effect.value}{again}" if job.effect.value != "none" else f"a read{again}"

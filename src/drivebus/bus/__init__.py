@@ -1,8 +1,8 @@
 """Who speaks when on one line: ``Bus`` is the master; everything that it decides is decided in the pure ``core``."""
 
-from drivebus.bus.bus import Bus
-from drivebus.bus.poll_schedule import BusLoad, DriveLoad, Poll, estimate_bus_load
-from drivebus.bus.shell import PollSubscription
+from drivebus.bus.bus import Bus, PollSubscription
+from drivebus.bus.load import BusLoad, DriveLoad, estimate_bus_load
+from drivebus.bus.prepared_request import Poll
 from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics, StationStatistics
 from drivebus.bus.trace import TraceEvent, TraceKind

@@ -1,38 +1,87 @@
-"""``Bus``: what a program calls. Owns one port through ``shell``; every rule of the bus is in the pure ``core``."""
+"""``Bus``: the master of one port. Drives the engine in ``core`` with the port, the clock and a timer.
+
+No rule of the bus is decided here.
+"""
 
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from math import inf
 from types import TracebackType
+from typing import Any
 
 from drivebus.bus import timer as timers
-from drivebus.bus.poll_schedule import Poll
-from drivebus.bus.shell import PollSubscription, Shell
+from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
+from drivebus.bus.core import BusCore
+from drivebus.bus.messages import BusRequest, BusResult, StationConfig
+from drivebus.bus.prepared_request import Poll
 from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
-from drivebus.clock import Clock
 from drivebus.errors import DrivebusError, PortLost, PortUnavailable
-from drivebus.ports.base import Port
-from drivebus.protocols.codec import BusRequest, BusResult, StationConfig
+from drivebus.ports.base import PausableReader, Port
 from drivebus.serial_settings import SerialSettings
 
+REOPEN_INTERVAL_S = 0.4  # between attempts to open a lost port: polling resumes within 2 s of the device's return
+SPIN_THRESHOLD_S = 40e-6  # a shorter wait is spent in a loop: setting a timer and sleeping takes longer
+FAST_BUS_CHARACTER_S = 30e-6  # faster than 350,000 baud: gaps are waited out in a loop, else the reader is paused
+MIN_READER_PAUSE_S = 0.001  # pausing the reader costs a system call, so it must save more than this
 
-class Bus(Shell):
+
+class PollSubscription:
+    """The polls that one ``Bus.start_polling`` has started."""
+
+    __slots__ = ("_stop", "on_result")
+
+    def __init__(self, stop: Callable[[PollSubscription], None], on_result: Callable[[BusResult], None]) -> None:
+        self._stop = stop
+        self.on_result = on_result
+
+    def cancel(self) -> None:
+        """End the polls; no further result is delivered. Idempotent."""
+        self._stop(self)
+
+
+class Bus:
     """One master on one port. Belongs to one event loop; every method is called from it."""
 
-    def __init__(self, port: Port, *, name: str = "", allow_mixed: bool = False, clock: Clock | None = None) -> None:
-        super().__init__(port, name, allow_mixed, clock)
+    def __init__(
+        self,
+        port: Port,
+        *,
+        name: str = "",
+        allow_mixed: bool = False,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        """``allow_mixed``: stations of different protocols may share the bus where no frame can be mistaken."""
+        self.port = port
+        self.name = name or port.url
+        echo = getattr(port, "echo", "detect")
+        self.core = BusCore(port.settings, name=self.name, echo=echo, allow_mixed=allow_mixed)
+        self._clock = clock
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._timer: timers.BusTimer | None = None
+        self._timer_at: float | None = None
+        """The time set by the core."""
+        self._pending_commands: deque[CoreCommand] = deque()
+        self._performing = False
+        self._trace_sinks: list[Callable[[TraceEvent], None]] = []
+        self._reopening: asyncio.Task[None] | None = None
+        self._pausable_port = port if isinstance(port, PausableReader) else None
+        self._resume_reading_at = inf
+        self._spins_gaps = self._spinning = False
+        self._pauses_reader = False
 
-    # --- life --------------------------------------------------------------------------------------------------
+    # --- open and close ------------------------------------------------------------------------------------------
 
     async def open(self) -> None:
-        """Open the port and begin. Raises PortUnavailable with why and what to do."""
+        """Open the port and start. Raises PortUnavailable with the reason and the remedy."""
         if self._loop is not None:
             return
         loop = asyncio.get_running_loop()
-        timer = timers.acquire(loop)
+        queue = timers.acquire(loop)
         try:
             await self.port.open(self)
         except BaseException as error:
@@ -41,10 +90,16 @@ class Bus(Shell):
                 raise
             reason = getattr(error, "strerror", None) or str(error)
             raise PortUnavailable("ports.failed", port=self.port.url, reason=reason) from error
-        self._start(loop, timer)
+        self._loop = loop
+        self._clock = self._clock or queue.now
+        self._timer = queue.create_timer(self._on_timer)
+        fast = self.core.character_s < FAST_BUS_CHARACTER_S
+        self._spins_gaps = queue.precise and self._pausable_port is not None and fast
+        self._pauses_reader = self._pausable_port is not None and not fast
+        self._on_port_open()
 
     async def close(self) -> None:
-        """End everything: what is pending fails with PortLost, the port is let go. Idempotent."""
+        """Stop and close the port; pending requests fail with PortLost. Idempotent."""
         loop, self._loop = self._loop, None
         if loop is None:
             return
@@ -66,7 +121,15 @@ class Bus(Shell):
     ) -> None:
         await self.close()
 
-    # --- stations ----------------------------------------------------------------------------------------------
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is there now. A lost port is opened again automatically."""
+        return self.core.is_open
+
+    @property
+    def is_closed(self) -> bool:
+        """Not opened yet, or closed by ``close``: nothing is opened again automatically."""
+        return self._loop is None
 
     @property
     def settings(self) -> SerialSettings:
@@ -74,64 +137,61 @@ class Bus(Shell):
         return self.core.settings
 
     @property
-    def is_open(self) -> bool:
-        """Is the port there now? A lost port is opened again by itself."""
-        return self.core.is_open
-
-    @property
-    def is_closed(self) -> bool:
-        """Not opened yet, or closed by whoever owns it: nothing is opened again by itself."""
-        return self._loop is None
-
-    @property
     def overdue_s(self) -> float:
-        """How long something has been due that was not done: more than moments mean that this loop hangs."""
+        """Seconds since which a timer is due that has not been served: more than moments mean that this loop hangs."""
         return 0.0 if self._timer_at is None else max(0.0, self.now() - self._timer_at)
 
-    def add_station(self, config: StationConfig) -> None:
-        """Register a station. Raises ConfigurationError: address taken or broadcast, or families mixed (T18)."""
-        self.core.add_station(config)
-
-    def remove_station(self, address: int) -> None:
-        """Forget a station; its polls end and its queued asks fail. Raises KeyError."""
-        self._perform(self.core.remove_station(address, self.now()))
-
-    def presence(self, address: int) -> Presence:
-        """Is the station there? Raises KeyError for an address that is not registered."""
-        return self.core.presence(address)
-
-    def health(self, address: int) -> StationHealth:
-        """Presence, error rate, foreign master, duplicate address. Raises KeyError for an address without a drive."""
-        return self.core.health(address, self.now())
-
-    def stop_epoch(self, address: int) -> int:
-        """How many stops this station has had: a permit of an older generation is void."""
-        return self.core.stations[address].stop_epoch
-
-    def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
-        """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
-        self.core.set_start_inhibit(addresses, True)
-
-    def release_start(self, addresses: Iterable[int] | None = None) -> None:
-        """The reset after a bus stop: motion is allowed again, nothing starts by itself."""
-        self.core.set_start_inhibit(addresses, False)
-
-    def start_inhibited(self, address: int) -> bool:
-        """Does a bus stop hold this station? Raises KeyError."""
-        return self.core.stations[address].start_inhibited
-
-    # --- traffic -----------------------------------------------------------------------------------------------
-
     def now(self) -> float:
-        """Monotonic seconds: the time of everything that this bus says. On Linux they go on while the system sleeps."""
+        """Return monotonic seconds, the time base of this bus. On Linux they go on while the system is suspended."""
         if self._clock is not None:
             return self._clock()
         return timers.loop_now(asyncio.get_running_loop())
 
-    async def transact(self, bus_request: BusRequest) -> BusResult:
-        """Do one transaction; what went wrong is ``answer.error``. Raises ValueError for a request out of range.
+    # --- stations ------------------------------------------------------------------------------------------------
 
-        Cancelled while it waits in a queue, it is never sent; while its frame is out, its answer is dropped.
+    def add_station(self, config: StationConfig) -> None:
+        """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix."""
+        self.core.add_station(config)
+
+    def remove_station(self, address: int) -> None:
+        """Remove a station; its polls end and its queued requests fail. Raises KeyError."""
+        self._perform(self.core.remove_station(address, self.now()))
+
+    def presence(self, address: int) -> Presence:
+        """Return whether a station replies. Raises KeyError for an address that is not registered."""
+        return self.core.presence(address)
+
+    def health(self, address: int) -> StationHealth:
+        """Return presence, error rates, foreign master, duplicate address. Raises KeyError: address not registered."""
+        return self.core.health(address, self.now())
+
+    @property
+    def foreign_master(self) -> bool:
+        """Whether another master has sent requests on this bus within the last minute."""
+        return self.core.unsolicited.has_foreign_master(self.now())
+
+    def stop_epoch(self, address: int) -> int:
+        """Return the number of stops of this station: a permit of an older epoch is void. Raises KeyError."""
+        return self.core.stations[address].stop_epoch
+
+    def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
+        """Let no frame that may move a motor leave for these stations (None: all) until ``release_start``."""
+        self.core.set_start_inhibit(addresses, True)
+
+    def release_start(self, addresses: Iterable[int] | None = None) -> None:
+        """Reset the start inhibit: motion is allowed again, nothing starts by itself."""
+        self.core.set_start_inhibit(addresses, False)
+
+    def start_inhibited(self, address: int) -> bool:
+        """Return whether a start inhibit holds this station. Raises KeyError."""
+        return self.core.stations[address].start_inhibited
+
+    # --- traffic -------------------------------------------------------------------------------------------------
+
+    async def transact(self, bus_request: BusRequest) -> BusResult:
+        """Perform one transaction; a failure is ``result.error``. Raises ValueError for a request out of range.
+
+        Cancelled while it waits in a queue, it is never sent; while its frame is on the wire, its result is dropped.
         """
         future = self.submit(bus_request)
         try:
@@ -141,7 +201,7 @@ class Bus(Shell):
             raise
 
     def submit(self, bus_request: BusRequest) -> asyncio.Future[BusResult]:
-        """Queue one transaction at this very instant (``transact`` in two halves). Raises ValueError as that does."""
+        """Queue one transaction at once and return the future of its result. Raises ValueError as ``transact``."""
         future: asyncio.Future[BusResult] = (self._loop or asyncio.get_running_loop()).create_future()
         self._perform(self.core.submit(bus_request, future, self.now()))
         return future
@@ -149,20 +209,20 @@ class Bus(Shell):
     def start_polling(
         self, address: int, polls: Sequence[Poll], on_result: Callable[[BusResult], None]
     ) -> PollSubscription:
-        """Send these polls again and again; ``sink`` gets each answer, errors too. Raises KeyError, ValueError."""
-        watch = PollSubscription(self._stop_polling, on_result)
-        self._perform(self.core.start_polling(address, polls, watch, self.now()))
-        return watch
+        """Send these polls until cancelled; ``on_result`` gets each result. Raises KeyError, ValueError."""
+        subscription = PollSubscription(self._stop_polling, on_result)
+        self._perform(self.core.start_polling(address, polls, subscription, self.now()))
+        return subscription
 
-    def _stop_polling(self, watch: PollSubscription) -> None:
-        self._perform(self.core.stop_polling(watch, self.now()))
+    def _stop_polling(self, subscription: PollSubscription) -> None:
+        self._perform(self.core.stop_polling(subscription, self.now()))
 
     def statistics(self) -> BusStatistics:
-        """Load, rates, reply times, errors and bytes, of the bus and of each station."""
+        """Return load, rates, reply times, errors and bytes, of the bus and of each station."""
         return self.core.statistics(self.now())
 
     def trace(self, sink: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Hand every frame on the wire to ``sink``; returns what ends it."""
+        """Hand every frame on the wire to ``sink``; return the function that ends it."""
         self._trace_sinks.append(sink)
         self.core.tracing = True
         return lambda: self._untrace(sink)
@@ -171,3 +231,165 @@ class Bus(Shell):
         if sink in self._trace_sinks:
             self._trace_sinks.remove(sink)
         self.core.tracing = bool(self._trace_sinks)
+
+    # --- port ----------------------------------------------------------------------------------------------------
+
+    def data_received(self, data: bytes, line_errors: int = 0) -> None:
+        """Receiver of the port: bytes came."""
+        assert self._clock is not None
+        self._perform(self.core.on_data(data, self._clock(), line_errors))
+
+    def port_lost(self, error: PortLost) -> None:
+        """Receiver of the port: it is gone. Pending requests fail; opening it again begins at once."""
+        if self._loop is None or not self.core.is_open:
+            return
+        assert self._clock is not None
+        self._perform(self.core.on_port_lost(error, self._clock()))
+        if self._reopening is None or self._reopening.done():
+            self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
+
+    async def _reopen(self) -> None:
+        """Try to open the port until it is open and stays so through its first frame."""
+        while True:
+            await self._close_port()  # what is left of the old opening
+            try:
+                await self.port.open(self)
+            except DrivebusError:  # not there yet, or in use: the next ``open`` of a user reports why
+                pass
+            except Exception as error:  # a driver in an unforeseen state must not prevent every stop to come
+                self._report(f"opening bus {self.name} again failed", error)
+            else:
+                self._on_port_open()
+            if self.core.is_open:
+                return
+            await asyncio.sleep(REOPEN_INTERVAL_S)
+
+    async def _close_port(self) -> None:
+        """Close the port; a failure is only reported."""
+        try:
+            await self.port.close()
+        except Exception as error:
+            self._report(f"closing bus {self.name} failed", error)
+
+    def _on_port_open(self) -> None:
+        self.core.has_line_timing = self.port.capabilities.has_line_timing
+        assert self._clock is not None
+        self._perform(self.core.on_port_open(self._clock()))
+
+    # --- time ----------------------------------------------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        """Timer callback: first read what the port still holds, so that no byte in the kernel is missed."""
+        assert self._clock is not None
+        if self._pausable_port is not None:
+            self._resume_reading_at = inf
+            self._pausable_port.pause_until(0.0)
+        now = self._clock()
+        if self._timer_at is not None and now >= self._timer_at:
+            if self._pausable_port is None and self.core.transaction is not None:
+                self._loop.call_soon(self._on_timer_after_readers)  # type: ignore[union-attr]
+                return
+            self._perform(self.core.on_timer(now))
+        else:
+            self._arm_timer()
+
+    def _on_timer_after_readers(self) -> None:
+        """Serve the timer after the readers that were ready when it fired."""
+        assert self._clock is not None
+        if self._timer_at is not None and self._clock() >= self._timer_at:
+            self._perform(self.core.on_timer(self._clock()))
+        else:
+            self._arm_timer()
+
+    def _spin_gap(self) -> None:
+        """Wait in a loop for a gap that is over before a timer could be set."""
+        assert self._clock is not None and self._pausable_port is not None
+        self._spinning = True
+        while (when := self._timer_at) is not None and when <= self._clock() + SPIN_THRESHOLD_S:
+            timers.busy_wait(self._clock, when)
+            self._pausable_port.pause_until(0.0)
+            if self._timer_at == when:
+                self._perform(self.core.on_timer(self._clock()))
+        self._spinning = False
+
+    def _pause_reader(self) -> None:
+        """Leave bytes in the kernel that come too early to complete the reply."""
+        transaction = self.core.transaction
+        if transaction is None or self._clock is None:
+            return
+        useful_at = transaction.earliest_useful_at()
+        if useful_at is not None and self._pausable_port is not None and useful_at > self._clock() + MIN_READER_PAUSE_S:
+            self._resume_reading_at = useful_at
+            self._pausable_port.pause_until(inf)
+
+    def _arm_timer(self) -> None:
+        if self._timer is None:
+            return
+        when = self._resume_reading_at if self._timer_at is None else min(self._timer_at, self._resume_reading_at)
+        if when != self._timer.when:
+            self._timer.set(None if when == inf else when)
+
+    # --- commands of the core ------------------------------------------------------------------------------------
+
+    def _perform(self, commands: list[CoreCommand]) -> None:
+        """Execute commands in order, also those that their execution causes.
+
+        Frames leave first: their permits were checked at this very moment, and a sink may take its time.
+        """
+        if self._performing:
+            self._pending_commands.extend(commands)
+            self._send_frames(commands)
+            return
+        self._performing = True
+        try:
+            self._send_frames(commands)
+            self._execute(commands)
+            while self._pending_commands:
+                self._execute((self._pending_commands.popleft(),))
+        finally:
+            self._performing = False
+        if not self._spinning:
+            self._schedule_next()
+
+    def _schedule_next(self) -> None:
+        if self._spins_gaps:
+            self._spin_gap()
+        elif self._pauses_reader:
+            self._pause_reader()
+        self._arm_timer()
+
+    def _send_frames(self, commands: list[CoreCommand]) -> None:
+        for command in commands:
+            if type(command) is Send:
+                try:
+                    self.port.write(command.data)
+                except PortLost as error:
+                    self.port_lost(error)
+                except Exception as error:  # a bus that waited for ever would send no stop either
+                    self._report(f"writing to bus {self.name} failed", error)
+                    self.port_lost(PortLost("ports.lost", port=self.name, reason=str(error)))
+
+    def _execute(self, commands: Iterable[CoreCommand]) -> None:
+        for command in commands:
+            if type(command) is DeliverResult:
+                if type(command.token) is PollSubscription:
+                    self._notify(command.token.on_result, command.result)
+                elif not command.token.done():
+                    command.token.set_result(command.result)
+            elif type(command) is SetTimer:
+                self._timer_at = command.when
+            elif type(command) is EmitTrace:
+                for sink in tuple(self._trace_sinks):
+                    self._notify(sink, command.event)
+
+    def _notify(self, sink: Callable[[Any], None], value: Any) -> None:
+        """Call a sink; its failure is reported and does not stop the bus."""
+        try:
+            sink(value)
+        except Exception as error:
+            self._report(f"a sink of bus {self.name} failed", error)
+
+    def _report(self, message: str, error: Exception) -> None:
+        """Report an unexpected failure to the exception handler of the loop."""
+        loop = self._loop or asyncio.get_running_loop()
+        loop.call_exception_handler({"message": message, "exception": error})

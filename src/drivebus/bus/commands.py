@@ -1,31 +1,31 @@
-"""What the pure core asks of the outside world, as values. Nothing here does anything."""
+"""Commands of the bus engine to its I/O, as values."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+from drivebus.bus.messages import BusResult
 from drivebus.bus.trace import TraceEvent
-from drivebus.protocols.codec import BusResult
 
 
 @dataclass(slots=True)
 class Send:
-    """Write these bytes now: the first bit leaves at the ``now`` of the call that returned this."""
+    """Write these bytes now: the first bit is sent at the ``now`` of the call that returned this."""
 
     data: bytes
 
 
 @dataclass(slots=True)
 class SetTimer:
-    """Call ``woke`` at this monotonic second; replaces every earlier SetTimer. None: nothing to wait for."""
+    """Call ``on_timer`` at this monotonic second; replaces the timer set before. None: no timer."""
 
     when: float | None
 
 
 @dataclass(slots=True)
 class DeliverResult:
-    """The ask that was submitted (or is polled) under ``token`` has its answer."""
+    """Hand over the result of the request that was submitted, or is polled, under ``token``."""
 
     token: Any
     result: BusResult
@@ -33,7 +33,7 @@ class DeliverResult:
 
 @dataclass(slots=True)
 class EmitTrace:
-    """Something was on the wire; only made while somebody listens."""
+    """Report bytes on the wire; only made while tracing is on."""
 
     event: TraceEvent
 

@@ -1,69 +1,61 @@
-"""May drives of two families share one pair of wires? Decided when the bus is configured, never at transmit. Pure.
+"""Check, when a bus is configured, whether stations of different protocols may share it.
 
-T18: bytes of one protocol may look like a frame of another. Every representative frame that would be sent to one
-family is shown to the other families' station-side parsers, at every offset; any match is refused. Stops are sent
-whatever this says (ruling 5).
+Bytes of one protocol may look like a frame of another. Every representative frame to a station of one protocol is
+decoded as a request of the others, at every offset; any match is rejected. Stops are sent regardless of this check.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from drivebus.errors import ConfigurationError, ProtocolError
-from drivebus.protocols.codec import Codec, Incomplete, StationConfig
+from drivebus.bus.messages import StationConfig
+from drivebus.bus.unsolicited import decode_request_prefix
+from drivebus.errors import ConfigurationError
+from drivebus.protocols.codec import Codec
 
-SYNC_SAMPLES = 16
-"""So many fences of a link stand for what will be sent to it, beside its polls and ``link.extra["frames"]``."""
+SYNC_SAMPLES = 16  # sync requests that stand for what will be sent to a station, beside ``sample_requests``
 
 
 def protocol_of(codec: Codec) -> tuple[str, str]:
-    """Family and encoding: two encodings of one family are as foreign to each other as two families."""
+    """Return family and encoding: two encodings of one family are as foreign to each other as two families."""
     return codec.family, codec.encoding
 
 
-def sample_frames(link: StationConfig) -> list[bytes]:
-    """Representative outgoing frames of a link."""
-    requests = [link.sync_request(n) for n in range(SYNC_SAMPLES)] + list(link.extra.get("frames", ()))
-    return [link.codec.encode_request(request) for request in requests]
+def sample_frames(config: StationConfig) -> list[bytes]:
+    """Return representative frames to a station."""
+    requests = [*map(config.sync_request, range(SYNC_SAMPLES)), *config.sample_requests]
+    return [config.codec.encode_request(request) for request in requests]
 
 
-def check_compatible(link: StationConfig, others: Iterable[StationConfig], allow_mixed: bool) -> None:
-    """Raises ConfigurationError where ``link`` must not join a bus with ``others``."""
-    strangers = [other for other in others if protocol_of(other.codec) != protocol_of(link.codec)]
-    if not strangers:
+def check_compatible(config: StationConfig, others: Iterable[StationConfig], allow_mixed: bool) -> None:
+    """Raise ConfigurationError where a station must not join a bus with ``others``."""
+    foreign = [other for other in others if protocol_of(other.codec) != protocol_of(config.codec)]
+    if not foreign:
         return
     if not allow_mixed:
-        first = strangers[0]
         raise ConfigurationError(
             "bus.mixed",
-            found="/".join(protocol_of(link.codec)),
-            expected="/".join(protocol_of(first.codec)),
-            address=link.address,
-            other=first.address,
+            found="/".join(protocol_of(config.codec)),
+            expected="/".join(protocol_of(foreign[0].codec)),
+            address=config.address,
+            other=foreign[0].address,
         )
-    for other in strangers:
-        check_no_overlap(sample_frames(link), link, other)
-        check_no_overlap(sample_frames(other), other, link)
+    for other in foreign:
+        check_no_overlap(sample_frames(config), config, other)
+        check_no_overlap(sample_frames(other), other, config)
 
 
-def check_no_overlap(frames: Sequence[bytes], link: StationConfig, other: StationConfig) -> None:
-    """Raises ConfigurationError where one of ``link``'s frames contains a request of ``other``'s protocol."""
+def check_no_overlap(frames: Sequence[bytes], config: StationConfig, other: StationConfig) -> None:
+    """Raise ConfigurationError where a frame to ``config`` contains a request of the protocol of ``other``."""
     for frame in frames:
         for offset in range(len(frame)):
-            if _decodes_as_request(other.codec, frame[offset:]):
+            if decode_request_prefix(other.codec, frame[offset:]) is not None:
                 raise ConfigurationError(
                     "bus.mixed_frame",
-                    address=link.address,
+                    address=config.address,
                     other=other.address,
                     frame=frame.hex(" ").upper(),
                     offset=offset,
-                    found="/".join(protocol_of(link.codec)),
+                    found="/".join(protocol_of(config.codec)),
                     expected="/".join(protocol_of(other.codec)),
                 )
-
-
-def _decodes_as_request(codec: Codec, data: bytes) -> bool:
-    try:
-        return not isinstance(codec.decode_request(data), Incomplete)
-    except ProtocolError:
-        return False

@@ -1,129 +1,325 @@
-"""The bus as a machine without a clock: events and ``now`` in, effects out. One request outstanding, ever (I6).
+"""Engine of one bus without clock or I/O: events and ``now`` in, commands out, one request outstanding at any time.
 
-Every public method that takes ``now`` returns the list of effects to perform, in order. The safety argument in one
-place: a frame leaves only in ``_transmit``; ``_transmit`` runs only from ``_send_next``, with no transaction in flight,
-after the gap, with the frame that ``Scheduler.next`` chose at this very ``now``, and the scheduler gives nothing but
-stops, and frames whose permit and expiry it has just checked. A reply is believed only in ``_accept``, which a
-transaction reaches only with a whole frame that its codec took for the answer to the one request outstanding,
-followed by the gap in silence, from a station that owes no fence. What happens after a failure is in ``aftermath``.
+Theory of operation
+-------------------
+Requests enter by ``submit`` (once) and ``start_polling`` (periodically) and wait in the ``Scheduler``. The port reports
+``on_port_open``, ``on_port_lost`` and ``on_data``, the clock ``on_timer``. Each of these calls ends in ``_advance``:
+it ends the open transaction when its time has come, sends the next frame when the bus has been silent for the gap, and
+returns the commands to execute, in order: ``Send``, ``SetTimer``, ``DeliverResult``, ``EmitTrace``.
+
+A ``Transaction`` begins with our frame and ends when its reply has been followed by the gap of silence, or at its
+deadline. A failed one makes its station suspect (see the table of states in ``station``): a late reply may be on its
+way, so the station is left alone for a quarantine and must then answer a sync probe, a harmless request whose reply
+can't be the late reply to an older request. Bytes outside a transaction are classified and counted, never applied.
+
+Safety argument
+---------------
+Which code decides that a frame may be sent:
+
+1. Frames leave only in ``_send``, which only ``_send_next`` calls, with no transaction open.
+2. ``_send_next`` calls it only after the gap of silence. A stop alone does not wait longer than its silence timeout.
+3. The frame is the one that ``Scheduler.next`` chose at this very ``now``. It returns stops, sync probes, and requests
+   that it has just checked for expiry and by ``PreparedRequest.permit_error``: a write needs a permit for this station
+   and this effect, not expired and of the current stop epoch, and motion none of a start inhibit.
+4. Effect and addressed station come from the encoded bytes (``_prepare``), not from what the caller says of them.
+5. A stop needs no permit. ``submit`` queues it at once; it removes the commands that it overtakes and raises the stop
+   epoch, which voids every permit granted before.
+
+Which code decides that a reply is accepted:
+
+6. ``Transaction`` takes only a whole frame that the codec decodes as the reply to the one open request, followed by
+   the gap of silence, without a line error, outside our own frame and its echo.
+7. ``_reject_reason`` then rejects a reply that may be our own echo, and any reply of a suspect station except to a
+   sync probe. ``_accept_reply`` is the only place where a reply becomes a result.
+
+Why no late reply can be credited to another request:
+
+8. Every failed transaction whose reply may still come makes its station suspect before the next frame is chosen
+   (``_handle_failure``), and so does the loss of the port. Only a reply that has come damaged, a reply's worth of bytes
+   with no other reply due on the bus, leaves the station as it is.
+9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the longest
+   lateness of its family.
+10. Its sync probe must be answered by a reply that no unanswered request of the last ``MAX_REPLY_LATENESS_S`` could
+    have (``_matches_older_request``). Then no older reply can be on its way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from drivebus.bus import classify, failure
-from drivebus.bus.commands import CoreCommand, DeliverResult, Send, SetTimer
-from drivebus.bus.poll_schedule import Poll, PreparedPoll
-from drivebus.bus.prepared_request import PreparedRequest
-from drivebus.bus.scheduler import NEVER
-from drivebus.bus.silence import SILENCE_TIMEOUT_S, SilenceTimeout
-from drivebus.bus.state import BusState
-from drivebus.bus.statistics import merge_counters
+from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
+from drivebus.bus.compatibility import check_compatible
+from drivebus.bus.echo import EchoDetector
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
+from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
+from drivebus.bus.scheduler import NEVER, Scheduler
+from drivebus.bus.station import Presence, Station, StationHealth
+from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
-from drivebus.bus.validation import validate_request
-from drivebus.errors import LineError, NoReply, PortLost, Superseded
-from drivebus.protocols.codec import BusRequest, BusResult, Effect, RequestPriority
+from drivebus.bus.unsolicited import UnsolicitedBytes, UnsolicitedFrame, classify, decode_request_prefix, is_late_reply
+from drivebus.errors import (
+    AddressError,
+    ConfigurationError,
+    LineError,
+    NoReply,
+    NotPermitted,
+    PortLost,
+    Superseded,
+    TrailingError,
+)
+from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 
-HOST_STALL_TOLERANCE_S = 0.2
-"""Where the host itself was late to look (``woke`` did not come at the deadline), bytes may have come in time: they
-are looked at up to so much later. It is still the one request outstanding; beyond, the value would be too old (I4)."""
-TIMER_FIRED = -1.0
-"""The last SetTimer has been served: the next one is said even if it is None again."""
+HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
+MAX_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this
+SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station owes so many late replies
+STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence: longer than any frame of these families
+SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
+TIMER_FIRED = -1.0  # value of ``_timer_at`` that makes the next SetTimer be issued even if it is None again
 
 
-class BusCore(BusState):
-    """The bus itself: what is wanted of it, what happens to it, and what it does then."""
+class UntrustedReply(NoReply):
+    """A reply came that may be our own echo or the reply to an older request. Sending again would not help."""
 
-    _silent_since = 0.0
-    _timer_at: float | None = None
+    retryable = False
 
-    def __init__(self, settings: SerialSettings, **options: Any) -> None:
-        """Options as ``BusState``: name, paced, echo, allow_mixed."""
-        super().__init__(settings, **options)
+
+class SilenceTimeout:
+    """Limit of the wait for silence, counted from the moment at which a frame was ready and the bus was not."""
+
+    __slots__ = ("_settings", "_started_at")
+
+    def __init__(self, settings: SerialSettings) -> None:
+        self._settings = settings
+        self._started_at: float | None = None
+
+    def reset(self) -> None:
+        """Stop counting: a frame was sent, or none is waiting."""
+        self._started_at = None
+
+    def expired(self, prepared: PreparedRequest, now: float) -> bool:
+        return now >= self.deadline(prepared, now)
+
+    def deadline(self, prepared: PreparedRequest, now: float) -> float:
+        """Return when this frame waits no longer; the first call starts counting."""
+        if self._started_at is None:
+            self._started_at = now
+        stop_s = prepared.gap_s + self._settings.seconds(STOP_SILENCE_TIMEOUT_CHARACTERS)
+        return self._started_at + (stop_s if prepared.priority is RequestPriority.STOP else SILENCE_TIMEOUT_S)
+
+
+class BusCore:
+    """One bus and its stations. Methods with ``now`` (monotonic seconds) return the commands to execute, in order."""
+
+    def __init__(
+        self,
+        settings: SerialSettings,
+        *,
+        name: str = "",
+        has_line_timing: bool = False,
+        echo: str = "detect",
+        allow_mixed: bool = False,
+    ) -> None:
+        """``has_line_timing``: the port delivers bytes at the time at which they were on the wire."""
+        self.settings = settings
+        self.name = name
+        self.has_line_timing = has_line_timing
+        self.tracing = False
+        self.is_open = False
+        self.first_opened_at: float | None = None
+        """Counters count from here, through every replug."""
+        self.opened_at = 0.0
+        """Recent shares of bus time look back no further."""
+        self.stations: dict[int, Station] = {}
+        self.removed_stations: dict[int, Station] = {}
+        """A station that is registered again inherits from these what forbids motion."""
+        self.all_starts_inhibited = False
+        self.scheduler = Scheduler(settings)
+        self.unsolicited = UnsolicitedBytes()
+        self.echo = EchoDetector(echo)
+        self.counters = Counters()
+        """What belongs to no station."""
+        self.activity = RecentActivity()
+        self.transaction: Transaction | None = None
+        """The one request outstanding."""
+        self.character_s = settings.character_s
+        self._allow_mixed = allow_mixed
         self._silence_timeout = SilenceTimeout(settings)
+        self._silent_since = 0.0
+        self._timer_at: float | None = None
+        self._commands: list[CoreCommand] = []
 
-    # --- wishes ------------------------------------------------------------------------------------------------
+    # --- stations ------------------------------------------------------------------------------------------------
 
-    def submit(self, ask: BusRequest, token: Any, now: float) -> list[CoreCommand]:
-        """Queue one transaction; its Done comes when it is over. Raises ValueError for a request out of range."""
-        job = validate_request(ask, token, self.stations, self.settings)
-        if not isinstance(job, PreparedRequest):
-            return self._reject(ask, token, job)
-        if not self.is_open:
-            return self._reject(ask, token, PortLost("bus.not_open"))
-        if job.effect is Effect.STOP:
-            stopped = list(self.stations.values()) if job.is_broadcast else [job.station]
-            for old in self.scheduler.supersede(stopped):
-                self.complete(old, Superseded("bus.superseded", station=old.station.address))
-        elif (refused := job.permit_error(now)) is not None:
-            return self._reject(ask, token, refused)
-        self.scheduler.enqueue(job)
-        return self._advance(now)
-
-    def cancel(self, token: Any, now: float) -> list[CoreCommand]:
-        """Nobody waits for this any more: what has not been sent never will be, unless it is a stop (ruling 5)."""
-        self._withdraw(token)
-        return self._advance(now)
-
-    def start_polling(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[CoreCommand]:
-        """Send these polls for ever; each answer is a Done under ``token``. Raises KeyError, ValueError."""
-        station = self.stations[address]
-        jobs = []
-        for poll in polls:
-            job = PreparedPoll(
-                poll, token, station, self.settings, now + self.scheduler.poll_schedule.next_phase_s(poll)
-            )
-            if job.effect is not Effect.NONE:
-                raise ValueError(f"poll {poll.request!r}: a poll only reads, this one is {job.effect.value}")
-            jobs.append(job)
-        for job in jobs:
-            self.scheduler.poll_schedule.add(job)
-        return self._advance(now)
-
-    def stop_polling(self, token: Any, now: float) -> list[CoreCommand]:
-        """No more of these polls, and no more Done under this token."""
-        self.scheduler.poll_schedule.cancel_if(lambda job: job.token is token)
-        for station in self.stations.values():
-            station.suspended_polls = [job for job in station.suspended_polls if job.token is not token]
-        self._withdraw(token)
-        return self._advance(now)
-
-    def _withdraw(self, token: Any) -> None:
-        """Out of the queues; what is on the wire gets no second attempt. A stop is not taken back."""
-        self.scheduler.remove_if(lambda job: job.token is token and job.effect is not Effect.STOP)
-        if (
-            self.transaction is not None
-            and self.transaction.prepared.token is token
-            and self.transaction.prepared.effect is not Effect.STOP
-        ):
-            self.transaction.prepared.max_attempts = 0
-            if isinstance(self.transaction.prepared, PreparedPoll):
-                self.transaction.prepared.cancelled = True
+    def add_station(self, config: StationConfig) -> None:
+        """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix."""
+        if config.address in self.stations:
+            raise ConfigurationError("bus.address_taken", address=config.address)
+        if config.address == config.codec.broadcast_address:
+            raise ConfigurationError("bus.address_broadcast", address=config.address)
+        check_compatible(config, (station.config for station in self.stations.values()), self._allow_mixed)
+        station = self.stations[config.address] = Station(config, self.settings)
+        station.start_inhibited = self.all_starts_inhibited
+        if config.address in self.removed_stations:
+            station.inherit(self.removed_stations[config.address])
 
     def remove_station(self, address: int, now: float) -> list[CoreCommand]:
-        """Forget a station: its polls end, what is queued for it fails."""
+        """Remove a station: its polls end, its queued requests fail. Raises KeyError."""
         station = self.stations.pop(address)
         station.stop_epoch += 1
         self.removed_stations[address] = station
         merge_counters(self.counters, station.counters)
         self.scheduler.remove_station(station)
-        gone = self.scheduler.remove_if(lambda job: job.station is station)
-        for job in gone:
-            self.complete(job, NoReply("bus.removed", station=address))
+        for prepared in self.scheduler.remove_if(lambda prepared: prepared.station is station):
+            self._complete(prepared, NoReply("bus.removed", station=address))
         return self._advance(now)
 
-    # --- events ------------------------------------------------------------------------------------------------
+    def set_start_inhibit(self, addresses: Iterable[int] | None, inhibited: bool) -> None:
+        """Inhibit or allow motion of these stations (None: all, also those registered later)."""
+        if addresses is None:
+            self.all_starts_inhibited = inhibited
+            for station in self.removed_stations.values():
+                station.start_inhibited = inhibited
+        for address in self.stations if addresses is None else addresses:
+            self.stations[address].start_inhibited = inhibited
+
+    def presence(self, address: int) -> Presence:
+        """Return whether a station replies. Raises KeyError for an address that is not registered."""
+        found = self.stations[address].state.presence
+        return Presence.OFFLINE if found is Presence.ONLINE and not self.is_open else found
+
+    def health(self, address: int, now: float) -> StationHealth:
+        """Return how far a station can be trusted. Raises KeyError for an address that is not registered."""
+        station = self.stations[address]
+        failed, damaged, damage_rate = station.counters.error_window.rates(now)
+        return StationHealth(
+            presence=self.presence(address),
+            suspect=station.state.is_suspect,
+            foreign_master=self.unsolicited.has_foreign_master(now),
+            duplicate_address=station.has_duplicate_address(now),
+            error_rate=failed,
+            damaged=damaged,
+            damage_rate=damage_rate,
+            last_reply_at=station.last_reply_at,
+        )
+
+    def statistics(self, now: float) -> BusStatistics:
+        """Return counters, rates and shares since the bus was first opened."""
+        return bus_snapshot(
+            self.name,
+            self.counters,
+            self.activity,
+            {address: station.counters for address, station in self.stations.items()},
+            now=now,
+            first_opened_at=now if self.first_opened_at is None else self.first_opened_at,
+            opened_at=self.opened_at,
+            queued=len(self.scheduler),
+            echoes=self.echo.echo_count,
+        )
+
+    # --- requests ------------------------------------------------------------------------------------------------
+
+    def submit(self, bus_request: BusRequest, token: Any, now: float) -> list[CoreCommand]:
+        """Queue one transaction; its result comes as DeliverResult. Raises ValueError for a request out of range."""
+        prepared = self._prepare(bus_request, token)
+        if not isinstance(prepared, PreparedRequest):
+            return self._reject(bus_request, token, prepared)
+        if not self.is_open:
+            return self._reject(bus_request, token, PortLost("bus.not_open"))
+        if prepared.effect is Effect.STOP:
+            stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
+            for older in self.scheduler.supersede(stopped):
+                self._complete(older, Superseded("bus.superseded", station=older.station.address))
+        elif (error := prepared.permit_error(now)) is not None:
+            return self._reject(bus_request, token, error)
+        self.scheduler.enqueue(prepared)
+        return self._advance(now)
+
+    def cancel(self, token: Any, now: float) -> list[CoreCommand]:
+        """Remove what has not been sent yet and prevent retries; a stop is not taken back."""
+        self._withdraw(token)
+        return self._advance(now)
+
+    def start_polling(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[CoreCommand]:
+        """Send these polls until ``stop_polling``; each result is a DeliverResult. Raises KeyError, ValueError."""
+        station = self.stations[address]
+        schedule = self.scheduler.poll_schedule
+        prepared_polls = []
+        for poll in polls:
+            prepared = PreparedPoll(poll, token, station, self.settings, now + schedule.next_phase_s(poll))
+            if prepared.effect is not Effect.NONE:
+                raise ValueError(f"poll {poll.request!r}: a poll only reads, this one is {prepared.effect.value}")
+            prepared_polls.append(prepared)
+        for prepared in prepared_polls:
+            schedule.add(prepared)
+        return self._advance(now)
+
+    def stop_polling(self, token: Any, now: float) -> list[CoreCommand]:
+        """End the polls of this token; no further result is delivered for it."""
+        self.scheduler.poll_schedule.cancel_if(lambda poll: poll.token is token)
+        self._withdraw(token)
+        return self._advance(now)
+
+    def _prepare(self, bus_request: BusRequest, token: Any) -> PreparedRequest | NotPermitted:
+        """Encode a request, or return why it is not permitted. Raises ValueError for a field out of range.
+
+        The address in the bytes must be the requested station: a permit for one drive can't move another.
+        """
+        station = self.stations.get(bus_request.station)
+        if station is None:
+            sender = next(
+                (one for one in self.stations.values() if one.codec.broadcast_address == bus_request.station), None
+            )
+            if sender is None:
+                return NotPermitted("bus.unregistered", station=bus_request.station)
+            return self._check_broadcast(PreparedRequest(bus_request, token, sender, self.settings))
+        prepared = PreparedRequest(bus_request, token, station, self.settings)
+        if prepared.is_broadcast:
+            return self._check_broadcast(prepared)
+        if prepared.cacheable:
+            return prepared
+        addressed = station.codec.address_of(bus_request.request)
+        if addressed != bus_request.station:
+            return NotPermitted("bus.other_station", station=bus_request.station, found=addressed)
+        return prepared
+
+    def _check_broadcast(self, prepared: PreparedRequest) -> PreparedRequest | NotPermitted:
+        """Permit only a broadcast that is a stop to every station on the bus.
+
+        The same command word may stop one model and start another (register 2000H of VC660 and DF800).
+        """
+        for station in self.stations.values():
+            effect = station.config.effect_of(prepared.data)
+            if effect is not Effect.STOP:
+                return NotPermitted("bus.broadcast", station=station.address, effect=effect.value)
+        if not prepared.is_broadcast:
+            return NotPermitted("bus.broadcast_answered", station=prepared.bus_request.station)
+        return prepared
+
+    def _withdraw(self, token: Any) -> None:
+        """Remove requests from the queues; the one on the wire gets no further attempt. A stop stays."""
+        self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not Effect.STOP)
+        if self.transaction is None:
+            return
+        prepared = self.transaction.prepared
+        if prepared.token is token and prepared.effect is not Effect.STOP:
+            prepared.max_attempts = 0
+            if isinstance(prepared, PreparedPoll):
+                prepared.cancelled = True
+
+    def _reject(self, bus_request: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
+        return [DeliverResult(token, BusResult(bus_request=bus_request, error=error))]
+
+    # --- events --------------------------------------------------------------------------------------------------
 
     def on_port_open(self, now: float) -> list[CoreCommand]:
-        """The port is open (again). Nothing older is replayed (I10)."""
+        """The port is open (again). No older request is sent again."""
         self.is_open = True
         self.opened_at = now
         self.first_opened_at = now if self.first_opened_at is None else self.first_opened_at
-        self._silent_since = max(now, self._silent_since)  # our last frame may still be leaving (I6)
+        self._silent_since = max(now, self._silent_since)  # our last frame may still be on its way out
         self.echo.reset()
         self.unsolicited.drain()
         for station in self.stations.values():
@@ -131,168 +327,139 @@ class BusCore(BusState):
         return self._advance(now)
 
     def on_port_lost(self, error: PortLost, now: float) -> list[CoreCommand]:
-        """The port is gone: everything pending fails, every station owes a fence, every permit is void."""
+        """The port is gone: pending requests fail, permits are void, every station needs a sync probe."""
         self.is_open = False
-        flight, self.transaction = self.transaction, None
-        if flight is not None:
-            self.record_bus_time(flight, now)
-            self.complete(flight.prepared, error, flight)
-        for job in self.scheduler.remove_if(lambda job: True):
-            self.complete(job, error)
+        transaction, self.transaction = self.transaction, None
+        if transaction is not None:
+            self._record_bus_time(transaction, now)
+            self._complete(transaction.prepared, error, transaction)
+        for prepared in self.scheduler.remove_if(lambda prepared: True):
+            self._complete(prepared, error)
         for station in self.stations.values():
             station.stop_epoch += 1
-            station.mark_suspect(now)
-            self.scheduler.mark_suspect(station)
+            self._mark_suspect(station, now)
         self._silence_timeout.reset()
         return self._advance(now)
 
     def on_data(self, data: bytes, now: float, line_errors: int = 0) -> list[CoreCommand]:
-        """Bytes came; ``marks`` of them with a parity or framing error (G20)."""
+        """Bytes were received, ``line_errors`` of them with a parity or framing error."""
         self.counters.bytes_received += len(data)
-        flight = self.transaction
+        transaction = self.transaction
         if line_errors:
-            self.counters.count_event("marks", line_errors)
-        if line_errors and flight is not None:
-            flight.prepared.station.counters.count_event("marks", line_errors)
-        if flight is not None and flight.message is None and now > flight.ends_at + HOST_STALL_TOLERANCE_S:
-            self._finish_transaction(flight, now)
-            flight = self.transaction
+            self.counters.count_event("line_errors", line_errors)
+            if transaction is not None:
+                transaction.prepared.station.counters.count_event("line_errors", line_errors)
+        if (
+            transaction is not None
+            and transaction.message is None
+            and now > transaction.ends_at + HOST_STALL_TOLERANCE_S
+        ):
+            self._finish_transaction(transaction, now)
+            transaction = self.transaction
         if now > self._silent_since:
             self._silent_since = now
-        if flight is not None:
-            flight.on_data(data, now, line_errors)
+        if transaction is not None:
+            transaction.on_data(data, now, line_errors)
         else:
             self.unsolicited.add(data, now)
         return self._advance(now)
 
     def on_timer(self, now: float) -> list[CoreCommand]:
-        """It is ``now``: whatever was waited for may have come."""
+        """The time set by the last SetTimer has come."""
         self._timer_at = TIMER_FIRED
         return self._advance(now)
 
-    # --- the machine -------------------------------------------------------------------------------------------
+    # --- sending -------------------------------------------------------------------------------------------------
 
     def _advance(self, now: float) -> list[CoreCommand]:
-        flight = self.transaction
-        if flight is not None and now >= flight.ends_at:
-            self._finish_transaction(flight, now)
-            flight = self.transaction
-        if flight is not None:
-            self._set_timer(flight.ends_at)
+        """End the open transaction when its time has come, send the next frame when it may be sent, set the timer."""
+        transaction = self.transaction
+        if transaction is not None and now >= transaction.ends_at:
+            self._finish_transaction(transaction, now)
+            transaction = self.transaction
+        if transaction is not None:
+            self._set_timer(transaction.ends_at)
         elif self.is_open:
             self._send_next(now)
         else:
             self._set_timer(None)
-        out, self.commands = self.commands, []
-        return out
+        commands, self._commands = self._commands, []
+        return commands
 
     def _send_next(self, now: float) -> None:
-        """Choose, wait for the gap, transmit. The choice is made again at every wake, so a stop always comes first."""
-        job = self.scheduler.next(now)
+        """Choose a frame, wait for the gap, send. Each wake-up chooses again, so a stop always comes first."""
+        prepared = self.scheduler.next(now)
         while self.scheduler.rejected:
-            refused, error = self.scheduler.rejected.pop(0)
-            self.complete(refused, error)
-        heard = self.unsolicited.buffer
-        at = self._silent_since + (job.gap_s if job is not None else self._max_gap_s() if heard else 0.0)
-        if job is not None and job.station.duplicate_reply_times and job.priority is not RequestPriority.STOP:
-            at = max(at, job.station.next_allowed_at(now))
-        if now < at and (job is None or not self._silence_timeout.expired(job, now)):
-            self._set_timer(at if job is None else min(at, self._silence_timeout.deadline(job, now)))
+            rejected, error = self.scheduler.rejected.pop(0)
+            self._complete(rejected, error)
+        unsolicited = self.unsolicited.buffer
+        gap_s = prepared.gap_s if prepared is not None else self._max_gap_s() if unsolicited else 0.0
+        at = self._silent_since + gap_s
+        if (
+            prepared is not None
+            and prepared.station.duplicate_reply_times
+            and prepared.priority is not RequestPriority.STOP
+        ):
+            at = max(at, prepared.station.next_allowed_at(now))
+        if now < at and (prepared is None or not self._silence_timeout.expired(prepared, now)):
+            self._set_timer(at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now)))
             return
-        if heard:
-            classify.classify_idle(self, now)
-            self._send_next(now)  # what was heard may have made a station suspect: choose again
-        elif job is None:
+        if unsolicited:
+            self._classify_unsolicited(now)
+            self._send_next(now)  # the bytes may have made a station suspect: choose again
+        elif prepared is None:
             self._silence_timeout.reset()
             self._set_timer(None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at)
-        elif now < at and job.priority is not RequestPriority.STOP:
-            self._fail_unsent(job, LineError("bus.no_silence", seconds=SILENCE_TIMEOUT_S), now)
+        elif now < at and prepared.priority is not RequestPriority.STOP:
+            self._fail_unsent(prepared, LineError("bus.no_silence", seconds=SILENCE_TIMEOUT_S), now)
         else:
-            self._transmit(job, now)
+            self._send(prepared, now)
 
-    def _transmit(self, job: PreparedRequest, now: float) -> None:
-        self.scheduler.on_sent(job, now)
+    def _send(self, prepared: PreparedRequest, now: float) -> None:
+        """Send a frame and open its transaction. The only place where a frame leaves."""
+        self.scheduler.on_sent(prepared, now)
         self._silence_timeout.reset()
-        job.attempts += 1
-        job.sent_at = now
-        station = job.station
-        station.last_request = job
+        prepared.attempts += 1
+        prepared.sent_at = now
+        station = prepared.station
+        station.last_request = prepared.request
         counters = station.counters
         counters.transactions += 1
-        counters.bytes_sent += len(job.data)
-        flight = Transaction(
-            job, now, self.character_s, has_line_timing=self.has_line_timing, echo=self.echo.filter_for(job)
+        counters.bytes_sent += len(prepared.data)
+        transaction = Transaction(
+            prepared,
+            now,
+            self.character_s,
+            has_line_timing=self.has_line_timing,
+            echo=self.echo.filter_for(prepared),
         )
-        self.transaction = flight
-        self._silent_since = station.last_request_sent_at = flight.tx_end_at
-        self.commands.append(Send(job.data))
+        self.transaction = transaction
+        self._silent_since = station.last_request_sent_at = transaction.tx_end_at
+        self._commands.append(Send(prepared.data))
         if self.tracing:
-            self.trace(TraceEvent(now, TraceKind.SENT, job.data, station.address, job.request, attempt=job.attempts))
-        self._set_timer(flight.ends_at)
-
-    def _finish_transaction(self, transaction: Transaction, now: float) -> None:
-        """The transaction is over: believe its reply, or see what is wrong and go on from there."""
-        self.transaction = None
-        self.record_bus_time(transaction, now)
-        if transaction.bytes_before_tx_end or transaction.foreign_frames:
-            classify.count_extra(self, transaction, now)
-        transaction.prepared.station.last_request_answered = (
-            transaction.received_count >= transaction.prepared.reply_bytes
-        )
-        error = transaction.final_error()
-        plain = (
-            error is None
-            and transaction.echo is None
-            and self.echo.ruled_out
-            and not transaction.prepared.station.suspect
-        )
-        if not plain:
-            if error is None and not transaction.prepared.is_broadcast:
-                error = failure.reject_reason(self, transaction)
-            self.echo.observe(transaction)
-        if error is None:
-            self._accept_reply(transaction, now)
-        else:
-            failure.handle_failure(self, transaction, error, now)
-
-    def _accept_reply(self, transaction: Transaction, now: float) -> None:
-        job = transaction.prepared
-        station = job.station
-        if not job.is_broadcast:
-            assert transaction.last_byte_at is not None
-            station.last_reply_at = transaction.last_byte_at
-            station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
-            if job.is_sync_probe:
-                self.trust_station(station, now, verified=True)
-            station.seen = True
-        if self.tracing and not job.is_broadcast:
-            self.trace(
+            self._trace(
                 TraceEvent(
-                    transaction.last_byte_at or now,
-                    TraceKind.REPLY,
-                    bytes(transaction.buffer),
+                    now,
+                    TraceKind.SENT,
+                    prepared.data,
                     station.address,
-                    transaction.message,
+                    prepared.request,
+                    attempt=prepared.attempts,
                 )
             )
-        self.complete(job, None, transaction)
+        self._set_timer(transaction.ends_at)
 
-    # --- small things ------------------------------------------------------------------------------------------
-
-    def _reject(self, ask: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
-        return [DeliverResult(token, BusResult(ask, error=error))]
-
-    def _fail_unsent(self, job: PreparedRequest, error: Exception, now: float) -> None:
-        """The line babbles: this frame is not sent, whoever waits is told, the next one gets its turn."""
-        self.scheduler.on_sent(job, now)
+    def _fail_unsent(self, prepared: PreparedRequest, error: Exception, now: float) -> None:
+        """Fail a frame because the bus does not fall silent; the next one gets its turn."""
+        self.scheduler.on_sent(prepared, now)
         self._silence_timeout.reset()
         self.counters.count_event("no_silence")
-        self.complete(job, error)
-        if job.is_sync_probe:
-            job.station.mark_suspect(now)
-            for waiting in self.scheduler.remove_if(lambda other: other.station is job.station):
-                self.complete(waiting, error)
-        self._set_timer(now + job.gap_s)
+        self._complete(prepared, error)
+        if prepared.is_sync_probe:
+            prepared.station.mark_suspect(now)
+            for waiting in self.scheduler.remove_if(lambda other: other.station is prepared.station):
+                self._complete(waiting, error)
+        self._set_timer(now + prepared.gap_s)
 
     def _max_gap_s(self) -> float:
         return max((station.gap_s for station in self.stations.values()), default=3.5 * self.character_s)
@@ -300,4 +467,292 @@ class BusCore(BusState):
     def _set_timer(self, when: float | None) -> None:
         if when != self._timer_at:
             self._timer_at = when
-            self.commands.append(SetTimer(when))
+            self._commands.append(SetTimer(when))
+
+    # --- end of a transaction ------------------------------------------------------------------------------------
+
+    def _finish_transaction(self, transaction: Transaction, now: float) -> None:
+        """Accept the reply of a transaction, or handle its failure."""
+        self.transaction = None
+        self._record_bus_time(transaction, now)
+        if transaction.bytes_before_tx_end or transaction.foreign_frames:
+            self._record_extra_bytes(transaction, now)
+        prepared = transaction.prepared
+        station = prepared.station
+        station.last_request_answered = transaction.received_count >= prepared.reply_bytes
+        error = transaction.final_error()
+        echo_excluded = transaction.echo is None and self.echo.ruled_out
+        if error is not None or not echo_excluded or station.state.is_suspect:
+            if error is None and not prepared.is_broadcast:
+                error = self._reject_reason(transaction)
+            self.echo.observe(transaction)
+        if error is None:
+            self._accept_reply(transaction, now)
+        else:
+            self._handle_failure(transaction, error, now)
+
+    def _reject_reason(self, transaction: Transaction) -> Exception | None:
+        """Return why a reply that the codec accepted must not be trusted, None if it may."""
+        prepared = transaction.prepared
+        station = prepared.station
+        if not self.echo.accepts(transaction):
+            return UntrustedReply("bus.own_echo", station=station.address)
+        if station.state.is_suspect and not prepared.is_sync_probe:
+            return UntrustedReply("bus.suspect", station=station.address)
+        if not prepared.is_sync_probe:
+            return None
+        if transaction.message_size < prepared.reply_bytes:
+            # An error reply repeats too little of its request to identify this sync probe (DF800: only the function).
+            # Several in a row do, and a station that does not know the request must not stay offline for ever.
+            first_ones = station.sync_rejections < SYNC_REJECTIONS_REQUIRED - 1
+            return UntrustedReply("bus.sync_rejected", station=station.address) if first_ones else None
+        if _matches_older_request(transaction):
+            return UntrustedReply("bus.sync_ambiguous", station=station.address, seconds=MAX_REPLY_LATENESS_S)
+        return None
+
+    def _accept_reply(self, transaction: Transaction, now: float) -> None:
+        """Deliver a trusted reply, or the end of a broadcast. The only place where a reply becomes a result."""
+        prepared = transaction.prepared
+        station = prepared.station
+        if not prepared.is_broadcast:
+            assert transaction.last_byte_at is not None
+            station.last_reply_at = transaction.last_byte_at
+            station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
+            if prepared.is_sync_probe:
+                self._mark_online(station, now, verified=True)
+            else:
+                station.mark_replied()
+            if self.tracing:
+                self._trace(
+                    TraceEvent(
+                        transaction.last_byte_at or now,
+                        TraceKind.REPLY,
+                        bytes(transaction.buffer),
+                        station.address,
+                        transaction.message,
+                    )
+                )
+        self._complete(prepared, None, transaction)
+
+    def _handle_failure(self, transaction: Transaction, error: Exception, now: float) -> None:
+        """Handle a failed transaction: mark the station suspect, retry where allowed, or take it offline.
+
+        Damage (a checksum or line error on exactly a reply's worth of bytes, with no late reply due on the bus) means
+        that the reply has come: a read may be repeated at once. After anything else it may still come.
+        """
+        prepared, station = transaction.prepared, transaction.prepared.station
+        self._count_failure(transaction, error, now)
+        self._remember_unanswered(transaction, now)
+        self._detect_foreign_request(transaction, now)
+        if self.stations.get(station.address) is not station:  # removed meanwhile
+            self._complete(prepared, error, transaction)
+        elif isinstance(error, UntrustedReply):
+            self._handle_untrusted_reply(prepared, error, now)
+            self._complete(prepared, error, transaction)
+        elif prepared.is_sync_probe:
+            self._handle_sync_failure(transaction, now)
+        else:
+            if not (transaction.is_damaged_reply(error) and self._no_late_reply_due(now)):
+                self._mark_suspect(station, now)
+            if station.state.presence is Presence.NEVER_SEEN and isinstance(error, NoReply):
+                station.mark_offline(now)
+            if self._may_retry(prepared):
+                self.counters.count_event("retry")
+                self.scheduler.requeue(prepared)
+            else:
+                self._complete(prepared, error, transaction)
+
+    def _handle_untrusted_reply(self, prepared: PreparedRequest, error: UntrustedReply, now: float) -> None:
+        station = prepared.station
+        if error.key == "bus.sync_rejected":
+            station.sync_rejections += 1
+        elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
+            station.quarantined_until = now + MAX_REPLY_LATENESS_S
+        elif prepared.is_sync_probe:
+            self._mark_online(station, now, verified=False)
+
+    def _handle_sync_failure(self, transaction: Transaction, now: float) -> None:
+        """Take the station offline and fail the requests that waited for its sync probe."""
+        station = transaction.prepared.station
+        self._mark_suspect(station, now)
+        if station.state.is_unreachable:
+            self.scheduler.probe_budget.spend(now - transaction.sent_at + station.gap_s, now)
+        station.mark_offline(now)
+        for waiting in self.scheduler.remove_if(
+            lambda prepared: prepared.station is station and prepared.priority is not RequestPriority.STOP
+        ):
+            self._complete(waiting, NoReply("bus.offline", station=station.address))
+
+    def _may_retry(self, prepared: PreparedRequest) -> bool:
+        """Return whether a request may be sent again; never to a station that is not online."""
+        if prepared.attempts >= prepared.max_attempts or prepared.station.state.presence is not Presence.ONLINE:
+            return False
+        if isinstance(prepared, PreparedPoll):
+            prepared.retry_queued = not prepared.cancelled
+            return prepared.retry_queued
+        return True
+
+    def _no_late_reply_due(self, now: float) -> bool:
+        return all(now - station.suspect_since > MAX_REPLY_LATENESS_S for station in self.stations.values())
+
+    def _remember_unanswered(self, transaction: Transaction, now: float) -> None:
+        """Note that the true reply may still come, also where another frame was taken for it and rejected."""
+        station = transaction.prepared.station
+        pending = [entry for entry in station.unanswered_requests if entry[0] > now]
+        station.unanswered_requests = [*pending, (now + MAX_REPLY_LATENESS_S, transaction.prepared.request)]
+
+    def _mark_suspect(self, station: Station, now: float) -> None:
+        """A late reply may be on its way: quarantine the station, then send it a sync probe."""
+        station.mark_suspect(now)
+        self.scheduler.mark_suspect(station)
+
+    def _mark_online(self, station: Station, now: float, *, verified: bool) -> None:
+        """A sync probe was answered: replies are current again."""
+        station.mark_online(verified=verified)
+        self.scheduler.mark_trusted(station, now)
+
+    # --- results and counters ------------------------------------------------------------------------------------
+
+    def _complete(
+        self, prepared: PreparedRequest, error: Exception | None, transaction: Transaction | None = None
+    ) -> None:
+        """Deliver the result of a request; sync probes have none."""
+        if prepared.token is None:
+            return
+        if transaction is None:
+            sent = prepared.data if prepared.attempts else b""  # a retry that is not sent does not undo the first one
+            result = BusResult(
+                bus_request=prepared.bus_request,
+                error=error,
+                sent=sent,
+                sent_at=prepared.sent_at if sent else None,
+                attempts=prepared.attempts,
+            )
+        else:
+            result = BusResult(
+                bus_request=prepared.bus_request,
+                reply=transaction.message if error is None else None,
+                error=error,
+                sent=prepared.data,
+                received=bytes(transaction.buffer),
+                sent_at=transaction.sent_at,
+                received_at=transaction.last_byte_at,
+                attempts=prepared.attempts,
+            )
+        if isinstance(prepared, PreparedPoll):
+            prepared.attempts = 0
+            if prepared.cancelled:
+                return
+        self._commands.append(DeliverResult(prepared.token, result))
+
+    def _trace(self, event: TraceEvent) -> None:
+        self._commands.append(EmitTrace(event))
+
+    def _record_bus_time(self, transaction: Transaction, now: float) -> None:
+        """Count the time of both frames on the wire, and the time for which the bus was occupied."""
+        received = transaction.received_count + len(transaction.bytes_before_tx_end)
+        counters = transaction.prepared.station.counters
+        wire_s = transaction.prepared.send_s + received * self.character_s
+        self.activity.add(now, wire_s, now - transaction.sent_at, counters)
+        counters.bytes_received += transaction.received_count
+
+    def _count_failure(self, transaction: Transaction, error: Exception, now: float) -> None:
+        prepared, station = transaction.prepared, transaction.prepared.station
+        name = type(error).__name__
+        self.counters.errors[name] = self.counters.errors.get(name, 0) + 1
+        station.counters.record_failure(error, now)
+        if isinstance(error, LineError) and error.key != "bus.line_errors":  # those were counted as they came
+            event = error.key.partition(".")[2]
+            self.counters.count_event(event)
+            station.counters.count_event(event)
+        if isinstance(error, TrailingError) and transaction.ends_with_second_reply(error):
+            self.counters.count_event("duplicate")
+            station.counters.count_event("duplicate")
+            station.record_duplicate_reply(now)
+        if self.tracing:
+            silent = isinstance(error, NoReply) and not transaction.received_count
+            kind = TraceKind.NO_REPLY if silent else TraceKind.INVALID
+            received = bytes(transaction.buffer)
+            self._trace(TraceEvent(now, kind, received, station.address, None, error, prepared.attempts))
+
+    # --- unsolicited bytes ---------------------------------------------------------------------------------------
+
+    def _classify_unsolicited(self, now: float) -> None:
+        """Classify and count the bytes received outside a transaction, the bus being silent."""
+        data = self.unsolicited.drain()
+        received_at = self.unsolicited.last_byte_at
+        after_foreign_request = False
+        while data:
+            frame = classify(data, self.stations.values(), after_foreign_request)
+            after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
+            if after_foreign_request:
+                self.unsolicited.record_foreign_request(received_at)
+            self.echo.note_repeat(data[: frame.size])
+            self._record_unsolicited(frame, data[: frame.size], received_at, now)
+            data = data[frame.size :]
+
+    def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:
+        """Count the bytes of a transaction that were no part of its reply."""
+        early = transaction.bytes_before_tx_end
+        if early:
+            self.counters.count_event(TraceKind.BEFORE_TX_END.value, len(early))
+            if self.tracing:
+                self._trace(TraceEvent(transaction.tx_end_at, TraceKind.BEFORE_TX_END, early))
+        for data, error in transaction.foreign_frames or ():
+            self._record_foreign_frame(data, error, now)
+
+    def _record_foreign_frame(self, data: bytes, error: AddressError, now: float) -> None:
+        """Count a whole frame of another station: late where one is due, else the reply to a foreign master."""
+        station = self.stations.get(error.found) if isinstance(error.found, int) else None
+        late = station is not None and station.state.is_suspect
+        if station is None:
+            self.unsolicited.record_foreign_request(now)
+        kind = TraceKind.LATE if late else TraceKind.FOREIGN
+        self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, now, now)
+
+    def _detect_foreign_request(self, transaction: Transaction, now: float) -> None:
+        """Count a request of another master that came in place of a reply; our own frame is none."""
+        data, prepared = bytes(transaction.buffer), transaction.prepared
+        if not data or data == prepared.data:
+            return
+        found = decode_request_prefix(prepared.codec, data)
+        if found is None or data[: found[1]] == prepared.data:
+            return
+        request, size = found
+        if is_late_reply(prepared.station, request, data[:size]):
+            frame = UnsolicitedFrame(TraceKind.LATE, prepared.station, request, size)
+        else:
+            self.unsolicited.record_foreign_request(now)
+            frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request, size)
+        self._record_unsolicited(frame, data[:size], now, now)
+
+    def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
+        """Count an unsolicited frame; a second or a foreign reply makes its station suspect."""
+        kind, station = frame.kind, frame.station
+        self.counters.count_event(kind.value)
+        if station is not None:
+            station.counters.count_event(kind.value)
+            # A late reply after a complete one is a duplicate too, where there was a sign of it before.
+            late_duplicate = (
+                kind is TraceKind.LATE and station.last_request_answered and station.has_duplicate_address(now, 1)
+            )
+            if kind is TraceKind.DUPLICATE or late_duplicate:
+                station.record_duplicate_reply(now)
+            if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
+                self._mark_suspect(station, now)
+        if self.tracing:
+            address = None if station is None else station.address
+            self._trace(TraceEvent(received_at, kind, data, address, frame.message))
+
+
+def _matches_older_request(transaction: Transaction) -> bool:
+    """Return whether a sync reply could be the late reply to an older request as well.
+
+    A nonce or an item distinguishes a sync reply from all others. Where only a register count does (DF800), an
+    unanswered request of that count makes the sync probe worthless until its reply can no longer be on its way.
+    """
+    station, data = transaction.prepared.station, bytes(transaction.buffer)
+    return any(
+        transaction.sent_at < until and station.decode_reply_to(request, data) is not None
+        for until, request in station.unanswered_requests
+    )

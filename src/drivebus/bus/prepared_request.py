@@ -1,23 +1,22 @@
-"""An ask made ready for the wire: its bytes, its times and its rights, computed once. Pure."""
+"""A request made ready for the wire: bytes, timing, priority and permit, all computed once."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.station import Station
 from drivebus.errors import NotPermitted
-from drivebus.protocols.codec import BusRequest, Codec, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Codec, Effect
+from drivebus.serial_settings import SerialSettings
 
-if TYPE_CHECKING:
-    from drivebus.bus.station import Station
-    from drivebus.serial_settings import SerialSettings
-
-READ_ATTEMPTS = 2
-IDEMPOTENT_ATTEMPTS = 3
-"""A read is retried once, an absolute write resent at most twice, everything else goes once (6.4, 6.5)."""
+READ_ATTEMPTS = 2  # a read is retried once
+IDEMPOTENT_ATTEMPTS = 3  # an idempotent write is resent at most twice; every other frame is sent once
 
 
 class PreparedRequest:
-    """One frame that somebody wants sent. ``token`` is whoever waits for the answer; None: the bus itself (fences)."""
+    """One frame to send. ``token`` identifies who gets the result; None for the sync probes of the bus itself."""
 
     __slots__ = (
         "adapter_latency_s",
@@ -52,15 +51,20 @@ class PreparedRequest:
         *,
         is_sync_probe: bool = False,
     ) -> None:
+        """Raises ValueError for a field of the request out of range."""
+        encoded = station.encode(bus_request.request, settings)
         self.bus_request = bus_request
         self.token = token
         self.station = station
         self.codec: Codec = station.codec
         self.request = bus_request.request
-        self.data, self.effect, self.reply_bytes, self.send_s, self.reply_timeout_s, self.cacheable = encode_cached(
-            bus_request.request, station, settings
-        )
-        self.is_broadcast = self.reply_bytes == 0
+        self.data = encoded.data
+        self.effect = encoded.effect
+        self.reply_bytes = encoded.reply_bytes
+        self.send_s = encoded.send_s
+        self.reply_timeout_s = encoded.reply_timeout_s
+        self.cacheable = encoded.cacheable
+        self.is_broadcast = encoded.reply_bytes == 0
         self.permit: Permit | None = bus_request.permit
         self.priority = priority_of(bus_request, self.effect)
         self.expires_at = None if self.effect is Effect.STOP else bus_request.expires_at
@@ -69,22 +73,21 @@ class PreparedRequest:
         self.adapter_latency_s = station.config.timing.adapter_latency_s
         self.attempts = 0
         self.sent_at: float | None = None
-        """When it left last."""
-        self.max_attempts = (
-            READ_ATTEMPTS if self.effect is Effect.NONE and not is_sync_probe else self._max_write_attempts()
-        )
+        """When the last attempt began."""
+        reads = self.effect is Effect.NONE and not is_sync_probe
+        self.max_attempts = READ_ATTEMPTS if reads else self._max_write_attempts()
 
     def _max_write_attempts(self) -> int:
-        """What may move goes once; else the permit's class counts: nobody can call a start absolute (F16)."""
+        """Return 1 for motion; else the retry policy of the permit decides, so that no caller can repeat a start."""
         if self.is_broadcast or self.effect is Effect.MOTION:
             return 1
         if self.effect is Effect.STOP:
             return IDEMPOTENT_ATTEMPTS
-        declared = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
-        return IDEMPOTENT_ATTEMPTS if declared is RetryPolicy.IDEMPOTENT else 1
+        policy = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
+        return IDEMPOTENT_ATTEMPTS if policy is RetryPolicy.IDEMPOTENT else 1
 
     def permit_error(self, now: float) -> NotPermitted | None:
-        """Why this frame may not leave now. Reads and stops always may (rulings 5; I1)."""
+        """Return why this frame may not be sent now, None if it may. Reads and stops need no permit."""
         effect, station, permit = self.effect, self.station, self.permit
         if effect is Effect.NONE or effect is Effect.STOP:
             return None
@@ -104,44 +107,56 @@ class PreparedRequest:
         if permit.stop_epoch != station.stop_epoch:
             return NotPermitted("bus.permit_stopped", station=address)
         if effect is Effect.MOTION and station.start_inhibited:
-            return NotPermitted("bus.latched", station=address)
+            return NotPermitted("bus.start_inhibited", station=address)
         return None
 
 
-EncodedRequest = tuple[bytes, Effect, int, float, float, bool]
-"""Bytes, effect, bytes of the normal reply, seconds to send, seconds to wait after our last bit; and: is it a pure read
-that speaks to this very station, so that it need not be looked at again?"""
-ENCODE_CACHE_SIZE = 512
-"""So many different reads of a station are kept prepared: a bus asks the same things again and again."""
-
-
-def encode_cached(request: Any, station: Station, settings: SerialSettings) -> EncodedRequest:
-    """What the wire needs to know of a request. Only pure reads are remembered. Raises ValueError: out of range."""
-    try:
-        found = station.encode_cache.get(request)
-    except TypeError:  # a request that can't be hashed
-        return _encode(request, station, settings)
-    if found is None:
-        found = _encode(request, station, settings)
-        if found[5]:
-            if len(station.encode_cache) >= ENCODE_CACHE_SIZE:
-                station.encode_cache.clear()
-            station.encode_cache[request] = found
-    return found
-
-
-def _encode(request: Any, station: Station, settings: SerialSettings) -> EncodedRequest:
-    codec, timing = station.codec, station.config.timing
-    data = codec.encode_request(request)
-    reply_bytes = codec.reply_size(request)
-    wait_s = timing.timeout_s(settings, codec.largest_reply(request)) if reply_bytes else timing.turnaround_s
-    effect = station.config.effect_of(data)
-    plain = effect is Effect.NONE and reply_bytes > 0 and codec.address_of(request) == station.address
-    return data, effect, reply_bytes, settings.seconds(len(data)), wait_s, plain
-
-
 def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:
-    """A stop is a stop in whatever lane it was asked for (I3), and nothing else uses the stop lane."""
+    """Return the priority: a stop is a stop whatever was requested, and nothing else uses its priority."""
     if effect is Effect.STOP:
         return RequestPriority.STOP
     return bus_request.priority or RequestPriority.COMMAND
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """A request to send periodically.
+
+    ``period_s`` 0 means: as often as the bus allows. ``phase_s`` (from the start of polling) None: chosen so that the
+    polls of a bus spread evenly.
+    """
+
+    request: Any
+    period_s: float
+    phase_s: float | None = None
+    tag: Any = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a negative period."""
+        if not self.period_s >= 0:
+            raise ValueError(f"period {self.period_s} s: expected 0 or more")
+
+
+class PreparedPoll(PreparedRequest):
+    """A poll made ready for the wire; sent until it is cancelled."""
+
+    __slots__ = ("cancelled", "due_at", "period_s", "phase_at", "retry_queued")
+
+    def __init__(self, poll: Poll, token: Any, station: Station, settings: SerialSettings, phase_at: float) -> None:
+        bus_request = BusRequest(station.address, poll.request, RequestPriority.POLL, tag=poll.tag)
+        super().__init__(bus_request, token, station, settings)
+        self.period_s = poll.period_s
+        self.phase_at = self.due_at = phase_at
+        self.cancelled = False
+        self.retry_queued = False
+        """The second attempt waits in the queue: the poll is not due until that is done."""
+
+    def skip_to(self, now: float) -> None:
+        """Set the next due time after ``now``, in phase; missed polls are not made up for."""
+        if self.period_s <= 0:
+            self.due_at = now
+            return
+        self.due_at += self.period_s
+        if self.due_at <= now:
+            missed = int((now - self.phase_at) / self.period_s)
+            self.due_at = self.phase_at + (missed + 1) * self.period_s

@@ -1,45 +1,117 @@
-"""Whose frame is next. Pure; ``now`` is an argument; looking changes nothing but what is too old or forbidden.
+"""Choice of the next frame. ``now`` is an argument; choosing removes only requests that are expired or not permitted.
 
-Lanes: stop > command > parameter > poll > probe, first come first served within a lane. Four fairness rules:
+Priorities: stop > command > parameter > poll > probe, first in first out within a priority. Four fairness rules:
 
-* after four commands a waiting parameter gets a turn (what confirms a stop is read there, G07);
-* after four commands or parameters in a row a due fence or poll gets a turn (values must not grow stale during a
-  backup, I4);
-* a silent station's probe goes before polls, but only within the 10 % budget (else a full bus would never find
-  a drive that came back, G08);
-* after nine polls in a row a waiting ask of the probe lane (a scan) gets a turn.
+* after four commands a waiting parameter request goes first: the read that confirms a stop has this priority;
+* after four commands or parameter requests in a row a due sync probe or poll goes first, so that values stay fresh
+  during a parameter backup;
+* the sync probe of an offline station goes before polls, but only within its 10 % share of the bus, so that a full
+  bus still finds a drive that comes back;
+* after nine polls in a row a waiting request of priority probe (a scan) goes first.
 
-A stop is the next frame (I3): it waits for nothing but the frame on the wire and the gap. It deletes its station's
-queued commands and ends every permit granted before it. Where several stations are to be stopped, the one whose last
-stop is longest ago is next, so that nobody's stop waits for another one's repetitions.
+A stop is the next frame: it waits only for the frame on the wire and the gap. It removes its station's queued
+commands and voids every permit granted before. Where several stations are to be stopped, the one whose last stop is
+longest ago goes first, so that no stop waits for the repetitions of another.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from heapq import heapify, heappop, heappush, heapreplace
 
-from drivebus.bus.poll_schedule import PollSchedule, PreparedPoll
-from drivebus.bus.prepared_request import PreparedRequest
+from drivebus.bus.messages import BusRequest, RequestPriority
+from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
-from drivebus.protocols.codec import Effect, RequestPriority
-
-if TYPE_CHECKING:
-    from drivebus.serial_settings import SerialSettings
+from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import SerialSettings
 
 NEVER = float("inf")
-MAX_COMMANDS_IN_ROW = 4
-MAX_POLLS_IN_ROW = 9
+MAX_COMMANDS_IN_ROW = 4  # then a waiting parameter request, sync probe or poll goes first
+MAX_POLLS_IN_ROW = 9  # then a waiting request of priority probe goes first
+GOLDEN_RATIO = 0.6180339887498949  # its multiples modulo 1 spread any number of phases evenly
+
+
+class PollSchedule:
+    """All polls of a bus, the most overdue first."""
+
+    __slots__ = ("_count", "_heap", "_phase_count", "suspended")
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, PreparedPoll]] = []
+        self._count = 0
+        self._phase_count = 0
+        self.suspended: dict[Station, list[PreparedPoll]] = {}
+        """Polls of suspect stations; due again when the station replies."""
+
+    def next_phase_s(self, poll: Poll) -> float:
+        """Return the seconds from the start of polling to the first time."""
+        if poll.phase_s is not None:
+            return poll.phase_s
+        share = (self._phase_count * GOLDEN_RATIO) % 1.0
+        self._phase_count += 1
+        return share * poll.period_s
+
+    def add(self, poll: PreparedPoll, at: float | None = None) -> None:
+        """Add a poll, due at its own time, or at ``at`` this once."""
+        self._count += 1
+        heappush(self._heap, (poll.due_at if at is None else at, self._count, poll))
+
+    def next_due(self, now: float) -> PreparedPoll | None:
+        """Return the most overdue poll that may be sent; it stays scheduled. Suspend polls of suspect stations."""
+        heap = self._heap
+        while heap:
+            due_at, _, poll = heap[0]
+            if due_at > now:
+                return None
+            station = poll.station
+            if poll.cancelled:
+                heappop(heap)
+            elif station.state.is_suspect:
+                self.suspended.setdefault(station, []).append(heappop(heap)[2])
+            elif poll.retry_queued:
+                self.mark_sent(poll, now)
+            else:
+                return poll
+        return None
+
+    def mark_sent(self, poll: PreparedPoll, now: float) -> None:
+        """Set the next due time of the first poll, which is being sent or skipped."""
+        poll.skip_to(now)
+        self._count += 1
+        heapreplace(self._heap, (poll.due_at, self._count, poll))
+
+    def resume(self, station: Station, now: float) -> None:
+        """Make the suspended polls of a station due now, each once however many times it was missed."""
+        for poll in self.suspended.pop(station, ()):
+            self.add(poll, now)
+
+    def cancel_if(self, unwanted: Callable[[PreparedPoll], bool]) -> None:
+        """Remove polls, suspended ones too."""
+        for _, _, poll in self._heap:
+            if unwanted(poll):
+                poll.cancelled = True
+        self._heap = [entry for entry in self._heap if not entry[2].cancelled]
+        heapify(self._heap)
+        for station, polls in list(self.suspended.items()):
+            self.suspended[station] = [poll for poll in polls if not unwanted(poll)]
+
+    def next_due_at(self) -> float | None:
+        """Return when the most overdue poll is due, None without polls."""
+        return self._heap[0][0] if self._heap else None
+
+    def __len__(self) -> int:
+        return len(self._heap)
 
 
 class Scheduler:
-    """The queues of one bus. ``wake_at``: when the last ``next`` may answer differently without anything new."""
+    """Queues and polls of one bus."""
 
     __slots__ = (
         "_commands_in_row",
         "_last_stop_at",
+        "_pending_sync_probes",
         "_polls_in_row",
         "_settings",
         "_urgent_in_row",
@@ -57,170 +129,173 @@ class Scheduler:
         self.poll_schedule = PollSchedule()
         self.probe_budget = ProbeBudget()
         self.untrusted_stations: list[Station] = []
-        """Stations that owe a fence: suspect or dead."""
+        """Stations that need a sync probe."""
         self.rejected: list[tuple[PreparedRequest, Exception]] = []
+        """Requests that ``next`` has removed, and why."""
         self.next_wake_at = NEVER
-        self._commands_in_row = self._urgent_in_row = 0
-        self._polls_in_row = 0
+        """When the last ``next`` may choose otherwise without a new event."""
+        self._commands_in_row = self._urgent_in_row = self._polls_in_row = 0
         self._last_stop_at: dict[Station, float] = {}
-        """When each station's last stop left."""
+        self._pending_sync_probes: dict[Station, PreparedRequest] = {}
 
-    def enqueue(self, job: PreparedRequest) -> None:
-        self.queues[job.priority].append(job)
+    def enqueue(self, prepared: PreparedRequest) -> None:
+        """Queue a request by its priority."""
+        self.queues[prepared.priority].append(prepared)
 
-    def requeue(self, job: PreparedRequest) -> None:
-        """One more attempt: first in its lane, but a stop lets the other drives' stops go first."""
-        if job.priority is RequestPriority.STOP:
-            self.queues[job.priority].append(job)
+    def requeue(self, prepared: PreparedRequest) -> None:
+        """Queue one more attempt: first of its priority, but a stop lets the stops of other drives go first."""
+        if prepared.priority is RequestPriority.STOP:
+            self.queues[prepared.priority].append(prepared)
         else:
-            self.queues[job.priority].appendleft(job)
+            self.queues[prepared.priority].appendleft(prepared)
 
     def next(self, now: float) -> PreparedRequest | None:
-        """The frame that is to be sent next (its gap may still have to pass), or None.
+        """Return the request to send next (its gap may still have to pass), or None.
 
-        A stop that was asked for in another lane (the levels that follow a VC660's stop pulse) lets stops go first.
+        A stop that was requested with another priority (the levels that follow the stop pulse of a VC660) lets stops
+        go first.
         """
         self.next_wake_at = NEVER
         stops, commands, parameters, polls, probes = self.queues
         if stops:
             return min(stops, key=self._stop_order)
-        if self._urgent_in_row >= MAX_COMMANDS_IN_ROW and (job := self._next_background(polls, now)):
-            return job
-        for lane in (parameters, commands) if self._commands_in_row >= MAX_COMMANDS_IN_ROW else (commands, parameters):
-            if lane and (job := self._next_sendable(lane, now)):
-                return job
-        if self.untrusted_stations and (job := self._next_sync_probe(now)):
-            return job
-        if probes and self._polls_in_row >= MAX_POLLS_IN_ROW and (job := self._next_sendable(probes, now)):
-            return job
-        if job := self._next_poll(polls, now):
-            return job
+        if self._urgent_in_row >= MAX_COMMANDS_IN_ROW and (chosen := self._next_background(polls, now)):
+            return chosen
+        parameters_first = self._commands_in_row >= MAX_COMMANDS_IN_ROW
+        for queue in (parameters, commands) if parameters_first else (commands, parameters):
+            if queue and (chosen := self._next_sendable(queue, now)):
+                return chosen
+        if self.untrusted_stations and (chosen := self._next_sync_probe(now)):
+            return chosen
+        if probes and self._polls_in_row >= MAX_POLLS_IN_ROW and (chosen := self._next_sendable(probes, now)):
+            return chosen
+        if chosen := self._next_poll(polls, now):
+            return chosen
         return self._next_sendable(probes, now) if probes else None
 
-    def on_sent(self, job: PreparedRequest, now: float) -> None:
-        """``job`` is being sent."""
-        if job.is_sync_probe:
-            job.station.pending_sync_probe = None
-        elif isinstance(job, PreparedPoll) and not job.retry_queued:
-            self.poll_schedule.mark_sent(job, now)
+    def on_sent(self, prepared: PreparedRequest, now: float) -> None:
+        """Remove the request that is being sent from its queue and count it for fairness."""
+        if prepared.is_sync_probe:
+            self._pending_sync_probes.pop(prepared.station, None)
+        elif isinstance(prepared, PreparedPoll) and not prepared.retry_queued:
+            self.poll_schedule.mark_sent(prepared, now)
         else:
-            if isinstance(job, PreparedPoll):
-                job.retry_queued = False
-            self.queues[job.priority].remove(job)
-        lane = job.priority
-        if lane is RequestPriority.STOP and not job.is_broadcast:
-            self._last_stop_at[job.station] = now
-        self._urgent_in_row = (
-            self._urgent_in_row + 1 if lane is RequestPriority.PARAMETER or lane is RequestPriority.COMMAND else 0
-        )
-        if lane is RequestPriority.PARAMETER:
+            if isinstance(prepared, PreparedPoll):
+                prepared.retry_queued = False
+            self.queues[prepared.priority].remove(prepared)
+        priority = prepared.priority
+        if priority is RequestPriority.STOP and not prepared.is_broadcast:
+            self._last_stop_at[prepared.station] = now
+        urgent = priority is RequestPriority.PARAMETER or priority is RequestPriority.COMMAND
+        self._urgent_in_row = self._urgent_in_row + 1 if urgent else 0
+        if priority is RequestPriority.PARAMETER:
             self._commands_in_row = 0
-        elif lane is RequestPriority.COMMAND and self.queues[RequestPriority.PARAMETER]:
+        elif priority is RequestPriority.COMMAND and self.queues[RequestPriority.PARAMETER]:
             self._commands_in_row += 1
-        self._polls_in_row = self._polls_in_row + 1 if lane is RequestPriority.POLL else 0
+        self._polls_in_row = self._polls_in_row + 1 if priority is RequestPriority.POLL else 0
 
     def remove_if(self, unwanted: Callable[[PreparedRequest], bool]) -> list[PreparedRequest]:
-        """Take jobs out of the queues (not out of the plan)."""
-        gone: list[PreparedRequest] = []
-        for lane in self.queues:
-            found = [job for job in lane if unwanted(job)]
-            for job in found:
-                lane.remove(job)
-                if isinstance(job, PreparedPoll):
-                    job.retry_queued = False
-            gone += found
-        return gone
+        """Remove requests from the queues (not from the poll schedule) and return them."""
+        removed: list[PreparedRequest] = []
+        for queue in self.queues:
+            found = [prepared for prepared in queue if unwanted(prepared)]
+            for prepared in found:
+                queue.remove(prepared)
+                if isinstance(prepared, PreparedPoll):
+                    prepared.retry_queued = False
+            removed += found
+        return removed
 
     def supersede(self, stations: Iterable[Station]) -> list[PreparedRequest]:
-        """A stop for these stations: their queued commands go, and every older permit is void (6.5)."""
+        """Void every older permit of stations that are being stopped; return their queued commands, removed."""
         stopped = set(stations)
         for station in stopped:
             station.stop_epoch += 1
-        return self.remove_if(lambda job: job.station in stopped and _is_command(job))
+        return self.remove_if(lambda prepared: prepared.station in stopped and _is_command(prepared))
 
     def remove_station(self, station: Station) -> None:
-        """The station is no longer of this bus."""
-        self.poll_schedule.cancel_if(lambda job: job.station is station)
+        """Forget a station that leaves the bus."""
+        self.poll_schedule.cancel_if(lambda poll: poll.station is station)
+        self.poll_schedule.suspended.pop(station, None)
         self._last_stop_at.pop(station, None)
-        station.suspended_polls.clear()
+        self._pending_sync_probes.pop(station, None)
         if station in self.untrusted_stations:
             self.untrusted_stations.remove(station)
 
     def mark_suspect(self, station: Station) -> None:
+        """Schedule sync probes for a station."""
         if station not in self.untrusted_stations:
             self.untrusted_stations.append(station)
 
     def mark_trusted(self, station: Station, now: float) -> None:
+        """End the sync probes of a station and resume its polls."""
         if station in self.untrusted_stations:
             self.untrusted_stations.remove(station)
         self.poll_schedule.resume(station, now)
 
     def __len__(self) -> int:
-        return sum(len(lane) for lane in self.queues)
+        return sum(len(queue) for queue in self.queues)
 
-    def _next_sendable(self, lane: deque[PreparedRequest], now: float) -> PreparedRequest | None:
-        """The first of a lane that may be sent; a suspect station's fence goes in its place."""
-        head = lane[0]
+    def _next_sendable(self, queue: deque[PreparedRequest], now: float) -> PreparedRequest | None:
+        """Return the first request of a queue that may be sent, or the sync probe that it has to wait for."""
+        head = queue[0]
         if (
-            not head.station.suspect
+            not head.station.state.is_suspect
             and head.expires_at is None
             and head.permit is None
             and head.permit_error(now) is None
         ):
             return head
-        for job in tuple(lane):
-            if self._reject_if_stale(lane, job, now):
+        for prepared in tuple(queue):
+            if self._reject_if_stale(queue, prepared, now):
                 continue
-            station = job.station
-            if not station.suspect:
-                return job
+            station = prepared.station
+            if not station.state.is_suspect:
+                return prepared
             if now >= station.quarantined_until:
-                return station.sync_probe(self._settings)
+                return self._sync_probe(station)
             self._wake_no_later_than(station.quarantined_until)
         return None
 
-    def _reject_if_stale(self, lane: deque[PreparedRequest], job: PreparedRequest, now: float) -> bool:
-        """Refuse what is too old (ruling 12) or has lost its permit (I1); nothing is sent of it."""
+    def _reject_if_stale(self, queue: deque[PreparedRequest], prepared: PreparedRequest, now: float) -> bool:
+        """Reject a request that has expired or lost its permit; nothing of it is sent."""
         error: Exception | None = None
-        if job.expires_at is not None:
-            if now > job.expires_at:
-                late_ms = round((now - job.expires_at) * 1000)
-                error = Expired("bus.expired", station=job.station.address, late_ms=late_ms)
+        if prepared.expires_at is not None:
+            if now > prepared.expires_at:
+                late_ms = round((now - prepared.expires_at) * 1000)
+                error = Expired("bus.expired", station=prepared.station.address, late_ms=late_ms)
             else:
-                self._wake_no_later_than(job.expires_at + 1e-3)
-        error = error or job.permit_error(now)
+                self._wake_no_later_than(prepared.expires_at + 1e-3)
+        error = error or prepared.permit_error(now)
         if error is None:
             return False
-        lane.remove(job)
-        self.rejected.append((job, error))
+        queue.remove(prepared)
+        self.rejected.append((prepared, error))
         return True
 
-    def _stop_order(self, job: PreparedRequest) -> tuple[bool, bool, float]:
-        """Least first; equals in the order in which they were asked for."""
-        return (
-            job.bus_request.priority is not RequestPriority.STOP,
-            not job.is_broadcast,
-            self._last_stop_at.get(job.station, 0.0),
-        )
+    def _stop_order(self, prepared: PreparedRequest) -> tuple[bool, bool, float]:
+        """Sort key of stops; equal ones stay in the order of their requests."""
+        other_priority = prepared.bus_request.priority is not RequestPriority.STOP
+        return other_priority, not prepared.is_broadcast, self._last_stop_at.get(prepared.station, 0.0)
 
     def _next_background(self, polls: deque[PreparedRequest], now: float) -> PreparedRequest | None:
-        fence = self._next_sync_probe(now) if self.untrusted_stations else None
-        return fence or self._next_poll(polls, now)
+        probe = self._next_sync_probe(now) if self.untrusted_stations else None
+        return probe or self._next_poll(polls, now)
 
     def _next_poll(self, retries: deque[PreparedRequest], now: float) -> PreparedRequest | None:
-        if retries and (job := self._next_sendable(retries, now)):
-            return job
+        if retries and (retry := self._next_sendable(retries, now)):
+            return retry
         if not self.poll_schedule:
             return None
         if poll := self.poll_schedule.next_due(now):
             return poll
-        due = self.poll_schedule.next_due_at()
-        if due is not None:
-            self._wake_no_later_than(due)
+        due_at = self.poll_schedule.next_due_at()
+        if due_at is not None:
+            self._wake_no_later_than(due_at)
         return None
 
     def _next_sync_probe(self, now: float) -> PreparedRequest | None:
-        """The fence that has been due longest: of a suspect station, or a probe of a silent one within the budget."""
+        """Return the sync probe that is most overdue: of a suspect station, or of an offline one within the budget."""
         budget_at = self.probe_budget.allowed_at
         best: Station | None = None
         for station in self.untrusted_stations:
@@ -229,7 +304,18 @@ class Scheduler:
                 self._wake_no_later_than(at)
             elif best is None or _sync_due_since(station) < _sync_due_since(best):
                 best = station
-        return None if best is None else best.sync_probe(self._settings)
+        return None if best is None else self._sync_probe(best)
+
+    def _sync_probe(self, station: Station) -> PreparedRequest:
+        """Return the station's next sync probe; the same one until it was sent."""
+        pending = self._pending_sync_probes.get(station)
+        if pending is None:
+            request = station.config.sync_request(station.sync_probe_count)
+            station.sync_probe_count += 1
+            bus_request = BusRequest(station.address, request, RequestPriority.PROBE)
+            pending = PreparedRequest(bus_request, None, station, self._settings, is_sync_probe=True)
+            self._pending_sync_probes[station] = pending
+        return pending
 
     def _wake_no_later_than(self, at: float) -> None:
         if at < self.next_wake_at:
@@ -237,9 +323,9 @@ class Scheduler:
 
 
 def _sync_due_since(station: Station) -> float:
-    return station.next_probe_at if station.dead else station.quarantined_until
+    return station.next_probe_at if station.state.is_unreachable else station.quarantined_until
 
 
-def _is_command(job: PreparedRequest) -> bool:
-    """Stops have a lane of their own, whatever they were asked in."""
-    return job.priority is RequestPriority.COMMAND or job.effect is Effect.MOTION
+def _is_command(prepared: PreparedRequest) -> bool:
+    """Stops have a priority of their own, whatever priority they were requested with."""
+    return prepared.priority is RequestPriority.COMMAND or prepared.effect is Effect.MOTION

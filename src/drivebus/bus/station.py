@@ -1,75 +1,155 @@
-"""What the bus knows of each station: is it there, can its replies be believed, when may it be asked. Pure.
+"""A station on the bus: its state, when it may be addressed, and the encoding of its requests.
 
-    never seen ──answer──▶ online ──no reply──▶ suspect ──quarantine, then a fence answered──▶ online
-        │                                          └──fence unanswered──▶ silent ──probe answered──▶ online
-        └──no reply──▶ probed like a silent one, still never seen
+State of a station, by event (``-``: the event does not occur in this state and changes nothing):
 
-Suspect (RELIABILITY 5.3): a reply may still be on its way, so nothing but stops goes there for the family's longest
-lateness, and then a fence must be answered before any data count.
+    state              | REPLY  | SYNC_CONFIRMED | SYNC_UNVERIFIED | SUSPICION          | NO_CONTACT
+    -------------------+--------+----------------+-----------------+--------------------+-----------
+    NEVER_SEEN         | ONLINE | -              | -               | NEVER_SEEN_SUSPECT | -
+    NEVER_SEEN_SUSPECT | -      | ONLINE         | NEVER_SEEN      | NEVER_SEEN_SUSPECT | ABSENT
+    ABSENT             | -      | ONLINE         | NEVER_SEEN      | ABSENT             | ABSENT
+    ONLINE             | ONLINE | -              | -               | SUSPECT            | -
+    SUSPECT            | -      | ONLINE         | ONLINE          | SUSPECT            | OFFLINE
+    OFFLINE            | -      | ONLINE         | ONLINE          | OFFLINE            | OFFLINE
+
+In the four states other than NEVER_SEEN and ONLINE a late reply may still be on its way. Only stops are sent then,
+and after the quarantine a sync probe: a harmless request whose reply cannot be the late reply to an older one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from enum import Enum, StrEnum
+from typing import Any
 
-from drivebus.bus.prepared_request import EncodedRequest, PreparedRequest
+from drivebus.bus.messages import StationConfig
 from drivebus.bus.statistics import Counters
-from drivebus.protocols.codec import BusRequest, RequestPriority, StationConfig
+from drivebus.errors import ProtocolError
+from drivebus.protocols.codec import Effect, Incomplete
+from drivebus.serial_settings import SerialSettings
 
-if TYPE_CHECKING:
-    from drivebus.bus.poll_schedule import PreparedPoll
-    from drivebus.serial_settings import SerialSettings
-
-MIN_PROBE_INTERVAL_S = 1.0
-MAX_PROBE_INTERVAL_S = 55.0
-"""G08: found within 60 s also by a probe that waits for its turn, on the slowest line."""
-DUPLICATE_REPLIES_REQUIRED = 2
-DUPLICATE_WINDOW_S = 600.0
-"""So many second answers within ten minutes mean two drives at one address (F15): real ones show it at each read."""
-MAX_DUPLICATE_WAIT_S = 0.25
-"""A station that answers twice is listened to for no longer than this, a quarter of what a frame waits for silence."""
-PROBE_BUS_SHARE = 0.1
-"""Silent stations together get at most this share of the bus (RELIABILITY 5.2, G08)."""
+MIN_PROBE_INTERVAL_S = 1.0  # first pause between sync probes to a station that does not reply; doubles each time
+MAX_PROBE_INTERVAL_S = 55.0  # with the wait for its turn on the slowest bus a returning drive is found within 60 s
+DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address show a second reply at each read
+DUPLICATE_WINDOW_S = 600.0  # a second reply is forgotten after ten minutes
+MAX_DUPLICATE_WAIT_S = 0.25  # a quarter of the time that a frame waits for silence
+PROBE_BUS_SHARE = 0.1  # share of the bus time that sync probes to all offline stations together may use
+ENCODE_CACHE_SIZE = 512  # encoded reads kept of each station: a bus repeats the same requests
 
 
 class Presence(StrEnum):
-    """Is somebody there?"""
+    """Whether a station replies, as reported to the user."""
 
     NEVER_SEEN = "never_seen"
     ONLINE = "online"
-    OFFLINE = "silent"
+    OFFLINE = "offline"
 
 
-@dataclass(frozen=True, slots=True)
+class StationState(Enum):
+    """State of a station; the transitions are drawn at the top of this module."""
+
+    NEVER_SEEN = Presence.NEVER_SEEN, "trusted"
+    """Never replied, nothing outstanding: may be addressed."""
+    NEVER_SEEN_SUSPECT = Presence.NEVER_SEEN, "suspect"
+    """Never replied correctly; what came was no valid reply."""
+    ABSENT = Presence.NEVER_SEEN, "no contact"
+    """Never replied, probed at growing intervals."""
+    ONLINE = Presence.ONLINE, "trusted"
+    """Replied last; may be addressed."""
+    SUSPECT = Presence.ONLINE, "suspect"
+    """A late reply may be on its way: quarantine, then a sync probe."""
+    OFFLINE = Presence.OFFLINE, "no contact"
+    """Replied once, but not to its last sync probe: probed at growing intervals."""
+
+    def __init__(self, presence: Presence, trust: str) -> None:
+        self.presence = presence
+        self.is_suspect = trust != "trusted"
+        """A late reply may be on its way: no reply counts but that of a sync probe."""
+        self.is_unreachable = trust == "no contact"
+        """Probed at growing intervals, within the share of the bus that offline stations get."""
+
+
+class StationEvent(Enum):
+    """Event that may change the state of a station."""
+
+    REPLY = "reply"
+    """A trusted reply to a data request."""
+    SYNC_CONFIRMED = "sync confirmed"
+    """A sync probe was answered with its own, distinguishable reply."""
+    SYNC_UNVERIFIED = "sync unverified"
+    """A sync probe was answered, but the bytes may be our own echo: the station may be addressed again, no more."""
+    SUSPICION = "suspicion"
+    """A late reply may be on its way."""
+    NO_CONTACT = "no contact"
+    """A sync probe failed, or a station that was never seen did not reply."""
+
+
+TRANSITIONS = {
+    (StationState.NEVER_SEEN, StationEvent.REPLY): StationState.ONLINE,
+    (StationState.NEVER_SEEN, StationEvent.SUSPICION): StationState.NEVER_SEEN_SUSPECT,
+    (StationState.NEVER_SEEN_SUSPECT, StationEvent.SYNC_CONFIRMED): StationState.ONLINE,
+    (StationState.NEVER_SEEN_SUSPECT, StationEvent.SYNC_UNVERIFIED): StationState.NEVER_SEEN,
+    (StationState.NEVER_SEEN_SUSPECT, StationEvent.SUSPICION): StationState.NEVER_SEEN_SUSPECT,
+    (StationState.NEVER_SEEN_SUSPECT, StationEvent.NO_CONTACT): StationState.ABSENT,
+    (StationState.ABSENT, StationEvent.SYNC_CONFIRMED): StationState.ONLINE,
+    (StationState.ABSENT, StationEvent.SYNC_UNVERIFIED): StationState.NEVER_SEEN,
+    (StationState.ABSENT, StationEvent.SUSPICION): StationState.ABSENT,
+    (StationState.ABSENT, StationEvent.NO_CONTACT): StationState.ABSENT,
+    (StationState.ONLINE, StationEvent.REPLY): StationState.ONLINE,
+    (StationState.ONLINE, StationEvent.SUSPICION): StationState.SUSPECT,
+    (StationState.SUSPECT, StationEvent.SYNC_CONFIRMED): StationState.ONLINE,
+    (StationState.SUSPECT, StationEvent.SYNC_UNVERIFIED): StationState.ONLINE,
+    (StationState.SUSPECT, StationEvent.SUSPICION): StationState.SUSPECT,
+    (StationState.SUSPECT, StationEvent.NO_CONTACT): StationState.OFFLINE,
+    (StationState.OFFLINE, StationEvent.SYNC_CONFIRMED): StationState.ONLINE,
+    (StationState.OFFLINE, StationEvent.SYNC_UNVERIFIED): StationState.ONLINE,
+    (StationState.OFFLINE, StationEvent.SUSPICION): StationState.OFFLINE,
+    (StationState.OFFLINE, StationEvent.NO_CONTACT): StationState.OFFLINE,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StationHealth:
-    """How far a station and its line can be trusted now. ``last_heard_at`` is monotonic seconds."""
+    """How far a station and its bus can be trusted now. ``last_reply_at`` is monotonic seconds."""
 
     presence: Presence
     suspect: bool
-    """A reply is overdue: data wait for a fence."""
+    """A late reply may be on its way: reads wait for a sync probe."""
     foreign_master: bool
-    """Somebody else sends requests on this line (F14): for the whole bus."""
+    """Another master sends requests on this bus."""
     duplicate_address: bool
-    """Two drives seem to answer to this address (F15)."""
+    """Two drives seem to answer to this address."""
     error_rate: float
     """Share of the last 5 minutes' transactions with this station that failed, 0 to 1."""
     damaged: int
-    """How many of them came and were spoiled, and their share, 0 to 1 (link-quality gate)."""
+    """Transactions of the last 5 minutes whose reply was damaged."""
     damage_rate: float
+    """Their share, 0 to 1."""
     last_reply_at: float | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncodedRequest:
+    """A request as bytes, and what its transaction takes."""
+
+    data: bytes
+    effect: Effect
+    reply_bytes: int
+    """Bytes of the normal reply, 0 for a broadcast."""
+    send_s: float
+    reply_timeout_s: float
+    """From our last bit to the end of the longest permitted reply; after a broadcast the turnaround delay."""
+    cacheable: bool
+    """A read addressed to this very station: it needs no further check."""
+
+
 class Station:
-    """One registered address and its state."""
+    """One registered address: its state, timing and counters. Times are monotonic seconds."""
 
     __slots__ = (
         "address",
         "codec",
         "config",
         "counters",
-        "dead",
         "duplicate_reply_times",
         "encode_cache",
         "gap_s",
@@ -78,15 +158,12 @@ class Station:
         "last_request_answered",
         "last_request_sent_at",
         "next_probe_at",
-        "pending_sync_probe",
         "probe_backoff_s",
         "quarantined_until",
-        "seen",
         "start_inhibited",
+        "state",
         "stop_epoch",
-        "suspect",
         "suspect_since",
-        "suspended_polls",
         "sync_probe_count",
         "sync_rejections",
         "unanswered_requests",
@@ -97,100 +174,133 @@ class Station:
         self.address = config.address
         self.codec = config.codec
         self.gap_s = config.timing.gap_s(settings)
+        self.state = StationState.NEVER_SEEN
         self.stop_epoch = 0
+        """Number of stops so far; a permit of an older epoch is void."""
         self.start_inhibited = False
-        self.seen = False
-        self.dead = False
-        self.suspect = False
         self.quarantined_until = 0.0
         self.suspect_since = float("-inf")
         self.probe_backoff_s = 0.0
         self.next_probe_at = 0.0
         self.sync_probe_count = 0
         self.sync_rejections = 0
-        """Fences in a row that were answered with a refusal."""
-        self.pending_sync_probe: PreparedRequest | None = None
-        self.unanswered_requests: list[tuple[float, PreparedRequest]] = []
-        """Questions without an answer that was believed, and until when theirs may still come."""
-        self.last_request: PreparedRequest | None = None
-        """The last request sent: what an unsolicited frame may be the answer to."""
+        """Sync probes in a row that were answered with an error reply."""
+        self.unanswered_requests: list[tuple[float, Any]] = []
+        """Requests without a trusted reply, each with the time until which its reply may still come."""
+        self.last_request: Any = None
+        """The request sent last: an unsolicited frame may be its reply."""
         self.last_request_answered = False
-        """Its last request brought an answer's worth of bytes, believed or not."""
+        """At least a reply's worth of bytes followed the last request, trusted or not."""
         self.last_request_sent_at = 0.0
-        """When its last bit was out."""
-        self.suspended_polls: list[PreparedPoll] = []
-        """Polls that wait until it answers again."""
+        """When its last bit was on the wire."""
         self.last_reply_at: float | None = None
         self.duplicate_reply_times: list[float] = []
         self.counters = Counters()
         self.encode_cache: dict[Any, EncodedRequest] = {}
 
-    def inherit(self, gone: Station) -> None:
-        """The same address again: what forbade the one before to move forbids this one too (6.5, F15, link quality)."""
-        self.stop_epoch, self.start_inhibited = gone.stop_epoch, gone.start_inhibited
-        self.duplicate_reply_times = gone.duplicate_reply_times
-        self.counters.error_window = gone.counters.error_window
+    def inherit(self, removed: Station) -> None:
+        """Take over what forbids motion from the station that had this address before."""
+        self.stop_epoch, self.start_inhibited = removed.stop_epoch, removed.start_inhibited
+        self.duplicate_reply_times = removed.duplicate_reply_times
+        self.counters.error_window = removed.counters.error_window
 
-    @property
-    def presence(self) -> Presence:
-        if not self.seen:
-            return Presence.NEVER_SEEN
-        return Presence.OFFLINE if self.dead else Presence.ONLINE
+    # --- state ---------------------------------------------------------------------------------------------------
 
-    def sync_probe(self, settings: SerialSettings) -> PreparedRequest:
-        """The fence that is to be sent next; the same one until it was sent."""
-        if self.pending_sync_probe is None:
-            ask = BusRequest(self.address, self.config.sync_request(self.sync_probe_count), RequestPriority.PROBE)
-            self.sync_probe_count += 1
-            self.pending_sync_probe = PreparedRequest(ask, None, self, settings, is_sync_probe=True)
-        return self.pending_sync_probe
+    def _change(self, event: StationEvent) -> None:
+        self.state = TRANSITIONS.get((self.state, event), self.state)
+
+    def mark_replied(self) -> None:
+        """Note a trusted reply to a data request."""
+        self._change(StationEvent.REPLY)
 
     def mark_suspect(self, now: float) -> None:
-        """A reply may still be on its way: quarantine from ``now``."""
-        self.suspect = True
+        """Begin a quarantine: a late reply may be on its way."""
+        self._change(StationEvent.SUSPICION)
         self.suspect_since = now
         self.quarantined_until = max(self.quarantined_until, now + self.config.timing.max_reply_lateness_s)
 
-    def record_duplicate_reply(self, now: float) -> None:
-        """A second answer came where one was asked for."""
-        self.duplicate_reply_times[:] = [
-            *self.duplicate_reply_times[1 - DUPLICATE_REPLIES_REQUIRED :],
-            now,
-        ]  # its follower's too
-
-    def has_duplicate_address(self, now: float, replies_required: int = DUPLICATE_REPLIES_REQUIRED) -> bool:
-        """Do two drives seem to answer to this address (F15)?"""
-        recent = [at for at in self.duplicate_reply_times if now - at <= DUPLICATE_WINDOW_S]
-        return len(recent) >= replies_required
-
-    def next_allowed_at(self, now: float) -> float:
-        """When it may be asked again, as it has answered twice: not before the answer to its last request has had its
-        time, whatever was taken for it. Else that one would be taken for the next, and so on for ever (F01, F15)."""
-        if now - self.duplicate_reply_times[-1] > DUPLICATE_WINDOW_S:
-            return 0.0
-        return self.last_request_sent_at + min(max(self.counters.reply_times_s, default=0.0), MAX_DUPLICATE_WAIT_S)
-
     def mark_offline(self, now: float) -> None:
-        """It did not answer its fence (or never answered at all): probe it with a growing pause, 1 to 55 s."""
-        self.dead = True
+        """Set the next sync probe after a pause that doubles from 1 to 55 s."""
+        self._change(StationEvent.NO_CONTACT)
         self.probe_backoff_s = min(MAX_PROBE_INTERVAL_S, max(MIN_PROBE_INTERVAL_S, 2 * self.probe_backoff_s))
         self.next_probe_at = now + self.probe_backoff_s
 
     def mark_online(self, *, verified: bool) -> None:
-        """Its fence was answered. Not ``really``: by what might be our own echo, so it may be asked, no more."""
-        self.suspect = self.dead = False
+        """End the quarantine after a sync probe; not ``verified`` where its reply may be our own echo."""
+        self._change(StationEvent.SYNC_CONFIRMED if verified else StationEvent.SYNC_UNVERIFIED)
         self.sync_rejections = 0
         if verified:
-            self.seen = True
             self.probe_backoff_s = 0.0
 
     def sync_due_at(self, budget_at: float) -> float:
-        """When its fence may be sent without anybody waiting for it."""
-        return max(self.next_probe_at, budget_at, self.quarantined_until) if self.dead else self.quarantined_until
+        """Return when a sync probe may be sent without a request waiting for it."""
+        if self.state.is_unreachable:
+            return max(self.next_probe_at, budget_at, self.quarantined_until)
+        return self.quarantined_until
+
+    # --- two drives at one address -------------------------------------------------------------------------------
+
+    def record_duplicate_reply(self, now: float) -> None:
+        """Note a second reply to one request; the list is shared with a station that inherits this address."""
+        self.duplicate_reply_times[:] = [*self.duplicate_reply_times[1 - DUPLICATE_REPLIES_REQUIRED :], now]
+
+    def has_duplicate_address(self, now: float, replies_required: int = DUPLICATE_REPLIES_REQUIRED) -> bool:
+        """Return whether two drives seem to answer to this address."""
+        recent = [at for at in self.duplicate_reply_times if now - at <= DUPLICATE_WINDOW_S]
+        return len(recent) >= replies_required
+
+    def next_allowed_at(self, now: float) -> float:
+        """Return when a station that has replied twice may be addressed again.
+
+        Its second reply must have had its time, or it would be taken for the reply to the next request.
+        """
+        if now - self.duplicate_reply_times[-1] > DUPLICATE_WINDOW_S:
+            return 0.0
+        return self.last_request_sent_at + min(max(self.counters.reply_times_s, default=0.0), MAX_DUPLICATE_WAIT_S)
+
+    # --- bytes ---------------------------------------------------------------------------------------------------
+
+    def encode(self, request: Any, settings: SerialSettings) -> EncodedRequest:
+        """Return the encoded request, cached for reads. Raises ValueError for a field out of range."""
+        try:
+            found = self.encode_cache.get(request)
+        except TypeError:  # a request that can't be hashed
+            return self._encode(request, settings)
+        if found is None:
+            found = self._encode(request, settings)
+            if found.cacheable:
+                if len(self.encode_cache) >= ENCODE_CACHE_SIZE:
+                    self.encode_cache.clear()
+                self.encode_cache[request] = found
+        return found
+
+    def _encode(self, request: Any, settings: SerialSettings) -> EncodedRequest:
+        codec, timing = self.codec, self.config.timing
+        data = codec.encode_request(request)
+        reply_bytes = codec.reply_size(request)
+        effect = self.config.effect_of(data)
+        return EncodedRequest(
+            data=data,
+            effect=effect,
+            reply_bytes=reply_bytes,
+            send_s=settings.seconds(len(data)),
+            reply_timeout_s=timing.timeout_s(settings, codec.largest_reply(request))
+            if reply_bytes
+            else timing.turnaround_s,
+            cacheable=effect is Effect.NONE and reply_bytes > 0 and codec.address_of(request) == self.address,
+        )
+
+    def decode_reply_to(self, request: Any, data: bytes) -> tuple[Any, int] | None:
+        """Return the reply to ``request`` at the start of ``data`` and its size, None where there is none."""
+        try:
+            result = self.codec.decode_reply(request, data)
+        except ProtocolError:
+            return None
+        return None if isinstance(result, Incomplete) else (result.message, result.size)
 
 
 class ProbeBudget:
-    """Keeps what silent stations cost to their share of the bus."""
+    """Limits the bus time that sync probes to offline stations take."""
 
     __slots__ = ("allowed_at",)
 
@@ -198,5 +308,5 @@ class ProbeBudget:
         self.allowed_at = 0.0
 
     def spend(self, cost_s: float, now: float) -> None:
-        """A probe took ``cost_s`` of bus time up to ``now``: the living get nine times that first."""
+        """Charge a probe that took ``cost_s`` of bus time up to ``now``: nine times that goes to other frames first."""
         self.allowed_at = now + cost_s * (1.0 / PROBE_BUS_SHARE - 1.0)

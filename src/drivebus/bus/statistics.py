@@ -1,4 +1,4 @@
-"""Counting what happens on a bus, cheaply while it runs, and telling it when asked. Pure."""
+"""Counters and statistics of a bus: cheap to update, computed when they are read."""
 
 from __future__ import annotations
 
@@ -9,17 +9,61 @@ from typing import NamedTuple
 
 from drivebus.errors import NoReply
 
-RECENT_TRANSACTIONS = 512
-"""So many transactions are remembered for the recent figures of a bus."""
-RECENT_REPLIES = 128
-"""So many reply times are remembered of each station."""
-ERROR_WINDOW_S = 300.0
-"""Error rates look back so far (RELIABILITY 4: link-quality gate)."""
+RECENT_TRANSACTIONS = 512  # transactions kept for the recent load of a bus
+RECENT_REPLIES = 128  # reply times kept of each station
+LOAD_WINDOW_S = 60.0  # the recent load looks back no further
+ERROR_WINDOW_S = 300.0  # error rates look back five minutes
 ERROR_WINDOW_SLICES = 10
+
+GOOD, NO_REPLY, DAMAGED = range(3)  # results of a transaction, as index of an ErrorWindow's slice
+
+
+class ErrorWindow:
+    """Results of the transactions of the last five minutes, in ten slices."""
+
+    __slots__ = ("_current", "_ends_at", "_slices")
+
+    def __init__(self) -> None:
+        self._slices: deque[list[int]] = deque(maxlen=ERROR_WINDOW_SLICES)
+        self._current = [0, 0, 0]
+        self._ends_at = float("-inf")
+
+    def add(self, now: float, result: int) -> None:
+        """Count one transaction: GOOD, NO_REPLY or DAMAGED."""
+        if now >= self._ends_at:
+            self._advance(now)
+        self._current[result] += 1
+
+    def _advance(self, now: float) -> None:
+        """Begin a slice. It begins with the first event after the last one's end; the time between is empty slices."""
+        slice_s = ERROR_WINDOW_S / ERROR_WINDOW_SLICES
+        missed = int(min(float(ERROR_WINDOW_SLICES), (now - self._ends_at) / slice_s))
+        self._slices.extend([0, 0, 0] for _ in range(1 + missed))
+        self._current = self._slices[-1]
+        self._ends_at = now + slice_s
+
+    def totals(self, now: float) -> tuple[int, int, int]:
+        """Return the numbers of good, unanswered and damaged transactions."""
+        if now >= self._ends_at:
+            self._advance(now)
+        good, silent, damaged = map(sum, zip(*self._slices, strict=True))
+        return good, silent, damaged
+
+    def rates(self, now: float) -> tuple[float, int, float]:
+        """Return the share that failed, the number of damaged ones and their share; 0 without transactions."""
+        totals = self.totals(now)
+        failed, damaged = _rates(totals)
+        return failed, totals[DAMAGED], damaged
+
+
+def _rates(totals: tuple[int, int, int]) -> tuple[float, float]:
+    """Return the shares of failed and of damaged transactions."""
+    count = sum(totals)
+    return ((totals[NO_REPLY] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
 
 
 class Counters:
-    """What one station has seen. A bus keeps one of its own for what belongs to no station; the rest is added up."""
+    """Counters of one station. A bus has one of its own for what belongs to no station."""
 
     __slots__ = (
         "bytes_received",
@@ -38,73 +82,31 @@ class Counters:
         self.bytes_sent = 0
         self.bytes_received = 0
         self.errors: dict[str, int] = {}
+        """Failures by error class."""
         self.events: dict[str, int] = {}
         self.reply_times_s: deque[float] = deque(maxlen=RECENT_REPLIES)
         self.error_window = ErrorWindow()
 
     def count_event(self, name: str, amount: int = 1) -> None:
+        """Count an event by its name."""
         self.events[name] = self.events.get(name, 0) + amount
 
     def record_failure(self, error: Exception, now: float) -> None:
+        """Count a failed transaction."""
         name = type(error).__name__
         self.errors[name] = self.errors.get(name, 0) + 1
         self.error_window.add(now, NO_REPLY if isinstance(error, NoReply) else DAMAGED)
 
     def record_reply(self, reply_s: float, now: float) -> None:
+        """Count an accepted reply that took ``reply_s`` from our last bit to its last byte."""
         self.replies += 1
         self.reply_times_s.append(reply_s)
         self.error_window.add(now, GOOD)
 
 
-GOOD, NO_REPLY, DAMAGED = range(3)
-
-
-class ErrorWindow:
-    """How the transactions of the last five minutes ended, in ten slices."""
-
-    __slots__ = ("_current", "_ends_at", "_slices")
-
-    def __init__(self) -> None:
-        self._slices: deque[list[int]] = deque(maxlen=ERROR_WINDOW_SLICES)
-        self._current = [0, 0, 0]
-        self._ends_at = float("-inf")
-
-    def add(self, now: float, ending: int) -> None:
-        if now >= self._ends_at:
-            self._advance(now)
-        self._current[ending] += 1
-
-    def _advance(self, now: float) -> None:
-        """A slice begins with the first event after the last one's end; what nobody used counts as empty slices."""
-        slice_s = ERROR_WINDOW_S / ERROR_WINDOW_SLICES
-        missed = int(min(float(ERROR_WINDOW_SLICES), (now - self._ends_at) / slice_s))
-        self._slices.extend([0, 0, 0] for _ in range(1 + missed))
-        self._current = self._slices[-1]
-        self._ends_at = now + slice_s
-
-    def totals(self, now: float) -> tuple[int, int, int]:
-        """Good, silent and damaged ones."""
-        if now >= self._ends_at:
-            self._advance(now)
-        good, silent, damaged = map(sum, zip(*self._slices, strict=True))
-        return good, silent, damaged
-
-    def rates(self, now: float) -> tuple[float, int, float]:
-        """Share that failed, how many were damaged, and their share; 0 where nothing happened."""
-        totals = self.totals(now)
-        failed, damaged = _rates(totals)
-        return failed, totals[DAMAGED], damaged
-
-
-def _rates(totals: tuple[int, int, int]) -> tuple[float, float]:
-    """Failed, and damaged, of all."""
-    count = sum(totals)
-    return ((totals[NO_REPLY] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StationStatistics:
-    """Since the station was added. Recent reply times, in seconds from our own last bit to the reply's last byte."""
+    """Statistics since the station was added. Reply times in seconds from our last bit to the reply's last byte."""
 
     transactions: int = 0
     replies: int = 0
@@ -114,27 +116,28 @@ class StationStatistics:
     reply_p95_s: float | None = None
     reply_p99_s: float | None = None
     error_rate: float = 0.0
+    """Share of the last 5 minutes' transactions that failed, 0 to 1."""
     errors: Mapping[str, int] = field(default_factory=dict)
     """Failures by error class."""
     counters: Mapping[str, int] = field(default_factory=dict)
-    """Frames: late, foreign, duplicate, unsolicited, master, echo, collision, retry. Bytes: early, marks."""
-
+    """Frames: foreign, late, duplicate, unsolicited, foreign_request, echo, collision, retry. Bytes: before_tx_end,
+    line_errors."""
     damaged: int = 0
-    """Frames of the last 5 minutes that came and were spoiled: what tells of the bit errors that nobody detects
-    (RELIABILITY 4, link-quality gate). Silence does not count."""
+    """Transactions of the last 5 minutes whose reply was damaged: a measure of the bit errors that no check detects.
+    A missing reply does not count."""
     damage_rate: float = 0.0
     """Their share of the transactions, 0 to 1."""
     load_percent: float = 0.0
-    """Share of recent time in which bytes were on the wire, either way."""
+    """Share of the last minute in which bytes were on the wire, in either direction."""
     occupied_percent: float = 0.0
-    """Share of recent time in which the bus could take no other frame (frames, waiting, gaps)."""
+    """Share of the last minute in which the bus could take no other frame (frames, waits, gaps)."""
     transactions_per_s: float = 0.0
-    """In the same recent time as the whole bus's, so that the drives of a bus add up to it."""
+    """In the same minute for all stations, so that the stations of a bus add up to it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusStatistics(StationStatistics):
-    """A whole bus since it was first opened."""
+    """Statistics of a whole bus since it was first opened."""
 
     name: str = ""
     elapsed_s: float = 0.0
@@ -143,72 +146,66 @@ class BusStatistics(StationStatistics):
 
 
 class BusShare(NamedTuple):
-    """What somebody took of a bus's recent time: load %, occupied %, transactions per second."""
+    """Share of a bus's recent time."""
 
     load_percent: float = 0.0
     occupied_percent: float = 0.0
     transactions_per_s: float = 0.0
 
 
-NO_SHARE = BusShare()
-
-
 class RecentActivity:
-    """The most recent transactions of a bus: when each ended, how long it used the wire and kept the bus, and whose."""
+    """The most recent transactions of a bus: end, time on the wire, time occupied, station."""
 
     __slots__ = ("_recent",)
 
     def __init__(self) -> None:
         self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT_TRANSACTIONS)
 
-    def add(self, now: float, wire_s: float, kept_s: float, station: Counters) -> None:
-        self._recent.append((now, wire_s, kept_s, station))
+    def add(self, now: float, wire_s: float, occupied_s: float, station: Counters) -> None:
+        """Add a transaction that ended at ``now``."""
+        self._recent.append((now, wire_s, occupied_s, station))
 
     def shares(self, now: float, since: float) -> dict[Counters | None, BusShare]:
-        """Of the whole bus (None) and of each station that was spoken to, over the last minute at most."""
-        earliest = max(since, now - 60.0)
+        """Return the shares of the whole bus (None) and of each station, over the last minute at most."""
+        earliest = max(since, now - LOAD_WINDOW_S)
         recent = [entry for entry in self._recent if entry[0] > earliest]
         full = len(recent) == RECENT_TRANSACTIONS
-        begun = recent[0][0] if full else earliest
-        span = max(now - begun, 1e-9)
+        started_at = recent[0][0] if full else earliest
+        span_s = max(now - started_at, 1e-9)
         sums: dict[Counters | None, tuple[float, float, int]] = {}
-        for _, wire_s, kept_s, station in recent[full:]:
-            for whose in (None, station):
-                wire, kept, count = sums.get(whose, (0.0, 0.0, 0))
-                sums[whose] = wire + wire_s, kept + kept_s, count + 1
+        for _, wire_s, occupied_s, station in recent[full:]:
+            for owner in (None, station):
+                wire_sum_s, occupied_sum_s, count = sums.get(owner, (0.0, 0.0, 0))
+                sums[owner] = wire_sum_s + wire_s, occupied_sum_s + occupied_s, count + 1
         return {
-            whose: BusShare(min(100.0, 100 * wire / span), min(100.0, 100 * kept / span), count / span)
-            for whose, (wire, kept, count) in sums.items()
+            owner: BusShare(
+                load_percent=min(100.0, 100 * wire_s / span_s),
+                occupied_percent=min(100.0, 100 * occupied_s / span_s),
+                transactions_per_s=count / span_s,
+            )
+            for owner, (wire_s, occupied_s, count) in sums.items()
         }
 
 
 def station_snapshot(counters: Counters, share: BusShare, now: float) -> StationStatistics:
-    """A picture of one station's counters and of its share of the bus."""
+    """Return the statistics of one station."""
     p50, p95, p99 = percentiles(sorted(counters.reply_times_s))
     failed, damaged, damage_rate = counters.error_window.rates(now)
     return StationStatistics(
-        counters.transactions,
-        counters.replies,
-        counters.bytes_sent,
-        counters.bytes_received,
-        p50,
-        p95,
-        p99,
-        failed,
-        dict(counters.errors),
-        dict(counters.events),
-        damaged,
-        damage_rate,
-        *share,
+        transactions=counters.transactions,
+        replies=counters.replies,
+        bytes_sent=counters.bytes_sent,
+        bytes_received=counters.bytes_received,
+        reply_p50_s=p50,
+        reply_p95_s=p95,
+        reply_p99_s=p99,
+        error_rate=failed,
+        errors=dict(counters.errors),
+        counters=dict(counters.events),
+        damaged=damaged,
+        damage_rate=damage_rate,
+        **share._asdict(),
     )
-
-
-def percentiles(ordered: list[float]) -> tuple[float | None, float | None, float | None]:
-    """p50, p95, p99 by nearest rank; None where there is nothing."""
-    if not ordered:
-        return None, None, None
-    p50, p95, p99 = (ordered[-(-percent * len(ordered) // 100) - 1] for percent in (50, 95, 99))
-    return p50, p95, p99
 
 
 def bus_snapshot(
@@ -223,37 +220,46 @@ def bus_snapshot(
     queued: int,
     echoes: int,
 ) -> BusStatistics:
-    """The whole bus at ``now``, first opened at ``begun``, last at ``since``. ``counters``: no station's (any more)."""
+    """Return the statistics of a bus. ``counters``: what belongs to no registered station."""
     shares = activity.shares(now, opened_at)
-    everyone = [counters, *stations.values()]
-    good, silent, spoiled = (
-        sum(ending) for ending in zip(*(one.error_window.totals(now) for one in everyone), strict=True)
-    )
-    failed, damaged = _rates((good, silent, spoiled))
-    p50, p95, p99 = percentiles(sorted(reply_s for one in everyone for reply_s in one.reply_times_s))
+    all_counters = [counters, *stations.values()]
+    totals = zip(*(one.error_window.totals(now) for one in all_counters), strict=True)
+    good, unanswered, damaged = (sum(counts) for counts in totals)
+    failed, damage_rate = _rates((good, unanswered, damaged))
+    p50, p95, p99 = percentiles(sorted(reply_s for one in all_counters for reply_s in one.reply_times_s))
     return BusStatistics(
-        sum(one.transactions for one in everyone),
-        sum(one.replies for one in everyone),
-        sum(one.bytes_sent for one in everyone),
-        counters.bytes_received,
-        p50,
-        p95,
-        p99,
-        failed,
-        dict(counters.errors),
-        {**counters.events, "echo": echoes},
-        spoiled,
-        damaged,
-        *shares.get(None, NO_SHARE),
-        name,
-        now - first_opened_at,
-        queued,
-        {address: station_snapshot(one, shares.get(one, NO_SHARE), now) for address, one in stations.items()},
+        transactions=sum(one.transactions for one in all_counters),
+        replies=sum(one.replies for one in all_counters),
+        bytes_sent=sum(one.bytes_sent for one in all_counters),
+        bytes_received=counters.bytes_received,
+        reply_p50_s=p50,
+        reply_p95_s=p95,
+        reply_p99_s=p99,
+        error_rate=failed,
+        errors=dict(counters.errors),
+        counters={**counters.events, "echo": echoes},
+        damaged=damaged,
+        damage_rate=damage_rate,
+        name=name,
+        elapsed_s=now - first_opened_at,
+        queued=queued,
+        stations={
+            address: station_snapshot(one, shares.get(one, BusShare()), now) for address, one in stations.items()
+        },
+        **shares.get(None, BusShare())._asdict(),
     )
+
+
+def percentiles(ordered: list[float]) -> tuple[float | None, float | None, float | None]:
+    """Return p50, p95 and p99 by nearest rank, None for an empty list."""
+    if not ordered:
+        return None, None, None
+    p50, p95, p99 = (ordered[-(-percent * len(ordered) // 100) - 1] for percent in (50, 95, 99))
+    return p50, p95, p99
 
 
 def merge_counters(counters: Counters, station: Counters) -> None:
-    """A station leaves; what it counted stays in the sums of its bus."""
+    """Add the counters of a station that leaves the bus to those of the bus."""
     counters.transactions += station.transactions
     counters.replies += station.replies
     counters.bytes_sent += station.bytes_sent

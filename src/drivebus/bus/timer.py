@@ -1,11 +1,11 @@
-"""One precise timer for an event loop, shared by all its buses.
+"""One precise timer queue for an event loop, shared by all its buses.
 
 An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; at 19,200 baud that is half a
 character gap. A timerfd wakes the loop's selector at the very microsecond. Where there is none (Windows, macOS,
 virtual loops) the loop's own ``call_at`` and its clock serve.
 
 The clock of a bus goes on while the system is suspended, which a loop's does not: what was queued before has expired
-when the system resumes, and nothing of it is sent hours late (I1, ruling 12).
+when the system resumes, and no command is sent hours late.
 """
 
 from __future__ import annotations
@@ -23,19 +23,14 @@ from weakref import WeakKeyDictionary
 from drivebus.timerfd import CLOCK_BOOTTIME, TimerFd
 
 NEVER = float("inf")
-TIMER_SLACK_S = 20e-6
-"""An alarm that is due within this time is served now: arming the timer again would take as long."""
-
-
-SLOW_CLOCK_RETRY_S = 0.001
-"""How soon a bus whose own clock is behind this one is called back: without a pause it would hold up the whole loop."""
-KERNEL_TIMER_HORIZON_S = 0.01
-"""Setting a kernel timer costs as much as a whole transaction. Deadlines are far and seldom reached, gaps are near:
-each has a waker of its own, so that a gap does not cost the deadline its setting."""
+TIMER_SLACK_S = 20e-6  # a timer due within this time is served now: arming the kernel timer would take as long
+SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after this: at once would block the loop
+KERNEL_TIMER_HORIZON_S = 0.01  # gaps (near) and deadlines (far) have a kernel timer each; setting one costs as much
+# as a whole transaction, so a gap must not replace the setting for the deadline, which is seldom reached
 
 
 class TimerBackend(Protocol):
-    """Something that calls back at one moment. ``armed``: when, NEVER if not at all (as while it calls back)."""
+    """Calls back at one moment. ``armed_at``: when, NEVER if not at all (as while it calls back)."""
 
     armed_at: float
 
@@ -44,7 +39,7 @@ class TimerBackend(Protocol):
 
 
 class BusTimer:
-    """One bus's next moment. ``set`` replaces the moment before."""
+    """The next moment of one bus. ``set`` replaces the moment before."""
 
     __slots__ = ("_queue", "callback", "queued_times", "when")
 
@@ -53,23 +48,24 @@ class BusTimer:
         self.callback = callback
         self.when = NEVER
         self.queued_times: list[float] = []
-        """The moments at which the timer looks at this alarm, the next one last."""
+        """The moments at which the queue checks this timer, the next one last."""
 
     def set(self, when: float | None) -> None:
-        """Call back at ``when`` on the timer's clock (None: not at all). Moving it later costs nothing."""
+        """Call back at ``when`` on the queue's clock (None: not at all). Moving it later costs nothing."""
         self.when = NEVER if when is None else when
         if when is not None and (not self.queued_times or when < self.queued_times[-1]):
             self._queue.schedule(self, when)
 
 
 class TimerQueue:
-    """All alarms of one loop in one heap, and what wakes the loop for them."""
+    """All timers of one loop in one heap, and the backends that wake the loop for them."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._heap: list[tuple[float, int, BusTimer]] = []
         self._count = 0
         self._running = False
         self.precise = False
+        """Whether kernel timers are in use."""
         self.now: Callable[[], float] = loop.time
         self._near, self._far = self._create_backends(loop)
 
@@ -85,17 +81,17 @@ class TimerQueue:
                 self.precise = True
                 self.now = partial(time.clock_gettime, CLOCK_BOOTTIME)
                 return near, far
-        waker = _LoopTimer(loop, self._run_due)
-        return waker, waker
+        backend = _LoopTimer(loop, self._run_due)
+        return backend, backend
 
     def create_timer(self, callback: Callable[[], None]) -> BusTimer:
         return BusTimer(self, callback)
 
-    def schedule(self, alarm: BusTimer, when: float) -> None:
-        """Look at this alarm at that moment: it is earlier than any moment at which that would be done anyway."""
-        alarm.queued_times.append(when)
+    def schedule(self, timer: BusTimer, when: float) -> None:
+        """Check a timer at ``when``, which is earlier than any moment at which it would be checked anyway."""
+        timer.queued_times.append(when)
         self._count += 1
-        heappush(self._heap, (when, self._count, alarm))
+        heappush(self._heap, (when, self._count, timer))
         if not self._running:
             self._arm(when)
 
@@ -105,33 +101,33 @@ class TimerQueue:
         self._heap.clear()
 
     def _arm(self, when: float) -> None:
-        """Wake at ``when`` or before."""
+        """Wake the loop at ``when`` or before."""
         if when < self._near.armed_at and when < self._far.armed_at:
             near = when < self.now() + KERNEL_TIMER_HORIZON_S
             (self._near if near else self._far).arm(when)
 
     def _run_due(self) -> None:
-        """Call whoever is due, then arm for the next one. An alarm that was moved since is looked at again then."""
+        """Call the timers that are due, then arm for the next one. A timer that was moved is checked again then."""
         heap = self._heap
         self._running = True
         now = self.now()
         try:
             while heap:
-                at, _, alarm = heap[0]
+                at, _, timer = heap[0]
                 if at > now and not (self.precise and at <= (now := self.now()) + TIMER_SLACK_S):
                     break
                 heappop(heap)
-                alarm.queued_times.pop()
-                when = alarm.when
+                timer.queued_times.pop()
+                when = timer.when
                 if when <= at:
-                    alarm.when = NEVER
+                    timer.when = NEVER
                     if when > now:
                         busy_wait(self.now, when)
-                    alarm.callback()
-                    if alarm.when == when:  # its bus's own clock has not come so far
-                        alarm.when = now + SLOW_CLOCK_RETRY_S
-                elif when != NEVER and (not alarm.queued_times or when < alarm.queued_times[-1]):
-                    self.schedule(alarm, when)
+                    timer.callback()
+                    if timer.when == when:  # the bus has a clock of its own, which is behind
+                        timer.when = now + SLOW_CLOCK_RETRY_S
+                elif when != NEVER and (not timer.queued_times or when < timer.queued_times[-1]):
+                    self.schedule(timer, when)
         finally:
             self._running = False
             if heap:
@@ -139,7 +135,7 @@ class TimerQueue:
 
 
 def busy_wait(now: Callable[[], float], when: float) -> None:
-    """The last microseconds: never early, so that no gap is ever short."""
+    """Wait the last microseconds in a loop: never early, so that no gap is too short."""
     while now() < when:
         pass
 
@@ -203,30 +199,30 @@ class _LoopTimer:
             self._handle = None
 
 
-_timers: WeakKeyDictionary[asyncio.AbstractEventLoop, tuple[TimerQueue, list[int]]] = WeakKeyDictionary()
+_queues: WeakKeyDictionary[asyncio.AbstractEventLoop, tuple[TimerQueue, list[int]]] = WeakKeyDictionary()
 
 
 def loop_now(loop: asyncio.AbstractEventLoop) -> float:
-    """Now, on the clock that the loop's timer uses (or would use)."""
-    timer = acquire(loop)
+    """Return the time on the clock that the loop's timer queue uses (or would use)."""
+    queue = acquire(loop)
     try:
-        return timer.now()
+        return queue.now()
     finally:
         release(loop)
 
 
 def acquire(loop: asyncio.AbstractEventLoop) -> TimerQueue:
-    """The loop's timer; made by its first bus, closed when the last one lets go of it."""
-    timer, users = _timers.get(loop) or (TimerQueue(loop), [0])
-    _timers[loop] = (timer, users)
+    """Return the loop's timer queue, created for its first bus and closed when the last one releases it."""
+    queue, users = _queues.get(loop) or (TimerQueue(loop), [0])
+    _queues[loop] = (queue, users)
     users[0] += 1
-    return timer
+    return queue
 
 
 def release(loop: asyncio.AbstractEventLoop) -> None:
-    """One bus less."""
-    timer, users = _timers[loop]
+    """Release the loop's timer queue for one bus."""
+    queue, users = _queues[loop]
     users[0] -= 1
     if users[0] == 0:
-        del _timers[loop]
-        timer.close()
+        del _queues[loop]
+        queue.close()

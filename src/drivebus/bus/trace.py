@@ -1,4 +1,4 @@
-"""What was on the wire, told at three levels: that something was, its bytes, its meaning. No clock lives here."""
+"""Trace of the bytes on the wire, as events and as text."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from typing import Any
 
 
 class TraceKind(StrEnum):
-    """What became of some bytes."""
+    """Classification of bytes on the wire."""
 
     SENT = "sent"
     REPLY = "reply"
-    """Accepted as the answer to our request."""
-    INVALID = "void"
-    """Came while we waited and was refused; ``error`` says why."""
-    NO_REPLY = "silence"
-    """Nothing (or nothing whole) came before the deadline."""
+    """Accepted as the reply to our request."""
+    INVALID = "invalid"
+    """Received in place of a reply and rejected; ``error`` gives the reason."""
+    NO_REPLY = "no_reply"
+    """Nothing was received before the deadline."""
     FOREIGN = "foreign"
-    """Another station's frame (F02)."""
+    """A frame of another station."""
     LATE = "late"
-    """The answer to a request that had been given up (F01)."""
+    """The reply to a request that had been given up."""
     DUPLICATE = "duplicate"
-    """A second answer to a request that has its answer (F15)."""
-    FOREIGN_REQUEST = "master"
-    """A request that we did not send: somebody else is master here (F14)."""
+    """A second reply to one request."""
+    FOREIGN_REQUEST = "foreign_request"
+    """A request of another master."""
     UNSOLICITED = "unsolicited"
-    """Bytes that nobody can place."""
-    BEFORE_TX_END = "early"
-    """Before our own last stop bit: can be no answer (F03)."""
+    """Not attributable."""
+    BEFORE_TX_END = "before_tx_end"
+    """Received before our own last stop bit: can be no reply."""
 
 
 @dataclass(frozen=True, slots=True)
 class TraceEvent:
-    """Some bytes on the wire and their meaning. ``time``: monotonic second of the first bit sent or last heard."""
+    """Bytes on the wire. ``time``: monotonic second of the first bit sent or the last byte received."""
 
     time: float
     kind: TraceKind
@@ -50,7 +50,7 @@ class TraceEvent:
         return "sent" if self.kind is TraceKind.SENT else "received"
 
     def text(self, level: int = 2) -> str:
-        """One line of text. Level 0: that it was; 1: its bytes too; 2: its meaning too."""
+        """Return one line of text. Level 0: time, kind and station; 1: the bytes too; 2: the meaning too."""
         parts = [f"{self.time:.6f}", self.kind.value, "-" if self.station is None else str(self.station)]
         if level >= 1:
             parts.append(self.data.hex(" ").upper() or "-")

@@ -1,27 +1,67 @@
-"""One frame of ours on the wire and all that can come of it. Pure: ``now`` is an argument, nothing is sent here.
+"""One frame of ours on the wire and its reply. ``now`` is an argument; nothing is sent here.
 
-    sending ──last bit──▶ waiting ──reply whole──▶ settling ──gap of silence──▶ accepted
+    sending ──last bit──▶ waiting ──whole reply──▶ settling ──gap of silence──▶ accepted
                             │  ▲                      │
-                            │  └ another station's    └ a byte more ▶ void (TrailingError)
-                            │    frame: dropped (F02)
-                            ├ marks, collision, not the reply ▶ void, ends when the line is quiet or at the deadline
-                            └ deadline (absolute, F05) ▶ silence (NoReply)
+                            │  └ another station's    └ a further byte ▶ invalid (TrailingError)
+                            │    frame: dropped
+                            ├ line error, collision, wrong reply ▶ invalid, ends when the bus is silent/ at the deadline
+                            └ deadline (absolute) ▶ no reply (NoReply)
 
-Bytes never move the deadline. What is heard before our own last stop bit can be no answer (F03).
+Received bytes never move the deadline. What is received before our own last stop bit can be no reply.
 """
 
 from __future__ import annotations
 
 from math import ceil
 
-from drivebus.bus.echo import EchoFilter
 from drivebus.bus.prepared_request import PreparedRequest
-from drivebus.errors import AddressError, LineError, NoReply, ProtocolError, TrailingError
-from drivebus.protocols.codec import Complete, CompleteIfSilent, Incomplete
+from drivebus.errors import (
+    AddressError,
+    AlphabetError,
+    ChecksumError,
+    LineError,
+    NoReply,
+    ProtocolError,
+    TrailingError,
+)
+from drivebus.protocols.codec import CompleteIfSilent, DecodeResult, Incomplete
+
+
+class EchoFilter:
+    """Removes the echo of one frame. ``tentative``: a mismatch only means that there is no echo."""
+
+    __slots__ = ("collided", "matched", "sent", "tentative")
+
+    def __init__(self, sent: bytes, tentative: bool) -> None:
+        self.sent = sent
+        self.tentative = tentative
+        self.matched = 0
+        """Bytes of the echo so far."""
+        self.collided = False
+
+    @property
+    def is_complete(self) -> bool:
+        return self.matched == len(self.sent)
+
+    def strip(self, data: bytes) -> bytes:
+        """Return the bytes that are no echo."""
+        if self.is_complete or self.collided:
+            return data
+        expected = self.sent[self.matched : self.matched + len(data)]
+        if data.startswith(expected):
+            self.matched += len(expected)
+            return data[len(expected) :]
+        if not self.tentative:
+            self.matched += next(i for i, (a, b) in enumerate(zip(data, expected, strict=False)) if a != b)
+            self.collided = True
+            return data
+        withheld, self.sent = self.sent[: self.matched], b""
+        self.matched = 0
+        return withheld + data
 
 
 class Transaction:
-    """Times are monotonic seconds. ``final_at`` is when ``woke`` will have the outcome if the line stays silent."""
+    """A frame sent at ``now`` and what was received since. Times are monotonic seconds."""
 
     __slots__ = (
         "buffer",
@@ -60,26 +100,29 @@ class Transaction:
         self.echo = echo
         self.sent_at = now
         self.tx_end_at = now + prepared.send_s
+        """End of our own last stop bit."""
         self.deadline = self.ends_at = self.tx_end_at + prepared.reply_timeout_s
+        """``ends_at``: when the result is known if the bus stays silent until then."""
         self.buffer = bytearray()
         self.received_count = 0
-        """Bytes that may belong to an answer, whatever became of them."""
+        """Bytes that may belong to a reply, valid or not."""
         self.last_byte_at: float | None = None
         self.bytes_needed = 1
         self.message: object = None
         self.message_size = 0
         self.needs_silence = False
+        """The reply is complete only if no byte follows."""
         self.error: Exception | None = None
         self.bytes_before_tx_end = b""
         self.noise_skipped = False
         self.foreign_frames: list[tuple[bytes, AddressError]] | None = None
 
     def on_data(self, data: bytes, now: float, line_errors: int = 0) -> None:
-        """Bytes as they come. ``final_at`` may have changed afterwards."""
+        """Add received bytes. ``ends_at`` may have changed afterwards."""
         if line_errors:
-            self._invalidate(LineError("bus.marks", station=self.prepared.station.address, count=line_errors))
+            self._invalidate(LineError("bus.line_errors", station=self.prepared.station.address, count=line_errors))
         if self.echo is not None:
-            data = self._strip_echo(data)
+            data = self._strip_echo(self.echo, data)
         if self.has_line_timing and now - len(data) * self.character_s < self.tx_end_at:
             data = self._strip_before_tx_end(data, now)
         if not data:
@@ -94,7 +137,7 @@ class Transaction:
         self._update_end(now)
 
     def final_error(self) -> Exception | None:
-        """What is wrong now that the line has been silent up to ``final_at``; None: ``message`` is the answer."""
+        """Return the error, the bus having been silent until ``ends_at``; None: ``message`` is the reply."""
         if self.prepared.is_broadcast or self.error is not None:
             return self.error
         if self.message is not None and len(self.buffer) == self.message_size:
@@ -108,19 +151,30 @@ class Transaction:
         )
 
     def earliest_useful_at(self) -> float | None:
-        """Before this second no further byte can complete the reply on a line of this speed; None: listen now."""
+        """Return the time before which no byte can complete the reply at this baud rate; None: any byte may."""
         if self.error is not None or self.message is not None or self.prepared.is_broadcast or self.echo is not None:
             return None
         if self.last_byte_at is None:
             return self.tx_end_at + (self.prepared.reply_bytes - 1) * self.character_s
         return self.last_byte_at + (self.bytes_needed - len(self.buffer) - 1) * self.character_s
 
+    def is_damaged_reply(self, error: Exception) -> bool:
+        """Return whether ``error`` is damage on exactly a reply's worth of bytes: the reply has come and is spoiled."""
+        damage = isinstance(error, ChecksumError | AlphabetError | LineError)
+        return damage and self.received_count == self.prepared.reply_bytes
+
+    def ends_with_second_reply(self, error: TrailingError) -> bool:
+        """Return whether the bytes after the reply form another reply, as of two drives at one address."""
+        rest = bytes(self.buffer[error.expected :]) if isinstance(error.expected, int) else b""
+        second = self.prepared.station.decode_reply_to(self.prepared.request, rest) if rest else None
+        return second is not None and second[1] > 0
+
     def _decode(self) -> None:
-        """Ask the codec. Another station's whole frame is dropped and waiting goes on (F02)."""
-        job = self.prepared
+        """Decode the buffer. A whole frame of another station is dropped and the wait goes on."""
+        prepared = self.prepared
         while self.buffer:
             try:
-                verdict = job.codec.decode_reply(job.request, bytes(self.buffer))
+                result = prepared.codec.decode_reply(prepared.request, bytes(self.buffer))
             except AddressError as error:
                 if not 0 < error.size <= len(self.buffer):
                     if self._skip_leading_noise():
@@ -132,11 +186,11 @@ class Transaction:
                 if self._skip_leading_noise():
                     continue
                 return self._invalidate(error)
-            return self._apply_result(verdict)
+            return self._apply_result(result)
         return None
 
     def _skip_leading_noise(self) -> bool:
-        """Where the profile allows it, one byte before the reply is junk (ruling 10): look behind it, once."""
+        """Drop one byte before the reply, once, where the profile of the station allows it."""
         if self.noise_skipped or not self.prepared.station.config.timing.tolerate_leading_noise:
             return False
         self.noise_skipped = True
@@ -146,29 +200,28 @@ class Transaction:
         self.bytes_needed = 1
         return True
 
-    def _apply_result(self, verdict: Complete | CompleteIfSilent | Incomplete) -> None:
-        if type(verdict) is Incomplete:
+    def _apply_result(self, result: DecodeResult) -> None:
+        if isinstance(result, Incomplete):
             self.message = None
-            self.bytes_needed = verdict.need
+            self.bytes_needed = result.need
             return
-        assert not isinstance(verdict, Incomplete)
-        self.message, self.message_size = verdict.message, verdict.size
-        self.needs_silence = isinstance(verdict, CompleteIfSilent)
-        if isinstance(verdict, CompleteIfSilent):
-            self.bytes_needed = verdict.need
+        self.message, self.message_size = result.message, result.size
+        self.needs_silence = isinstance(result, CompleteIfSilent)
+        if isinstance(result, CompleteIfSilent):
+            self.bytes_needed = result.need
         elif len(self.buffer) > self.message_size:
             self._invalidate(TrailingError("bus.trailing", expected=self.message_size, found=len(self.buffer)))
 
     def _update_end(self, now: float) -> None:
-        """When is this over, if nothing more comes? A reply counts after the gap; a void waits for its bytes to end."""
-        job = self.prepared
+        """Set ``ends_at``: a reply counts after the gap, an invalid one ends when its bytes end."""
+        prepared = self.prepared
         if self.error is not None:
-            whole = self.received_count >= job.reply_bytes
-            self.ends_at = min(self.deadline, now + job.gap_s) if whole else self.deadline
+            whole = self.received_count >= prepared.reply_bytes
+            self.ends_at = min(self.deadline, now + prepared.gap_s) if whole else self.deadline
         elif self.message is None or len(self.buffer) != self.message_size:
             self.ends_at = self.deadline
         else:
-            self.ends_at = now + (job.gap_s + job.adapter_latency_s if self.needs_silence else job.gap_s)
+            self.ends_at = now + (prepared.gap_s + prepared.adapter_latency_s if self.needs_silence else prepared.gap_s)
 
     def _invalidate(self, error: Exception) -> None:
         if self.error is None:
@@ -184,17 +237,15 @@ class Transaction:
         self.received_count -= error.size
         self.bytes_needed = 1
 
-    def _strip_echo(self, data: bytes) -> bytes:
-        assert self.echo is not None
-        rest = self.echo.strip(data)
-        if self.echo.collided:
-            self._invalidate(
-                LineError("bus.collision", station=self.prepared.station.address, position=self.echo.matched + 1)
-            )
+    def _strip_echo(self, echo: EchoFilter, data: bytes) -> bytes:
+        rest = echo.strip(data)
+        if echo.collided:
+            station = self.prepared.station.address
+            self._invalidate(LineError("bus.collision", station=station, position=echo.matched + 1))
         return rest
 
     def _strip_before_tx_end(self, data: bytes, now: float) -> bytes:
-        """Byte i of n came no later than (n-1-i) characters ago; an answer's first byte ends after ``sent_end``."""
+        """Remove bytes older than ``tx_end_at``: byte i of n came no later than (n-1-i) characters ago."""
         count = ceil((self.tx_end_at + 0.5 * self.character_s - now) / self.character_s) + len(data) - 1
         count = min(max(count, 0), len(data))
         self.bytes_before_tx_end += data[:count]

@@ -1,30 +1,25 @@
-"""Bytes that nobody asked for: heard while idle, told apart once the line is silent, counted, never applied. Pure.
+"""Unsolicited bytes: received while no transaction was open, classified once the bus is silent, never applied.
 
-A late answer (F01), a second answer (F15), a request of somebody else (F14), or bytes that nobody can place.
+A frame is a late reply, a second reply, another master's request with its reply, or not attributable.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
+from drivebus.bus.station import Station
 from drivebus.bus.trace import TraceKind
 from drivebus.errors import ProtocolError
-from drivebus.protocols.codec import Complete, Incomplete
+from drivebus.protocols.codec import Codec, Complete, Incomplete
 
-if TYPE_CHECKING:
-    from drivebus.bus.prepared_request import PreparedRequest
-    from drivebus.bus.station import Station
-
-MAX_UNSOLICITED_BYTES = 512
-"""More unasked bytes than this without a pause are forgotten (I12); no frame of these families is longer."""
-FOREIGN_REQUESTS_REQUIRED = 2
-FOREIGN_MASTER_WINDOW_S = 60.0
-"""Two requests of somebody else within a minute mean a second master (G18); a minute of peace ends it."""
+MAX_UNSOLICITED_BYTES = 512  # kept without a pause between them; no frame of these families is longer
+FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
+FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
 
 
 class UnsolicitedBytes:
-    """Collects unasked bytes and remembers foreign masters."""
+    """Buffer of unsolicited bytes, and the times of foreign requests."""
 
     __slots__ = ("_foreign_request_times", "buffer", "last_byte_at")
 
@@ -34,60 +29,68 @@ class UnsolicitedBytes:
         self._foreign_request_times: list[float] = []
 
     def add(self, data: bytes, now: float) -> None:
+        """Add bytes; those beyond the limit are dropped."""
         self.buffer += data
         del self.buffer[MAX_UNSOLICITED_BYTES:]
         self.last_byte_at = now
 
     def drain(self) -> bytes:
+        """Return the bytes and empty the buffer."""
         data = bytes(self.buffer)
         self.buffer.clear()
         return data
 
     def record_foreign_request(self, now: float) -> None:
+        """Note a request of another master."""
         self._foreign_request_times = [*self._foreign_request_times[-1:], now]
 
     def has_foreign_master(self, now: float) -> bool:
-        """Were there two foreign requests within a minute, the last less than a minute ago?"""
+        """Return whether two foreign requests came within the window, the last less than a window ago."""
         recent = [at for at in self._foreign_request_times if now - at <= FOREIGN_MASTER_WINDOW_S]
         return len(recent) >= FOREIGN_REQUESTS_REQUIRED
 
 
-def classify(
-    data: bytes, stations: Iterable[Station], after_foreign_request: bool
-) -> tuple[TraceKind, Station | None, Any, int]:
-    """What the beginning of ``data`` is: its kind, the station it came from, the message and its size.
+class UnsolicitedFrame(NamedTuple):
+    """Classification of the first ``size`` unsolicited bytes."""
 
-    The mirrored answer of FC06 or FC08 is a valid request too, so what we asked last is looked at before anybody is
-    called a foreign master. ``after_master``: a foreign request came just before, so an answer is the answer to that.
+    kind: TraceKind
+    station: Station | None
+    """The station that sent it, where known."""
+    message: Any
+    size: int
+
+
+def classify(data: bytes, stations: Iterable[Station], after_foreign_request: bool) -> UnsolicitedFrame:
+    """Classify the beginning of ``data``. ``after_foreign_request``: a reply is the reply to that request.
+
+    The mirrored reply of FC06 or FC08 is a valid request too, so our own last requests are compared first.
     """
     known = tuple(stations)
     for station in known:
-        if station.last_request is not None and (found := _decode_reply_to(station.last_request, data)) is not None:
-            kind = (
-                TraceKind.FOREIGN
-                if after_foreign_request
-                else TraceKind.LATE
-                if station.suspect
-                else TraceKind.DUPLICATE
-            )
-            return kind, station, found[0], found[1]
-    seen: list[object] = []
+        reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
+        if reply is not None:
+            kind = TraceKind.LATE if station.state.is_suspect else TraceKind.DUPLICATE
+            return UnsolicitedFrame(TraceKind.FOREIGN if after_foreign_request else kind, station, *reply)
+    tried: list[object] = []
     for station in known:
-        if not any(codec is station.codec for codec in seen):
-            seen.append(station.codec)
-            found = decode_request_prefix(station.codec, data)
-            if found is not None:
-                debtor = next((one for one in known if is_late_reply(one, found[0], data[: found[1]])), None)
-                return TraceKind.FOREIGN_REQUEST if debtor is None else TraceKind.LATE, debtor, found[0], found[1]
-    return TraceKind.UNSOLICITED, None, None, len(data)
+        if any(codec is station.codec for codec in tried):
+            continue
+        tried.append(station.codec)
+        found = decode_request_prefix(station.codec, data)
+        if found is not None:
+            late = next((one for one in known if is_late_reply(one, found[0], data[: found[1]])), None)
+            return UnsolicitedFrame(TraceKind.FOREIGN_REQUEST if late is None else TraceKind.LATE, late, *found)
+    return UnsolicitedFrame(TraceKind.UNSOLICITED, None, None, len(data))
 
 
 def is_late_reply(station: Station, request: Any, frame: bytes) -> bool:
-    """Is this the late answer of a station that owes us one? The answer of FC06 or FC08 is a valid request too, and
-    must not block its own drive as a foreign master's would."""
+    """Return whether ``frame``, decoded as ``request``, is the late mirrored reply of a suspect station.
+
+    Such a reply must not block its own drive as the request of a foreign master would.
+    """
     codec = station.codec
-    request = getattr(request, "request", request)  # of a C320's request the operation is heard apart (T01)
-    if not station.suspect or codec.address_of(request) != station.address:
+    request = getattr(request, "request", request)  # a C320 request is decoded with its operation beside it
+    if not station.state.is_suspect or codec.address_of(request) != station.address:
         return False
     try:
         return isinstance(codec.decode_reply(request, frame), Complete)
@@ -95,23 +98,10 @@ def is_late_reply(station: Station, request: Any, frame: bytes) -> bool:
         return False
 
 
-def matches(job: PreparedRequest, data: bytes) -> bool:
-    """Are these bytes an answer to that request?"""
-    return _decode_reply_to(job, data) is not None
-
-
-def _decode_reply_to(job: PreparedRequest, data: bytes) -> tuple[Any, int] | None:
+def decode_request_prefix(codec: Codec, data: bytes) -> tuple[Any, int] | None:
+    """Return the request at the start of ``data`` and its size, None where there is none."""
     try:
-        verdict = job.codec.decode_reply(job.request, data)
+        result = codec.decode_request(data)
     except ProtocolError:
         return None
-    return None if isinstance(verdict, Incomplete) else (verdict.message, verdict.size)
-
-
-def decode_request_prefix(codec: Any, data: bytes) -> tuple[Any, int] | None:
-    """The request that begins ``data``, with its size."""
-    try:
-        verdict = codec.decode_request(data)
-    except ProtocolError:
-        return None
-    return None if isinstance(verdict, Incomplete) else (verdict.message, verdict.size)
+    return None if isinstance(result, Incomplete) else (result.message, result.size)

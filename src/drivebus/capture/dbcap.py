@@ -1,10 +1,8 @@
-"""Captures: the one file format for recorded traffic (``.dbcap``), written and read here. No port, no clock.
+"""Capture files (``.dbcap``): format of recorded traffic, writer and reader.
 
 A capture is UTF-8 text, one JSON object a line. The first line is the header; each further line is one record:
-``{"t": 1.250000, "rx": "0103"}`` bytes heard, ``"tx"`` bytes sent, ``"event"`` something else. ``t`` is seconds of a
-monotonic clock since the capture began. Text, because a plant's evidence must be readable in thirty years with any
-editor; a line a record, because a writer that is killed spoils at most its last line.
-The format is described in docs/reference/capture-format.md.
+``{"t": 1.250000, "rx": "0103"}`` for received bytes, ``"tx"`` for sent bytes, ``"event"`` for anything else. ``t`` is
+seconds of a monotonic clock since the capture began. The format is described in docs/reference/capture-format.md.
 """
 
 from __future__ import annotations
@@ -18,15 +16,15 @@ from typing import Any, Literal
 
 from drivebus.errors import ConfigurationError
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Json
 
-VERSION = 1
-"""Raised only when an older reader would misunderstand the file; new keys and events do not raise it."""
+VERSION = 1  # raised only when an older reader would misunderstand the file; new keys and events do not raise it
 
 ByteDirection = Literal["rx", "tx"]
 
 
 class CaptureError(ConfigurationError):
-    """A capture file is refused; names file, line, what was found and expected."""
+    """Invalid capture file; names file, line, what was found and expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,27 +33,27 @@ class CaptureHeader:
 
     settings: SerialSettings
     port: str = ""
-    """The LINK of the port."""
+    """URL of the port."""
     started: str = ""
-    """Wall-clock label (ISO 8601) of ``t`` = 0; never used for arithmetic (F21)."""
+    """Wall-clock label (ISO 8601) of ``t`` = 0; never used for arithmetic."""
     writer: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class BytesRecord:
-    """Bytes that went together, with the time at which they were sent or delivered."""
+    """Bytes sent or delivered together, with the time."""
 
     time_s: float
     direction: ByteDirection
     data: bytes
     line_errors: int = 0
-    """How many of them had a parity or framing error."""
+    """Bytes with a parity or framing error."""
     line_number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class EventRecord:
-    """Something else: ``opened`` (with the settings in force), ``closed``, ``lost``, or a name of a later version."""
+    """Event: ``opened`` (with the settings in force), ``closed``, ``lost``, or a name of a later version."""
 
     time_s: float
     name: str
@@ -68,22 +66,22 @@ Record = BytesRecord | EventRecord
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """A capture that was read whole."""
+    """Content of a capture file."""
 
     header: CaptureHeader
     records: tuple[Record, ...]
     truncated: bool = False
-    """The last line was cut (the writer was killed): it is left out, everything before it stands."""
+    """The last line was cut (the writer was killed) and is left out; everything before it is valid."""
 
 
 class CaptureWriter:
-    """Writes a capture line by line; each record is with the operating system when the call returns.
+    """Writer of a capture, line by line; each record is with the operating system when the call returns.
 
-    A disk that fails never disturbs the bus (G14): the first error is kept in ``error`` and writing ends.
+    A disk failure never disturbs the bus: the first error is in ``error`` and writing ends.
     """
 
     def __init__(self, path: str | Path, header: CaptureHeader, *, now: float) -> None:
-        """Begins a new file at monotonic second ``now``. Raises CaptureError where it can't be created or exists."""
+        """Create the file at monotonic second ``now``. Raises CaptureError where it exists or can't be created."""
         self.path = Path(path)
         self.error: OSError | None = None
         self._started_at = now
@@ -97,8 +95,8 @@ class CaptureWriter:
 
     def write_bytes(self, now: float, direction: ByteDirection, data: bytes, line_errors: int = 0) -> None:
         """Record bytes at monotonic second ``now``."""
-        marked = f',"marks":{line_errors}' if line_errors else ""
-        self._write_line(f'{{"t":{now - self._started_at:.6f},"{direction}":"{data.hex()}"{marked}}}\n')
+        errors = f',"line_errors":{line_errors}' if line_errors else ""
+        self._write_line(f'{{"t":{now - self._started_at:.6f},"{direction}":"{data.hex()}"{errors}}}\n')
 
     def write_event(self, now: float, name: str, **details: Any) -> None:
         """Record an event; ``details`` are JSON values."""
@@ -107,7 +105,7 @@ class CaptureWriter:
         )
 
     def close(self) -> None:
-        """End the capture. Idempotent; a disk that only now tells that it failed is in ``error`` too."""
+        """End the capture; a failure of the disk that shows only now is in ``error`` too. Idempotent."""
         fd, self._fd = self._fd, -1
         if fd < 0:
             return
@@ -152,7 +150,7 @@ def _parse_records(file: str, lines: list[bytes]) -> Iterator[Record]:
         yield record
 
 
-def _parse_object(file: str, number: int, line: bytes) -> dict[str, Any]:
+def _parse_object(file: str, number: int, line: bytes) -> Json:
     try:
         value = json.loads(line.decode("utf-8"))
     except (ValueError, RecursionError):
@@ -162,17 +160,17 @@ def _parse_object(file: str, number: int, line: bytes) -> dict[str, Any]:
     return value
 
 
-def _parse_header(file: str, value: dict[str, Any]) -> CaptureHeader:
+def _parse_header(file: str, value: Json) -> CaptureHeader:
     version = value.get("dbcap")
     if type(version) is not int or version < 1:
         raise CaptureError("capture.header", file=file, line=1, found=version)
     if version > VERSION:
         raise CaptureError("capture.version", file=file, line=1, found=version, expected=VERSION)
     return CaptureHeader(
-        _parse_settings(file, 1, value),
-        str(value.get("port", "")),
-        str(value.get("started", "")),
-        str(value.get("writer", "")),
+        settings=_parse_settings(file, 1, value),
+        port=str(value.get("port", "")),
+        started=str(value.get("started", "")),
+        writer=str(value.get("writer", "")),
     )
 
 
@@ -186,7 +184,7 @@ def _parse_settings(file: str, number: int, value: Mapping[str, Any]) -> SerialS
         raise _invalid_value(file, number, "baud, format", f"{baud}, {format}", "9600, 8E1") from None
 
 
-def _parse_record(file: str, number: int, value: dict[str, Any]) -> Record:
+def _parse_record(file: str, number: int, value: Json) -> Record:
     time_s = value.pop("t", None)
     if type(time_s) not in (int, float) or not 0 <= time_s < float("inf"):
         raise _invalid_value(file, number, "t", time_s, ">= 0")
@@ -196,15 +194,15 @@ def _parse_record(file: str, number: int, value: dict[str, Any]) -> Record:
     content = value.pop(kinds[0])
     if kinds[0] == "event":
         return EventRecord(time_s, str(content), value, number)
-    marks = value.get("marks", 0)
+    line_errors = value.get("line_errors", 0)
     data = _parse_hex(file, number, kinds[0], content)
-    if type(marks) is not int or marks < 0:
-        raise _invalid_value(file, number, "marks", marks, ">= 0")
-    return BytesRecord(time_s, "rx" if kinds[0] == "rx" else "tx", data, marks, number)
+    if type(line_errors) is not int or line_errors < 0:
+        raise _invalid_value(file, number, "line_errors", line_errors, ">= 0")
+    return BytesRecord(time_s, "rx" if kinds[0] == "rx" else "tx", data, line_errors, number)
 
 
 def _parse_hex(file: str, number: int, kind: str, content: Any) -> bytes:
-    """Strict: pairs of lower-case digits only, as the writer writes them (T19: bytes.fromhex alone skips blanks)."""
+    """Parse pairs of lower-case hex digits only, as the writer writes them (``bytes.fromhex`` alone skips blanks)."""
     try:
         data = bytes.fromhex(content)
     except (TypeError, ValueError):

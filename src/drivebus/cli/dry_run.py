@@ -13,8 +13,8 @@ from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from drivebus.drives.dialects.base import Dialect
-    from drivebus.protocols.codec import Codec, StationTiming
-    from drivebus.serial_settings import SerialSettings
+    from drivebus.protocols.codec import Codec
+    from drivebus.serial_settings import SerialSettings, StationTiming
 
 
 @dataclass(frozen=True, slots=True)

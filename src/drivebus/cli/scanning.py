@@ -51,7 +51,7 @@ def print_scan(link: str, progress: ScanProgress, overheard: SniffResult | None,
             if overheard is None
             else {
                 "bytes": overheard.count,
-                "marks": overheard.line_errors,
+                "line_errors": overheard.line_errors,
                 "first": overheard.first,
                 "seconds": overheard.seconds,
             },

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.commissioning.scan_plan import ScanCandidate, ScanPass, probe_request
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import PortError, PortLost
 from drivebus.ports import Port
-from drivebus.protocols.codec import BusRequest, BusResult, RequestPriority
 from drivebus.serial_settings import SerialSettings
 
 

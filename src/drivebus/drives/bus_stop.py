@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.context import frame_exchange
 from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, StopUnconfirmed
-from drivebus.protocols.codec import BusRequest, RequestPriority, RetryPolicy
 
 BROADCAST_COUNT = 2
 """Repeated on purpose (F10): nobody answers, and one may be lost."""

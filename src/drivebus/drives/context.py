@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.eeprom_budget import DEFAULT_SAVES_PER_DAY, EepromBudget
 from drivebus.drives.operations.steps import BusConditions
@@ -12,7 +13,6 @@ from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ConfigurationError, LimitError
 from drivebus.profiles.model import Text
-from drivebus.protocols.codec import BusResult
 
 
 @dataclass(frozen=True, slots=True)

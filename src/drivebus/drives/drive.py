@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from drivebus import profiles
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusResult
 from drivebus.clock import Store
 from drivebus.drives.context import DriveContext, DriveLimits, Preflight
 from drivebus.drives.dialects.base import Dialect, StopMode
@@ -33,7 +34,7 @@ from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.drives.store import FileStore, MemoryStore, default_path
 from drivebus.errors import CapabilityError, Expired
 from drivebus.profiles.model import DriveProfile
-from drivebus.protocols.codec import BusResult, StationTiming
+from drivebus.serial_settings import StationTiming
 from drivebus.values import Reading
 
 T = TypeVar("T")

@@ -7,11 +7,11 @@ from types import TracebackType
 from typing import Any
 
 from drivebus.bus import Bus, Poll, PollSubscription
+from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import Dialect, fault_from_code
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.protocols.codec import BusResult
 from drivebus.values import Reading
 
 FAULT_POLL_PERIOD_S = 1.0

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from drivebus.bus.messages import Permit, RetryPolicy
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.state import DerivedState, DriveState, LocalizedEnum
 from drivebus.errors import Expired, NotPermitted, StartInhibited, Superseded
-from drivebus.protocols.codec import Effect, Permit, RetryPolicy
+from drivebus.protocols.codec import Effect
 
 
 class CommandKind(LocalizedEnum):
@@ -92,7 +93,14 @@ def grant_permit(
         _check_drive_state(command, around, evidence)
     if command.kind in (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT) and not evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
-    return Permit(station, effect, write_class, command.expires_at(effect), around.stop_epoch, command.id)
+    return Permit(
+        station=station,
+        effect=effect,
+        retry_policy=write_class,
+        expires_at=command.expires_at(effect),
+        stop_epoch=around.stop_epoch,
+        command_id=command.id,
+    )
 
 
 def _check_valid(command: DriveCommand, effect: Effect, around: BusConditions) -> None:

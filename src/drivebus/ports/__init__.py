@@ -10,8 +10,9 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from drivebus.errors import PortUrlError
-from drivebus.ports.base import Capabilities, Port, Receiver
+from drivebus.ports.base import Port
 from drivebus.ports.url import PORT_URL_EXAMPLES, PortUrl, parse_port_url
+from drivebus.types import Capabilities, Receiver
 
 if TYPE_CHECKING:
     from drivebus.ports.discovery import PortInfo

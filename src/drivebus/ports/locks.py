@@ -1,8 +1,8 @@
-"""One owner for a serial device (F14, G18): a lock file of our own, flock and TIOCEXCL on the device.
+"""Exclusive ownership of a serial device: a lock file of our own, and flock and TIOCEXCL on the device.
 
-The lock file tells the second drivebus the first one's pid; flock refuses every program that asks (serialx, picocom,
-minicom, us); TIOCEXCL refuses everybody else without root. The kernel drops both locks when their process dies, so a
-file left by a killed drivebus is stale by itself: its pid is no lock, the flock on it is.
+The lock file gives a second drivebus the pid of the first one; flock excludes every program that checks it (serialx,
+picocom, minicom, drivebus); TIOCEXCL excludes all others without root. The kernel drops both locks when their process
+ends, so a file left by a killed drivebus is stale by itself: the flock on it is the lock, not its pid.
 """
 
 # ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
@@ -23,7 +23,7 @@ import termios
 
 
 class DeviceBusy(OSError):
-    """Somebody else owns the device; ``pid`` where it is a drivebus that says who it is."""
+    """The device has another owner; ``pid`` where it is a drivebus."""
 
     def __init__(self, pid: int | None = None) -> None:
         super().__init__(errno.EBUSY, os.strerror(errno.EBUSY))
@@ -31,14 +31,14 @@ class DeviceBusy(OSError):
 
 
 def lock_dir() -> Path:
-    """Where lock files live: XDG_STATE_HOME/drivebus/locks, else ~/.local/state/drivebus/locks."""
+    """Return the directory of lock files: $XDG_STATE_HOME/drivebus/locks, else ~/.local/state/drivebus/locks."""
     base = os.environ.get("XDG_STATE_HOME", "")
     root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
     return root / "drivebus" / "locks"
 
 
 def lock_owner(device: str) -> int | None:
-    """The pid of the living drivebus that owns ``device``, as its lock file says."""
+    """Return the pid of the running drivebus that owns ``device``, from its lock file."""
     try:
         file = os.open(_lock_path(device), os.O_RDWR | os.O_CLOEXEC)
     except OSError:
@@ -53,10 +53,10 @@ def lock_owner(device: str) -> int | None:
 
 
 class DeviceLock:
-    """Ownership of a device from construction to ``release``. Raises Busy, or OSError where the device is gone."""
+    """Ownership of a device from construction to ``release``. Raises DeviceBusy, or OSError: the device is gone."""
 
     def __init__(self, fd: int, device: str, *, exclusive: bool = True) -> None:
-        """``exclusive``: TIOCEXCL too. Not for a pty: its flag would outlive us for as long as its peer lives."""
+        """``exclusive``: TIOCEXCL too. Not for a pty, where its flag would last as long as the peer."""
         self._fd = fd
         self._exclusive = exclusive
         self._lock_file = _take_lock_file(device)
@@ -69,7 +69,7 @@ class DeviceLock:
             raise
 
     def release(self) -> None:
-        """Give the device back; call before closing its descriptor. Idempotent."""
+        """Release the device; call before closing its descriptor. Idempotent."""
         if self._exclusive:
             self._exclusive = False
             with contextlib.suppress(OSError):
@@ -85,7 +85,7 @@ class DeviceLock:
 
 
 def _take_lock_file(device: str) -> int:
-    """Our lock file, locked and with our pid in it; -1 where the state directory can't be written (flock remains)."""
+    """Return our lock file, locked and with our pid; -1 where the directory can't be written (flock remains)."""
     path = _lock_path(device)
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -1,7 +1,7 @@
-"""Two ports joined in memory, for tests and for programs that want no hardware.
+"""Two ports connected in memory, for tests and for programs without hardware.
 
-Not modelled: parity, framing errors, collisions, echo, noise, half duplex (each direction has its own wire) and
-the operating system's buffers. With ``paced=on`` each byte arrives when its last stop bit would, by the event
+Not modelled: parity, framing errors, collisions, echo, noise, half duplex (each direction has its own wire) and the
+buffers of the operating system. With ``line_timing=on`` each byte arrives when its last stop bit would, by the event
 loop's own clock, so that a virtual loop gives exact durations; without, whole chunks arrive at the next turn.
 """
 
@@ -11,13 +11,13 @@ import asyncio
 from weakref import WeakValueDictionary
 
 from drivebus.errors import PortLost, PortUnavailable, PortUrlError
-from drivebus.ports.base import Capabilities, EchoSetting, Receiver
 from drivebus.ports.url import PortUrl
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
 class _Wire:
-    """What the two ends share. Ends taken by name are given out once each."""
+    """State shared by both ends. Ends opened by name are handed out once each."""
 
     __slots__ = ("__weakref__", "ends", "plugged", "taken")
 
@@ -28,18 +28,19 @@ class _Wire:
 
 
 class MemoryPort:
-    """One end of a pair. See ``pair``."""
+    """One end of a pair; see ``create_pair``."""
 
     def __init__(
-        self, wire: _Wire, name: str, settings: SerialSettings, paced: bool, echo: EchoSetting = "off"
+        self, wire: _Wire, name: str, settings: SerialSettings, has_line_timing: bool, echo: EchoSetting = "off"
     ) -> None:
         self.settings = settings
-        self.capabilities = Capabilities(has_line_timing=paced)
+        self.capabilities = Capabilities(has_line_timing=has_line_timing)
         self.echo: EchoSetting = echo
         self._wire = wire
         self._name = name
         self._receiver: Receiver | None = None
         self._open_count = 0
+        """Openings and closings so far: bytes of an earlier opening are dropped."""
         self._free_at = 0.0
         wire.ends.append(self)
 
@@ -53,7 +54,7 @@ class MemoryPort:
 
     @property
     def peer(self) -> MemoryPort:
-        """The far end."""
+        """The other end."""
         left, right = self._wire.ends
         return right if self is left else left
 
@@ -68,27 +69,27 @@ class MemoryPort:
         self._free_at = 0.0
 
     def write(self, data: bytes, /) -> None:
-        """Raises PortLost where the port is not open. Bytes for a far end that is not open are gone, as on a wire."""
+        """Send to the peer; bytes to a peer that is not open are lost. Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("ports.not-open", port=self.url)
         loop = asyncio.get_running_loop()
-        far = self.peer
+        peer = self.peer
         if not self.capabilities.has_line_timing:
-            loop.call_soon(far._deliver, bytes(data), far._open_count)
+            loop.call_soon(peer._deliver, bytes(data), peer._open_count)
             return
         at = max(loop.time(), self._free_at)
         for index in range(len(data)):
             at += self.settings.character_s
-            loop.call_at(at, far._deliver, data[index : index + 1], far._open_count)
+            loop.call_at(at, peer._deliver, data[index : index + 1], peer._open_count)
         self._free_at = at
 
     async def close(self) -> None:
-        """Bytes still on their way to this end are dropped."""
+        """Close; bytes on their way to this end are dropped."""
         self._receiver = None
         self._open_count += 1
 
     def unplug(self) -> None:
-        """Both ends lose their port and can't be opened until ``plug``."""
+        """Let both ends lose their port; they can't be opened until ``plug``."""
         self._wire.plugged = False
         for end in self._wire.ends:
             end._lose()
@@ -103,8 +104,8 @@ class MemoryPort:
         if receiver is not None:
             receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
 
-    def _deliver(self, data: bytes, opening: int) -> None:
-        if self._receiver is not None and opening == self._open_count:
+    def _deliver(self, data: bytes, open_count: int) -> None:
+        if self._receiver is not None and open_count == self._open_count:
             self._receiver.data_received(data)
 
 
@@ -118,20 +119,23 @@ def create_pair(
     name: str = "pair",
     echo: EchoSetting = "off",
 ) -> tuple[MemoryPort, MemoryPort]:
-    """Two joined ports, not yet opened. What one writes, the other receives."""
+    """Return two connected ports, not yet opened: each receives what the other writes."""
     wire = _Wire()
-    line = settings or SerialSettings()
-    return MemoryPort(wire, name, line, has_line_timing, echo), MemoryPort(wire, name, line, has_line_timing, echo)
+    settings = settings or SerialSettings()
+    return (
+        MemoryPort(wire, name, settings, has_line_timing, echo),
+        MemoryPort(wire, name, settings, has_line_timing, echo),
+    )
 
 
-def open_port(link: PortUrl) -> MemoryPort:
+def open_port(url: PortUrl) -> MemoryPort:
     """``memory://name``: the first caller gets one end, the second the other. Raises PortUrlError for a third."""
-    link.reject_unknown_options("paced", "echo")
-    wire = _named.get(link.path)
+    url.reject_unknown_options("line_timing", "echo")
+    wire = _named.get(url.path)
     if wire is None:
-        left, _ = create_pair(link.settings, has_line_timing=link.flag("paced"), name=link.path)
-        wire = _named[link.path] = left._wire
+        left, _ = create_pair(url.settings, has_line_timing=url.flag("line_timing"), name=url.path)
+        wire = _named[url.path] = left._wire
     if wire.taken == 2:
-        raise PortUrlError("ports.memory-taken", link=link.text, name=link.path)
+        raise PortUrlError("ports.memory-taken", link=url.text, name=url.path)
     wire.taken += 1
     return wire.ends[wire.taken - 1]

@@ -1,4 +1,4 @@
-"""Why a serial port can't be opened, and what to do about it: one sentence with the next step in it."""
+"""Reasons why a serial port can't be opened, each as one message with the remedy."""
 
 from __future__ import annotations
 
@@ -10,16 +10,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports.device_users import DeviceUser, device_users, lock_holder, pids_named, process_name
+from drivebus.ports.discovery import (
+    DeviceUser,
+    device_users,
+    discover_ports,
+    lock_holder,
+    pids_named,
+    process_name,
+)
 
 _DEVICE_MISSING_ERRNOS = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 _NOT_SERIAL_ERRNOS = (errno.ENOTTY, errno.EISDIR)
-_PORT_GRABBING_SERVICES = ("ModemManager", "brltty")
-"""Services that open every new serial port by themselves, as root, where /proc hides them from us."""
+_PORT_GRABBING_SERVICES = ("ModemManager", "brltty")  # open every new port, as root, where /proc hides them from us
 
 
 def open_error(path: str, error: OSError, owner_pid: int | None = None) -> PortUnavailable:
-    """The sentence for an OSError of opening ``path``; ``owner_pid`` of the drivebus that holds it, where known."""
+    """Return the message for an OSError of opening ``path``; ``owner_pid`` of the drivebus that uses it, if known."""
     if error.errno == errno.EBUSY or (sys.platform == "win32" and isinstance(error, PermissionError)):
         return _busy_error(path, owner_pid)
     if isinstance(error, PermissionError):
@@ -34,7 +40,7 @@ def open_error(path: str, error: OSError, owner_pid: int | None = None) -> PortU
 
 
 def in_use_error(path: str, user: DeviceUser) -> PortUnavailable:
-    """The sentence for a device that another program has open."""
+    """Return the message for a device that another program has open."""
     remedies = {"ModemManager": "ports.held-modemmanager", "brltty": "ports.held-brltty"}
     key = "ports.held-getty" if user.name in ("agetty", "getty") else remedies.get(user.name, "ports.held")
     return PortUnavailable(key, port=path, pid=user.pid, name=user.name or "?", device=Path(path).name)
@@ -45,10 +51,10 @@ def _busy_error(path: str, owner_pid: int | None) -> PortUnavailable:
         key = "ports.already-open" if owner_pid == os.getpid() else "ports.held-drivebus"
         return PortUnavailable(key, port=path, pid=owner_pid, name=process_name(owner_pid))
     real = os.path.realpath(path)
-    others = [holder for holder in device_users({real})[real] if holder.pid != os.getpid()]
-    who = lock_holder(real) or next(iter(others), None)
-    if who is not None:
-        return in_use_error(path, who)
+    others = [user for user in device_users({real})[real] if user.pid != os.getpid()]
+    user = lock_holder(real) or next(iter(others), None)
+    if user is not None:
+        return in_use_error(path, user)
     for name in _PORT_GRABBING_SERVICES:
         for pid in pids_named(name):
             return in_use_error(path, DeviceUser(pid, name))
@@ -56,7 +62,7 @@ def _busy_error(path: str, owner_pid: int | None) -> PortUnavailable:
 
 
 def _permission_error(path: str) -> PortUnavailable:
-    """The device's own group is the one to be in (dialout on Debian, uucp on Arch); root's is no group to join."""
+    """Name the group to join: the device's own (dialout on Debian, uucp on Arch), but never root's."""
     if sys.platform == "win32":
         return PortUnavailable("ports.busy-windows", port=path)
     import grp
@@ -77,8 +83,6 @@ def _group_of(path: str) -> int:
 
 
 def _missing_error(path: str) -> PortUnavailable:
-    from drivebus.ports.discovery import discover_ports
-
     existing = [port.url for port in discover_ports()]
     if existing:
         return PortUnavailable("ports.missing", port=path, existing=", ".join(existing))

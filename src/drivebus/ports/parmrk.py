@@ -1,7 +1,7 @@
-"""Parity and framing marks of a POSIX terminal (INPCK | PARMRK), decoded. Pure.
+"""Decoder of the parity and framing marks of a POSIX terminal (INPCK | PARMRK).
 
-With PARMRK the kernel writes ``FF 00 xx`` for a byte xx that came with a parity or framing error, ``FF 00 00`` for a
-break, and ``FF FF`` for a good byte FF (termios(3), IEEE 1003.1 §11.2.2). Chunks may break a mark anywhere (G20).
+With PARMRK the kernel writes ``FF 00 xx`` for a byte xx with a parity or framing error, ``FF 00 00`` for a break, and
+``FF FF`` for a good byte FF (termios(3), IEEE 1003.1 section 11.2.2). A chunk may end anywhere within a mark.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ _ESCAPE = 0xFF
 
 
 class ParityMarkDecoder:
-    """Keeps the unfinished escape between chunks."""
+    """Decoder that keeps the unfinished escape sequence between chunks."""
 
     __slots__ = ("_pending",)
 
@@ -18,30 +18,30 @@ class ParityMarkDecoder:
         self._pending = b""
 
     def reset(self) -> None:
-        """Forget an unfinished escape (the port was reopened)."""
+        """Forget an unfinished sequence (the port was reopened)."""
         self._pending = b""
 
     def decode(self, chunk: bytes) -> tuple[bytes, int]:
-        """The bytes of the line, and how many of them were marked as bad. Marked bytes stay in the data."""
+        """Return the bytes and how many of them had a line error. Those bytes stay in the data."""
         if not self._pending and _ESCAPE not in chunk:
             return chunk, 0
         data, self._pending = self._pending + chunk, b""
-        out, marks, at = bytearray(), 0, 0
+        out, line_errors, at = bytearray(), 0, 0
         while at < len(data):
             step = _sequence_size(data, at)
             if step == 0:
                 self._pending = data[at:]
                 break
             out.append(data[at + step - 1])
-            marks += step == 3 or (step == 1 and data[at] == _ESCAPE)
+            line_errors += step == 3 or (step == 1 and data[at] == _ESCAPE)
             at += step
-        return bytes(out), marks
+        return bytes(out), line_errors
 
 
 def _sequence_size(data: bytes, at: int) -> int:
-    """Bytes of the escape at ``at``: 1 plain, 2 for FF FF, 3 for FF 00 xx, 0 where its end has not come yet.
+    """Return the size of the sequence at ``at``: 1 plain, 2 for FF FF, 3 for FF 00 xx, 0 where it is not whole yet.
 
-    FF followed by anything else is no sequence that a kernel writes: it counts as one bad byte, never as a good one.
+    FF followed by anything else is written by no kernel: it counts as one bad byte, never as a good one.
     """
     if data[at] != _ESCAPE:
         return 1

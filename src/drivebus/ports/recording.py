@@ -1,4 +1,4 @@
-"""Wrapper that records every byte of another port in the format of ``drivebus.capture.dbcap``."""
+"""A port that records its traffic, wrapped around any other port. The file format is ``drivebus.capture``."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from pathlib import Path
 from drivebus import clock
 from drivebus.capture.dbcap import CaptureHeader, CaptureWriter
 from drivebus.errors import PortLost
-from drivebus.ports.base import Capabilities, EchoSetting, PausableReader, Port, PortNote, Receiver, port_notes
+from drivebus.ports.base import PausableReader, Port, PortNote, port_notes
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
 class RecordingPort:
-    """Passes everything on, and writes it to a new capture file from the first opening on.
+    """Passes everything on and writes it to a new capture file, from the first opening on.
 
-    Bytes get the loop's monotonic time at which they were written or delivered. ``error`` tells if the disk failed:
-    the bus goes on, the capture ends (G14).
+    Bytes get the loop's monotonic time at which they were written or delivered. A disk failure ends the capture, not
+    the bus: it is in ``error``.
     """
 
     def __init__(self, port: Port, path: str | Path) -> None:
@@ -29,7 +30,7 @@ class RecordingPort:
             self.pause_until = port.pause_until
 
     def continue_on(self, port: Port) -> RecordingPort:
-        """The same capture, going on around another port: the next line setting of a scan. Opened before this."""
+        """Return a port that continues this capture on another port: a scan's next serial settings."""
         other = RecordingPort(port, self._path)
         other._writer = self._writer
         return other
@@ -60,26 +61,29 @@ class RecordingPort:
 
     @property
     def error(self) -> OSError | None:
-        """Why the capture ended early, None while it is whole."""
+        """Why the capture ended early, None while it is complete."""
         return None if self._writer is None else self._writer.error
 
     async def open(self, receiver: Receiver) -> None:
-        """Raises CaptureError where the file can't be created, else as the port does."""
+        """Raises CaptureError where the file can't be created, and what the port raises."""
         self._loop = asyncio.get_running_loop()
         if self._writer is None:
-            writer = f"drivebus {version('drivebus')}"
-            header = CaptureHeader(self.settings, self.url, clock.wall_clock().isoformat(), writer)
+            header = CaptureHeader(
+                settings=self.settings,
+                port=self.url,
+                started=clock.wall_clock().isoformat(),
+                writer=f"drivebus {version('drivebus')}",
+            )
             self._writer = CaptureWriter(self._path, header, now=self._loop.time())
         self._receiver = receiver
         await self._port.open(self)
-        line, can = self.settings, self.capabilities
         self._record_event(
             "opened",
-            baud=line.baud,
-            format=line.format,
+            baud=self.settings.baud,
+            format=self.settings.format,
             identity=self.identity,
-            paced=can.has_line_timing,
-            parity=can.parity,
+            line_timing=self.capabilities.has_line_timing,
+            parity=self.capabilities.parity,
         )
 
     def write(self, data: bytes, /) -> None:
@@ -89,7 +93,7 @@ class RecordingPort:
             self._writer.write_bytes(now, "tx", data)
 
     async def close(self) -> None:
-        """Closes the port; the capture stays open for another opening until ``end_capture``."""
+        """Close the port; the capture stays open for another opening until ``end_capture``."""
         await self._port.close()
         self._record_event("closed")
 

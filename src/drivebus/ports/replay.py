@@ -1,8 +1,8 @@
-"""A capture played back as a port: what was received comes again, what is written is compared with what was sent.
+"""Replay of a capture as a port: received bytes are delivered again, written bytes are compared with the sent ones.
 
-``replay://FILE.dbcap`` keeps the capture's own clock from the opening on. With ``timing=request`` it waits at each
-frame that was sent until the same frame is written, and goes on from there with the capture's delays: so a host that
-is quicker or slower than the one that was recorded still gets each reply after its request.
+``replay://FILE.dbcap`` keeps the capture's own times from the opening on. With ``timing=request`` it waits at each
+recorded frame until the same frame is written, and continues with the capture's delays: a host that is faster or
+slower than the recorded one still gets each reply after its request.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 from drivebus.capture.dbcap import BytesRecord, EventRecord, Record, read_capture
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports.base import Capabilities, EchoSetting, Receiver
 from drivebus.ports.url import PortUrl
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
-REPLAY_END_DELAY_S = 1.0
-"""The port is lost so long after the last record: a reply is believed only after a gap in silence, at any baud."""
+REPLAY_END_DELAY_S = 1.0  # after the last record, then the port is lost: a last reply counts only after a gap
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +35,16 @@ class ReplayDifference:
 
 @dataclass(frozen=True, slots=True)
 class ReplayReport:
-    """How what was written compares with the capture."""
+    """Comparison of the written frames with the capture."""
 
     matched: int
     differences: tuple[ReplayDifference, ...]
     unsent: int
-    """Recorded frames that were not written (so far)."""
+    """Recorded frames that have not been written yet."""
 
 
 class ReplayPort:
-    """Plays a capture. Loses the port where the capture did, and a second after its end."""
+    """Plays a capture. The port is lost where the capture lost it, and a second after the end."""
 
     def __init__(
         self,
@@ -56,7 +55,7 @@ class ReplayPort:
         wait_for_request: bool = False,
         echo: EchoSetting = "off",
     ) -> None:
-        """``waits``: timing=request."""
+        """``wait_for_request``: timing=request."""
         self.settings = settings
         self.capabilities = Capabilities()
         self.echo: EchoSetting = echo
@@ -78,10 +77,10 @@ class ReplayPort:
 
     @property
     def report(self) -> ReplayReport:
-        return ReplayReport(self._matched, tuple(self._differences), len(self._unsent))
+        return ReplayReport(matched=self._matched, differences=tuple(self._differences), unsent=len(self._unsent))
 
     async def open(self, receiver: Receiver) -> None:
-        """Begin, or go on after a recorded loss. Raises PortUnavailable at the end of the capture."""
+        """Begin, or continue after a recorded loss. Raises PortUnavailable at the end of the capture."""
         if self._receiver is not None:
             raise PortUnavailable("ports.already-open", port=self.url)
         if self._records and self._position == len(self._records):
@@ -131,28 +130,31 @@ class ReplayPort:
             self._receiver.data_received(record.data, record.line_errors)
 
     def _request_written(self, record: BytesRecord) -> bool:
-        """Whether the recorded frame has been written; anything else that was written is a difference."""
+        """Return whether the recorded frame has been written; any other written frame is a difference."""
         while self._written:
             if self._written[0] == record.data:
                 self._started_at = self._loop.time() - record.time_s
                 self._compare(self._written.popleft())
                 return True
-            self._differences.append(
-                ReplayDifference(self._now_s(), record.data, self._written.popleft(), record.line_number)
-            )
+            self._differ(record, self._written.popleft())
         return False
 
     def _compare(self, data: bytes) -> None:
         expected = self._unsent.popleft() if self._unsent else None
         if expected is not None and expected.data == data:
             self._matched += 1
-        elif expected is not None:
-            self._differences.append(ReplayDifference(self._now_s(), expected.data, data, expected.line_number))
         else:
-            self._differences.append(ReplayDifference(self._now_s(), None, data))
+            self._differ(expected, data)
 
-    def _now_s(self) -> float:
-        return self._loop.time() - self._started_at
+    def _differ(self, expected: BytesRecord | None, found: bytes) -> None:
+        self._differences.append(
+            ReplayDifference(
+                time_s=self._loop.time() - self._started_at,
+                expected=None if expected is None else expected.data,
+                found=found,
+                line_number=0 if expected is None else expected.line_number,
+            )
+        )
 
     def _lose(self, reason: str) -> None:
         receiver, self._receiver = self._receiver, None
@@ -160,18 +162,19 @@ class ReplayPort:
             receiver.port_lost(PortLost("ports.lost", port=self.url, reason=reason))
 
     def _set_handle(self, handle: asyncio.Handle | None) -> None:
+        """Replace the callback that is scheduled."""
         if self._handle is not None:
             self._handle.cancel()
         self._handle = handle
 
 
-def open_port(link: PortUrl) -> ReplayPort:
+def open_port(url: PortUrl) -> ReplayPort:
     """``replay://FILE.dbcap?timing=clock|request``. Raises PortUrlError, or CaptureError with file and line."""
-    link.reject_unknown_options("echo", "timing")
-    capture = read_capture(link.path)
+    url.reject_unknown_options("echo", "timing")
+    capture = read_capture(url.path)
     recorded = capture.header.settings
-    baud = link.settings.baud if "baud" in link.explicit else recorded.baud
-    settings = SerialSettings.parse(baud, (link.settings if "format" in link.explicit else recorded).format)
-    echo: EchoSetting = link.echo() if "echo" in link.options else "off"
-    waits = link.choice("timing", ("clock", "request"), "clock") == "request"
-    return ReplayPort(capture.records, settings, link.text, wait_for_request=waits, echo=echo)
+    baud = url.settings.baud if "baud" in url.explicit else recorded.baud
+    settings = SerialSettings.parse(baud, (url.settings if "format" in url.explicit else recorded).format)
+    echo: EchoSetting = url.echo() if "echo" in url.options else "off"
+    wait_for_request = url.choice("timing", ("clock", "request"), "clock") == "request"
+    return ReplayPort(capture.records, settings, url.text, wait_for_request=wait_for_request, echo=echo)

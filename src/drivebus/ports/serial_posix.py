@@ -1,6 +1,6 @@
-"""The serial port on POSIX systems: a raw descriptor in the event loop, as each microsecond here is paid per byte.
+"""Serial port on POSIX systems: a raw descriptor in the event loop, because its cost arises for every byte.
 
-Opening, locking and proving live in ``posix``; which device it is in ``device``; why not in ``diagnose``.
+Opening, locking and verifying are in ``tty``, the messages for failures in ``open_errors``.
 """
 
 # ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
@@ -17,40 +17,40 @@ from collections.abc import Callable, Iterator
 assert sys.platform != "win32"
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports.base import Capabilities, EchoSetting, PortNote, Receiver
-from drivebus.ports.device import open_by_identity
+from drivebus.ports.base import PortNote
 from drivebus.ports.parmrk import ParityMarkDecoder
-from drivebus.ports.tty import SerialDescriptor
+from drivebus.ports.tty import SerialDescriptor, open_by_identity
 from drivebus.ports.url import PortUrl
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
-READ_SIZE = 4096
-"""The kernel's own buffer of a terminal."""
-WRITE_STALL_TIMEOUT_S = 2.0
-"""Bytes that the kernel does not take for so long are given up with the port: a start expires after 2 s (ruling 12)."""
+READ_SIZE = 4096  # bytes, the kernel's own buffer of a terminal
+WRITE_STALL_TIMEOUT_S = 2.0  # bytes that the kernel does not accept are dropped with the port: a start lives 2 s
 
 
 class SerialPort:
     """A serial device on a POSIX system."""
 
-    def __init__(self, link: PortUrl) -> None:
-        link.reject_unknown_options("echo", "rs485")
-        self.settings = link.settings
-        self.echo: EchoSetting = link.echo()
-        self.url = link.text
+    def __init__(self, url: PortUrl) -> None:
+        """Raises PortUrlError for an unknown option."""
+        url.reject_unknown_options("echo", "rs485")
+        self.settings = url.settings
+        self.echo: EchoSetting = url.echo()
+        self.url = url.text
         self.capabilities = Capabilities()
         self.notes: tuple[PortNote, ...] = ()
-        """Whether the adapter holds bytes back, and whether parity is real."""
-        self._path = link.path
-        self._rs485 = link.flag("rs485")
+        """Whether the adapter delays bytes, and whether parity is checked."""
+        self._path = url.path
+        self._rs485 = url.flag("rs485")
         self._identity = ""
         self._descriptor: SerialDescriptor | None = None
         self._fd = -1
         self._poller = select.poll()
-        """Whether there is anything to read: a third of the price of an ``os.read`` that finds nothing."""
+        """Tells whether there is anything to read, at a third of the cost of an ``os.read`` that finds nothing."""
         self._receiver: Receiver | None = None
         self._deliver: Callable[[bytes], None] = _discard
         self._mark_decoder: ParityMarkDecoder | None = None
         self._reading = False
+        """The loop watches the descriptor."""
         self._paused = False
         self._timer: asyncio.TimerHandle | None = None
         self._unsent = bytearray()
@@ -59,11 +59,11 @@ class SerialPort:
 
     @property
     def identity(self) -> str:
-        """As ``listing.PortInfo.identity``; final once opened, and what a reopening looks for (F12)."""
+        """As ``discovery.PortInfo.identity``; final once opened, and used to find the device again."""
         return self._identity or f"device:{self._path}"
 
     async def open(self, receiver: Receiver) -> None:
-        """Open, or find the same device again. Raises PortUnavailable with why and what to do."""
+        """Open, or find the same device again. Raises PortUnavailable with the reason and the remedy."""
         if self._fd >= 0:
             raise PortUnavailable("ports.already-open", port=self._path)
         if self._closed is not None:
@@ -78,7 +78,10 @@ class SerialPort:
         self._start(descriptor, receiver)
 
     def write(self, data: bytes, /) -> None:
-        """At once, or as the kernel takes it; what it does not take within STALL_S costs the port. Raises PortLost."""
+        """Send at once, or as the kernel accepts it. Raises PortLost.
+
+        The port is lost where the kernel does not accept the bytes within ``WRITE_STALL_TIMEOUT_S``.
+        """
         if self._fd < 0:
             raise PortLost("ports.not-open", port=self._path)
         if self._unsent:
@@ -99,7 +102,7 @@ class SerialPort:
         """Leave bytes in the kernel until loop time ``when`` (inf: until called again), then deliver them.
 
         One epoll change for a whole reply instead of a wake-up for each of its bytes; none at all where the caller
-        falls quiet again from within ``data_received``. A hang-up is noticed when the quiet ends.
+        pauses again from within ``data_received``. A hang-up is noticed when the pause ends.
         """
         if self._fd < 0:
             return
@@ -118,13 +121,13 @@ class SerialPort:
             self._timer = self._loop.call_at(when, self._resume)
 
     async def close(self) -> None:
-        """Release the device; what the kernel holds is still sent, what it did not take is dropped."""
+        """Release the device; what the kernel holds is still sent, what it did not accept is dropped."""
         self._release()
         if self._closed is not None:
             await asyncio.shield(self._closed)
 
     def _open(self) -> tuple[SerialDescriptor, str]:
-        """In a thread: which device, then open it."""
+        """Find and open the device; runs in a thread."""
         return open_by_identity(self._path, self._identity, self.settings, rs485=self._rs485)
 
     def _start(self, descriptor: SerialDescriptor, receiver: Receiver) -> None:
@@ -139,7 +142,8 @@ class SerialPort:
 
     def _notes(self, descriptor: SerialDescriptor) -> Iterator[PortNote]:
         if not descriptor.low_latency:
-            yield PortNote("ports.note-latency", {"port": self._path, "device": os.path.basename(descriptor.device)})  # noqa: PTH119
+            name = os.path.basename(descriptor.device)  # noqa: PTH119
+            yield PortNote("ports.note-latency", {"port": self._path, "device": name})
         if self.settings.parity != "N" and not descriptor.capabilities.parity:
             yield PortNote("ports.note-parity", {"port": self._path, "format": self.settings.format})
 
@@ -148,7 +152,7 @@ class SerialPort:
         self._loop.add_reader(self._fd, self._readable)
 
     def _resume(self) -> None:
-        """The quiet is over: deliver, and watch again at the loop's next turn unless it is quiet again by then."""
+        """End a pause: deliver, and read again from the loop's next turn on unless paused again by then."""
         self._timer = None
         self._paused = False
         self._readable()
@@ -172,12 +176,12 @@ class SerialPort:
         elif self._mark_decoder is None:
             self._deliver(chunk)
         else:
-            self._deliver_marked(chunk)
+            self._deliver_marked(chunk, self._mark_decoder)
 
-    def _deliver_marked(self, chunk: bytes) -> None:
-        data, marks = self._mark_decoder.decode(chunk) if self._mark_decoder else (chunk, 0)
+    def _deliver_marked(self, chunk: bytes, decoder: ParityMarkDecoder) -> None:
+        data, line_errors = decoder.decode(chunk)
         if data and self._receiver is not None:
-            self._receiver.data_received(data, marks)
+            self._receiver.data_received(data, line_errors)
 
     def _writable(self) -> None:
         try:
@@ -192,7 +196,7 @@ class SerialPort:
             self._cancel_stall()
 
     def _fail(self, reason: str, *, notify_later: bool = False) -> PortLost:
-        """Give up the device and tell the receiver, once; ``tell_later`` from within ``write``."""
+        """Release the device and notify the receiver, once; ``notify_later`` from within ``write``."""
         error = PortLost("ports.lost", port=self._path, reason=reason)
         receiver = self._receiver
         self._release()
@@ -203,7 +207,7 @@ class SerialPort:
         return error
 
     def _release(self) -> None:
-        """Let go of the loop at once and of the device in a thread (closing may wait for the hardware)."""
+        """Leave the loop at once, and close the device in a thread (closing may wait for the hardware)."""
         if self._fd < 0 or self._descriptor is None:
             return
         self._loop.remove_reader(self._fd)
@@ -224,18 +228,18 @@ class SerialPort:
 
 
 def _discard(_: bytes) -> None:
-    """Receives for a port that is not open."""
+    """Receive for a port that is not open."""
 
 
 def _close_when_opened(opening: asyncio.Future[tuple[SerialDescriptor, str]]) -> asyncio.Future[None]:
-    """Close what a cancelled opening still opens; done when that is done."""
+    """Close what a cancelled opening still opens; the future is done when that is done."""
     closed = opening.get_loop().create_future()
 
-    def drop(opened: asyncio.Future[tuple[SerialDescriptor, str]]) -> None:
+    def close(opened: asyncio.Future[tuple[SerialDescriptor, str]]) -> None:
         if not opened.cancelled() and opened.exception() is None:
             opened.result()[0].close()
         if not closed.done():
             closed.set_result(None)
 
-    opening.add_done_callback(drop)
+    opening.add_done_callback(close)
     return closed

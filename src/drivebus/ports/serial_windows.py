@@ -1,7 +1,7 @@
-"""A COM port on Windows, over serialx's own transport (overlapped I/O on a proactor loop).
+"""COM port on Windows, by serialx's own transport (overlapped I/O on a proactor loop).
 
-Not proved on this system: the Windows driver checks parity only in counters that no byte is tied to, so ``parity`` is
-False here and DZB100 drives lose their only check (shown in the capabilities).
+Not verified on this system. The Windows driver reports parity errors only in counters that belong to no byte, so
+``parity`` is False here and DZB100 drives lose their only check (shown in the capabilities).
 """
 
 from __future__ import annotations
@@ -10,33 +10,33 @@ import asyncio
 
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports import open_errors, serialx_adapter
-from drivebus.ports.base import Capabilities, EchoSetting, Receiver
 from drivebus.ports.url import PortUrl
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
-MAX_UNSENT_BYTES = 512
-"""More bytes waiting than two frames means that the driver does not send."""
+MAX_UNSENT_BYTES = 512  # more than two frames waiting means that the driver does not send
 
 
 class WindowsPort(asyncio.Protocol):
-    """A COM port. Needs the proactor loop, Windows' default."""
+    """A COM port. Needs the proactor loop, the default on Windows."""
 
-    def __init__(self, link: PortUrl) -> None:
-        link.reject_unknown_options("echo")
-        self.settings = link.settings
-        self.echo: EchoSetting = link.echo()
-        self.url = link.text
+    def __init__(self, url: PortUrl) -> None:
+        """Raises PortUrlError for an unknown option."""
+        url.reject_unknown_options("echo")
+        self.settings = url.settings
+        self.echo: EchoSetting = url.echo()
+        self.url = url.text
         self.capabilities = Capabilities(has_line_timing=True)
-        self._path = link.path
+        self._path = url.path
         self._transport: asyncio.WriteTransport | None = None
         self._receiver: Receiver | None = None
 
     @property
     def identity(self) -> str:
-        """Windows keeps the COM number of a USB adapter by its own serial number."""
+        """The COM number, which Windows keeps for a USB adapter by its serial number."""
         return "device:" + self._path.upper().removeprefix("\\\\.\\")
 
     async def open(self, receiver: Receiver) -> None:
-        """Raises PortUnavailable."""
+        """Raises PortUnavailable with the reason and the remedy."""
         if self._transport is not None:
             raise PortUnavailable("ports.already-open", port=self._path)
         try:
@@ -46,7 +46,7 @@ class WindowsPort(asyncio.Protocol):
         self._receiver = receiver
 
     def write(self, data: bytes, /) -> None:
-        """Raises PortLost where the port is not open or the driver takes nothing any more."""
+        """Raises PortLost where the port is not open or the driver accepts nothing any more."""
         if self._transport is None:
             raise PortLost("ports.not-open", port=self._path)
         if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:

@@ -1,7 +1,7 @@
-"""The one door to serialx: set up a descriptor, open a Windows port, list devices. Nothing else imports serialx.
+"""Adapter for serialx, the only module that imports it: configure a descriptor, open a Windows port, list devices.
 
-serialx asserts RTS and DTR on open and lowers them on close; on adapters whose driver is switched by RTS that would
-hold the bus. Here both are left as they are, always (F09).
+serialx raises RTS and DTR on open and lowers them on close; on adapters whose driver is switched by RTS that would
+block the bus. Here both stay as they are.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _UNCHANGED = serialx.PinState.UNDEFINED
 
 
 def list_devices() -> list[Device]:
-    """The serial devices of this machine."""
+    """Return the serial devices of this machine."""
     return serialx.list_serial_ports()
 
 
 def has_unique_serial_number(device: Device) -> bool:
-    """Whether its serial number tells an adapter from others of its kind (a CH340 has none)."""
+    """Return whether the serial number distinguishes an adapter from others of its kind (a CH340 has none)."""
     return not serialx.is_non_unique_serial(device.serial_number)
 
 
 def configure(fd: int, path: str, settings: SerialSettings) -> None:
-    """Give an open POSIX descriptor its line settings, low latency where the driver permits it. Raises OSError."""
+    """Apply serial settings to an open POSIX descriptor, low latency where the driver permits it. Raises OSError."""
     try:
         _configure(fd, path, settings)
     except OSError as error:
@@ -39,7 +39,7 @@ def configure(fd: int, path: str, settings: SerialSettings) -> None:
 
 
 def _configure(fd: int, path: str, settings: SerialSettings, **latency: bool) -> None:
-    """VMIN 1, VTIME 0: a non-blocking read without data is EAGAIN, so that an empty read means a hang-up."""
+    """Configure with VMIN 1, VTIME 0: a read without data is EAGAIN, so that an empty read means a hang-up."""
     posix = cast(Any, serialx.Serial)  # its annotation is the base class; the POSIX one takes a descriptor
     port = posix(
         path,

@@ -1,33 +1,138 @@
-"""A raw TCP serial server: bytes over the network, line settings made on the server itself.
+"""Raw TCP serial servers, and the TCP connection that ``rfc2217`` uses too.
 
-``paced`` and ``parity`` are False: the network batches bytes, and nobody tells us of a parity error (ruling 9). The
-baud rate of the LINK must be the server's own: the timing of the bus is computed from it.
+The serial settings are made on the server itself. Line timing and parity checks are lost: the network batches bytes
+and no parity error is reported. The baud rate of the port URL must be the server's own: bus timing is computed from it.
+
+A frame that the network delays is a hazard: a start could reach the drive long after it was requested. So the
+connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
+``TCP_STALL_TIMEOUT_S``.
 """
 
 from __future__ import annotations
 
+import asyncio
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports.base import Capabilities, EchoSetting, Receiver
-from drivebus.ports.tcp_connection import CONNECT_TIMEOUT_S, TcpConnection
 from drivebus.ports.url import PortUrl
+from drivebus.types import Capabilities, EchoSetting, Receiver
+
+TCP_STALL_TIMEOUT_S = 2.0  # as long as a start command lives
+CONNECT_TIMEOUT_S = 3.0  # default of the option ``timeout``: a serial server on the same site answers in milliseconds
+SEND_BUFFER_BYTES = 4096  # small, so that a peer that accepts nothing is noticed at once
+_KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux within 2 s of a frame not acknowledged
+    "TCP_KEEPIDLE": 5,
+    "TCP_KEEPINTVL": 2,
+    "TCP_KEEPCNT": 3,
+    "TCP_USER_TIMEOUT": int(TCP_STALL_TIMEOUT_S * 1000),
+}
+
+
+class TcpConnection(asyncio.Protocol):
+    """One TCP connection. ``lost`` is called once, unless ``close`` was called first."""
+
+    def __init__(self, name: str, received: Callable[[bytes], None], lost: Callable[[PortLost], None]) -> None:
+        self._name = name
+        self._lost: Callable[[PortLost], None] | None = lost
+        self._transport: asyncio.Transport | None = None
+        self.data_received = received  # type: ignore[method-assign, assignment]  # one call less for each chunk
+
+    async def connect(self, host: str, port: int, timeout_s: float) -> None:
+        """Raises PortUnavailable with the reason and the remedy."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                connected = await _connect(host, port)
+                transport, _ = await asyncio.get_running_loop().create_connection(lambda: self, sock=connected)
+        except TimeoutError as error:
+            raise PortUnavailable("ports.net-timeout", port=self._name, seconds=timeout_s) from error
+        except socket.gaierror as error:
+            raise PortUnavailable("ports.net-name", port=self._name, host=host) from error
+        except ConnectionRefusedError as error:
+            raise PortUnavailable("ports.net-refused", port=self._name, number=port) from error
+        except OSError as error:
+            raise PortUnavailable("ports.net", port=self._name, reason=error.strerror or str(error)) from error
+        self._transport = transport
+
+    def write(self, data: bytes) -> None:
+        """Raises PortLost where the connection is gone or still holds an earlier frame."""
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            raise PortLost("ports.not-open", port=self._name)
+        if transport.get_write_buffer_size():
+            transport.abort()
+            raise PortLost("ports.lost", port=self._name, reason="stalled")
+        transport.write(data)
+
+    def close(self) -> None:
+        """Close the connection; the server still gets what was written. Idempotent."""
+        self._lost = None
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        lost, self._lost = self._lost, None
+        self._transport = None
+        if lost is not None:
+            lost(PortLost("ports.lost", port=self._name, reason=_reason(exc)))
+
+
+def _reason(exc: Exception | None) -> str:
+    if exc is None:
+        return "the server closed the connection"
+    return getattr(exc, "strerror", None) or str(exc)
+
+
+async def _connect(host: str, port: int) -> socket.socket:
+    """Try each address of the host in turn. Raises the error of the last one."""
+    loop = asyncio.get_running_loop()
+    failure: OSError | None = None
+    for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        one = socket.socket(family, kind, protocol)
+        try:
+            one.setblocking(False)
+            _set_socket_options(one)
+            await loop.sock_connect(one, address)
+            return one
+        except OSError as error:
+            one.close()
+            failure = error
+        except BaseException:
+            one.close()
+            raise
+    raise failure or OSError("no address")
+
+
+def _set_socket_options(one: socket.socket) -> None:
+    """Send frames at once and notice a dead peer."""
+    one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    for name, value in _KEEPALIVE.items():
+        if hasattr(socket, name):  # each system has some of them
+            with suppress(OSError):
+                one.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 class TcpPort:
     """``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
 
-    def __init__(self, link: PortUrl) -> None:
-        link.reject_unknown_options("echo", "timeout")
-        self.settings = link.settings
+    def __init__(self, url: PortUrl) -> None:
+        """Raises PortUrlError for an unknown option."""
+        url.reject_unknown_options("echo", "timeout")
+        self.settings = url.settings
         self.capabilities = Capabilities()
-        self.echo: EchoSetting = link.echo()
-        self.url = link.text
-        self.identity = f"tcp:{link.host}:{link.port}"
-        self._host, self._port = link.host, link.port or 0
-        self._timeout_s = link.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
+        self.echo: EchoSetting = url.echo()
+        self.url = url.text
+        self.identity = f"tcp:{url.host}:{url.port}"
+        self._host, self._port = url.host, url.port or 0
+        self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
         self._connection: TcpConnection | None = None
 
     async def open(self, receiver: Receiver) -> None:
-        """Connect. Raises PortUnavailable with why and what to do."""
+        """Connect. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
             raise PortUnavailable("ports.already-open", port=self.identity)
 
@@ -40,7 +145,7 @@ class TcpPort:
         self._connection = connection
 
     def write(self, data: bytes, /) -> None:
-        """Raises PortLost; the receiver then hears of it once, later."""
+        """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None:
             raise PortLost("ports.not-open", port=self.identity)
         self._connection.write(data)
@@ -51,6 +156,6 @@ class TcpPort:
             connection.close()
 
 
-def open_port(link: PortUrl) -> TcpPort:
-    """The factory of scheme ``tcp``. Raises PortUrlError."""
-    return TcpPort(link)
+def open_port(url: PortUrl) -> TcpPort:
+    """Entry point of scheme ``tcp``. Raises PortUrlError."""
+    return TcpPort(url)

@@ -1,4 +1,4 @@
-"""RFC 2217 (telnet COM-PORT option), client side, as bytes in and bytes out. Pure: no socket, no clock.
+"""RFC 2217 (telnet COM-PORT option), client side: bytes in, bytes out, no socket and no clock.
 
 RFC 854/855: commands, negotiation, subnegotiation. RFC 856: binary. RFC 2217: serial settings and line state.
 """
@@ -14,44 +14,40 @@ SE, SB, WILL, WONT, DO, DONT, IAC = 240, 250, 251, 252, 253, 254, 255
 BINARY, SUPPRESS_GO_AHEAD, COM_PORT = 0, 3, 44
 SET_BAUDRATE, SET_DATASIZE, SET_PARITY, SET_STOPSIZE, SET_CONTROL = 1, 2, 3, 4, 5
 NOTIFY_LINESTATE, SET_LINESTATE_MASK, SET_MODEMSTATE_MASK, PURGE_DATA = 6, 10, 11, 12
-SERVER_REPLY_OFFSET = 100
-"""The server's answers and notices carry the command's number plus 100 (RFC 2217 section 3)."""
+SERVER_REPLY_OFFSET = 100  # a reply or notice has the command's number plus 100 (RFC 2217 section 3)
 PARITY = {"N": 1, "O": 2, "E": 3}
 NO_FLOW_CONTROL = 1
 PURGE_BOTH = 3
-BAD_BYTE_MASK = 0x1E
-"""Line state bits: overrun 2, parity error 4, framing error 8, break 16: each spoils a byte (G20)."""
-MAX_SUBNEGOTIATION_BYTES = 256
-"""A server's signature is the longest that is known; what follows is dropped, not kept in memory."""
-SUPPORTED_OPTIONS = frozenset({BINARY, SUPPRESS_GO_AHEAD, COM_PORT})
-"""Options that we do, and that the server may do. All others are declined, echo (1) above all."""
+BAD_BYTE_MASK = 0x1E  # line state: overrun 2, parity error 4, framing error 8, break 16; each damages a byte
+MAX_SUBNEGOTIATION_BYTES = 256  # a server's signature is the longest known; the rest is dropped
+SUPPORTED_OPTIONS = frozenset({BINARY, SUPPRESS_GO_AHEAD, COM_PORT})  # in both directions; all others are declined
 
 SETTINGS = {SET_BAUDRATE: "baud", SET_DATASIZE: "data bits", SET_PARITY: "parity", SET_STOPSIZE: "stop bits"}
 
 
 @dataclass(frozen=True, slots=True)
 class TelnetInput:
-    """What a chunk from the server held."""
+    """Content of a chunk from the server."""
 
     data: bytes = b""
     line_errors: int = 0
-    """Bytes that the server says were bad; it does not say which."""
+    """Bad bytes that the server reports; it does not report which."""
     reply: bytes = b""
     """To be sent back at once."""
 
 
 def subnegotiation(command: int, value: bytes) -> bytes:
-    """One COM-PORT command."""
+    """Return the bytes of one COM-PORT command."""
     return bytes((IAC, SB, COM_PORT, command)) + escape(value) + bytes((IAC, SE))
 
 
 def escape(data: bytes) -> bytes:
-    """Data as it goes over telnet: FF doubled."""
+    """Return data as telnet transmits it: FF doubled."""
     return data.replace(b"\xff", b"\xff\xff")
 
 
 def serial_commands(settings: SerialSettings) -> dict[int, bytes]:
-    """The COM-PORT commands that set a line."""
+    """Return the COM-PORT commands that set the serial format, with their values."""
     return {
         SET_BAUDRATE: struct.pack(">I", settings.baud),
         SET_DATASIZE: bytes((settings.data_bits,)),
@@ -61,30 +57,30 @@ def serial_commands(settings: SerialSettings) -> dict[int, bytes]:
 
 
 class TelnetClient:
-    """One session. ``accepted`` None until the server said whether it does COM-PORT."""
+    """One session. ``accepted``: None until the server has replied to the COM-PORT option."""
 
     def __init__(self) -> None:
         self.is_telnet = False
         """The server has sent a telnet command: it is no raw TCP server."""
         self.accepted: bool | None = None
         self.acknowledged: dict[int, bytes] = {}
-        """Command → the value that the server says is in force."""
+        """Command → the value that the server reports as in force."""
         self._local_options: dict[int, str] = {}
         self._remote_options: dict[int, str] = {}
         self._escape: list[int] = []
         self._sub: bytearray | None = None
 
     def start(self) -> bytes:
-        """Our requests: both directions binary, no go-ahead, COM-PORT."""
-        self._local_options = dict.fromkeys(SUPPORTED_OPTIONS, "asked")
-        self._remote_options = dict.fromkeys((BINARY, SUPPRESS_GO_AHEAD), "asked")
-        asked = [(WILL, COM_PORT), (WILL, BINARY), (DO, BINARY), (WILL, SUPPRESS_GO_AHEAD), (DO, SUPPRESS_GO_AHEAD)]
-        return b"".join(bytes((IAC, verb, option)) for verb, option in asked)
+        """Return our requests: both directions binary, no go-ahead, COM-PORT."""
+        self._local_options = dict.fromkeys(SUPPORTED_OPTIONS, "requested")
+        self._remote_options = dict.fromkeys((BINARY, SUPPRESS_GO_AHEAD), "requested")
+        requests = [(WILL, COM_PORT), (WILL, BINARY), (DO, BINARY), (WILL, SUPPRESS_GO_AHEAD), (DO, SUPPRESS_GO_AHEAD)]
+        return b"".join(bytes((IAC, verb, option)) for verb, option in requests)
 
     def configure(self, settings: SerialSettings) -> bytes:
-        """Set the line, notices of bad bytes on, modem notices off, both buffers of the server emptied.
+        """Return the commands: serial format, notices of bad bytes on, modem notices off, both server buffers emptied.
 
-        RTS and DTR are not mentioned: they are left as they are (F09).
+        RTS and DTR stay as they are.
         """
         commands = serial_commands(settings) | {
             SET_CONTROL: bytes((NO_FLOW_CONTROL,)),
@@ -95,18 +91,18 @@ class TelnetClient:
         return b"".join(subnegotiation(command, value) for command, value in commands.items())
 
     def receive(self, chunk: bytes) -> TelnetInput:
-        """Take the server's bytes in any portions."""
+        """Decode bytes of the server, in any portions."""
         if IAC not in chunk and not self._escape and self._sub is None:
             return TelnetInput(chunk)
-        data, answer, marks = bytearray(), bytearray(), 0
+        data, reply, line_errors = bytearray(), bytearray(), 0
         for byte in chunk:
             if self._escape:
-                marks += self._command(byte, data, answer)
+                line_errors += self._command(byte, data, reply)
             elif byte == IAC:
                 self._escape.append(byte)
             else:
                 self._plain(byte, data)
-        return TelnetInput(bytes(data), marks, bytes(answer))
+        return TelnetInput(data=bytes(data), line_errors=line_errors, reply=bytes(reply))
 
     def _plain(self, byte: int, data: bytearray) -> None:
         if self._sub is None:
@@ -114,11 +110,11 @@ class TelnetClient:
         elif len(self._sub) < MAX_SUBNEGOTIATION_BYTES:
             self._sub.append(byte)
 
-    def _command(self, byte: int, data: bytearray, answer: bytearray) -> int:
-        """The byte after IAC, or the option after a verb. Gives the marks it brought."""
+    def _command(self, byte: int, data: bytearray, reply: bytearray) -> int:
+        """Handle the byte after IAC, or the option after a verb; return the bad bytes that it reports."""
         escape, self._escape = self._escape, []
         if len(escape) == 2:
-            answer += self._negotiate(escape[1], byte)
+            reply += self._negotiate(escape[1], byte)
         elif byte == IAC:
             self._plain(byte, data)
         elif WILL <= byte <= DONT:
@@ -131,7 +127,7 @@ class TelnetClient:
         return 0
 
     def _negotiate(self, verb: int, option: int) -> bytes:
-        """RFC 855: answer a change of state and nothing else, or both ends would answer for ever."""
+        """Return the reply to a change of state, empty for anything else: both ends would reply for ever (RFC 855)."""
         self.is_telnet = True
         states, yes, no = (self._local_options, WILL, WONT) if verb in (DO, DONT) else (self._remote_options, DO, DONT)
         state = states.get(option, "no")
@@ -140,13 +136,13 @@ class TelnetClient:
         if option == COM_PORT and verb != WONT:
             self.accepted = agreed
         if verb in (DO, WILL):
-            reply = None if state != "no" else yes if agreed else no
+            answer = None if state != "no" else yes if agreed else no
         else:
-            reply = no if state == "yes" else None
-        return b"" if reply is None else bytes((IAC, reply, option))
+            answer = no if state == "yes" else None
+        return b"" if answer is None else bytes((IAC, answer, option))
 
     def _handle_subnegotiation(self, sub: bytes) -> int:
-        """An answer or a notice of the COM-PORT option; anything else is none of ours."""
+        """Handle a reply or notice of the COM-PORT option; return the bad bytes that it reports."""
         if len(sub) < 3 or sub[0] != COM_PORT or sub[1] < SERVER_REPLY_OFFSET:
             return 0
         command, value = sub[1] - SERVER_REPLY_OFFSET, sub[2:]

@@ -1,7 +1,10 @@
-"""A serial device opened on a POSIX system: locked, set up, its settings read back and enforced. Blocking calls only.
+"""Opening of a serial device on a POSIX system: found by identity, locked, configured, read back. Blocking calls only.
 
-Python's usual way to open a port clears INPCK, so that the kernel passes a byte with bad parity as good; for DZB100
-parity is the only check there is. Here INPCK | PARMRK is set on every real port and proved by reading back (F07).
+The usual way to open a port from Python clears INPCK, so that the kernel passes a byte with bad parity as good; for
+DZB100 parity is the only check there is. Here INPCK | PARMRK is set on every real port and verified by reading back.
+
+A port keeps its device: an adapter that was ttyUSB0 and came back as ttyUSB1 is found, and another adapter that took
+the name ttyUSB0 is refused, because a frame on the wrong bus can start the wrong motor.
 """
 
 # ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
@@ -9,6 +12,7 @@ parity is the only check there is. Here INPCK | PARMRK is set on every real port
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import struct
 import sys
@@ -21,28 +25,25 @@ import fcntl
 import termios
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports import serialx_adapter
-from drivebus.ports.base import Capabilities
-from drivebus.ports.locks import DeviceLock
+from drivebus.ports import open_errors, serialx_adapter
+from drivebus.ports.discovery import device_users, discover_ports
+from drivebus.ports.locks import DeviceBusy, DeviceLock, lock_owner
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Capabilities
 
 _TCGETS2 = 0x802C542A
 _TIOCSRS485, _TIOCGRS485 = 0x542F, 0x542E
-"""asm-generic numbers (x86, ARM, RISC-V); other machines have others and are not asked."""
-_GENERIC_MACHINES = ("x86_64", "i", "aarch64", "arm", "riscv")
-_RS485_ENABLED, _RS485_RTS_ON_SEND = 1, 2
-"""struct serial_rs485: flags, delays before and after send in ms, padding (kernel serial-rs485.rst)."""
+_GENERIC_MACHINES = ("x86_64", "i", "aarch64", "arm", "riscv")  # these use the asm-generic ioctl numbers above
+_RS485_ENABLED, _RS485_RTS_ON_SEND = 1, 2  # flags of struct serial_rs485 (kernel documentation, serial-rs485.rst)
 _CMSPAR = 0o10000000000
-_UNIX98_SLAVES = range(136, 144)
-"""Major numbers of Linux ptys."""
+_UNIX98_SLAVES = range(136, 144)  # major numbers of Linux ptys
 TTY_CLASS = Path("/sys/class/tty")
-BAUD_TOLERANCE = 0.02
-"""A driver may round to its own divisors; a UART tolerates about 4 % between both ends, so each may err by half."""
+BAUD_TOLERANCE = 0.02  # a UART tolerates about 4 % between both ends, so each may be off by half of it
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class SerialDescriptor:
-    """An open device and what is true of it."""
+    """An open device and its properties."""
 
     fd: int
     device: str
@@ -50,18 +51,74 @@ class SerialDescriptor:
     lock: DeviceLock
     low_latency: bool
     marks_line_errors: bool
-    """INPCK | PARMRK is in force: the bytes need decoding."""
+    """INPCK | PARMRK is in force: received bytes must be decoded."""
 
     def close(self) -> None:
-        """Release and close. A real port sends what the kernel still holds. Idempotent."""
+        """Release and close. A real port still sends what the kernel holds. Idempotent."""
         fd, self.fd = self.fd, -1
         if fd >= 0:
             self.lock.release()
             os.close(fd)
 
 
+# --- which device ----------------------------------------------------------------------------------------------------
+
+
+def open_by_identity(
+    path: str, identity: str, settings: SerialSettings, *, rs485: bool = False
+) -> tuple[SerialDescriptor, str]:
+    """Open the device with ``identity`` (empty: the one at ``path``) and return it with its identity.
+
+    Raises PortUnavailable with the reason and the remedy.
+    """
+    target = find_device(path, identity)
+    try:
+        descriptor = open_device(target, settings, rs485=rs485)
+    except OSError as error:
+        pid = error.pid if isinstance(error, DeviceBusy) and error.pid else None
+        if pid is None and error.errno == errno.EBUSY:
+            pid = lock_owner(os.path.realpath(target))
+        raise open_errors.open_error(path, error, pid) from error
+    try:
+        _refuse_if_in_use(path, descriptor)
+        return descriptor, identity or identify(path)
+    except BaseException:
+        descriptor.close()
+        raise
+
+
+def identify(path: str) -> str:
+    """Return the identity of the device at ``path`` now; a link that udev does not know is taken as the user's own."""
+    real = os.path.realpath(path)
+    return next((port.identity for port in discover_ports() if port.device == real), f"device:{path}")
+
+
+def find_device(path: str, identity: str) -> str:
+    """Return where the device with that identity is now. Raises PortUnavailable where it is not plugged in."""
+    if not identity or identity.startswith("device:"):
+        return path
+    found = next((port.device for port in discover_ports() if port.identity == identity), None)
+    if found is None:
+        raise PortUnavailable("ports.unplugged", port=path, identity=identity)
+    return found
+
+
+def _refuse_if_in_use(path: str, descriptor: SerialDescriptor) -> None:
+    """Raise PortUnavailable where another program opened the device before us without a lock: a second master.
+
+    The peer of a pty is no second master, so ptys are not checked.
+    """
+    if descriptor.capabilities.has_line_timing:
+        for user in device_users({descriptor.device})[descriptor.device]:
+            if user.pid != os.getpid():
+                raise open_errors.in_use_error(path, user)
+
+
+# --- open and configure ----------------------------------------------------------------------------------------------
+
+
 def open_device(path: str, settings: SerialSettings, *, rs485: bool = False) -> SerialDescriptor:
-    """Open, lock, set up and prove. Raises OSError (Busy with the owner's pid), or PortUnavailable (F07)."""
+    """Open, lock, configure and verify. Raises OSError (DeviceBusy with the owner's pid), or PortUnavailable."""
     device = os.path.realpath(path)
     fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -89,27 +146,35 @@ def _configured(
         _verify_termios(fd, path, settings)
     if rs485:
         _enable_rs485(fd, path)
-    termios.tcflush(fd, termios.TCIFLUSH)  # what came before the marks were on
-    capabilities = Capabilities(not pty, not pty and settings.parity != "N", rs485)
-    return SerialDescriptor(fd, device, capabilities, lock, _set_low_latency(device), marks_line_errors=not pty)
+    termios.tcflush(fd, termios.TCIFLUSH)  # bytes that came before the marks were on
+    return SerialDescriptor(
+        fd=fd,
+        device=device,
+        capabilities=Capabilities(
+            has_line_timing=not pty, parity=not pty and settings.parity != "N", direction_control=rs485
+        ),
+        lock=lock,
+        low_latency=_set_low_latency(device),
+        marks_line_errors=not pty,
+    )
 
 
 def _pty_settings(settings: SerialSettings) -> SerialSettings:
-    """What a pty can take: asked for parity again, with nothing else to change, the C library answers EINVAL."""
+    """Return settings that a pty accepts: parity set again with no other change is EINVAL in the C library."""
     return replace(settings, parity="N", data_bits=8)
 
 
 def is_pty(fd: int) -> bool:
-    """Ptys have no baud, and the Linux kernel drops PARENB and character size on them (ruling 9)."""
+    """Return whether this is a pty: it has no baud rate, and Linux drops parity and character size on it."""
     if sys.platform == "linux":
         return os.major(os.fstat(fd).st_rdev) in _UNIX98_SLAVES
     return os.ttyname(fd).startswith("/dev/ttys")
 
 
 def _apply_termios(fd: int, *, marks_line_errors: bool) -> None:
-    """Raw, no flow control, modem lines kept on close; marks for parity and framing errors.
+    """Set raw mode, no flow control, modem lines kept on close, and marks for parity and framing errors.
 
-    Marks are set without parity too: then they tell framing errors (a wrong baud rate) and breaks.
+    The marks are set without parity too: then they show framing errors (a wrong baud rate) and breaks.
     """
     attributes = termios.tcgetattr(fd)
     attributes[0] = termios.INPCK | termios.PARMRK if marks_line_errors else 0
@@ -121,7 +186,7 @@ def _apply_termios(fd: int, *, marks_line_errors: bool) -> None:
 
 
 def _verify_termios(fd: int, path: str, settings: SerialSettings) -> None:
-    """Read back and compare. Raises PortUnavailable with what was asked for and what the driver made of it."""
+    """Read the settings back. Raises PortUnavailable with the settings requested and those of the driver."""
     iflag, oflag, cflag, lflag, _, speed, _ = termios.tcgetattr(fd)
     raw = iflag == termios.INPCK | termios.PARMRK and not oflag & termios.OPOST
     raw = raw and not lflag & (termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
@@ -142,7 +207,7 @@ def _format(cflag: int) -> str:
 
 
 def _baud(fd: int, speed: int) -> int | None:
-    """The rate that the driver says it uses; None where this system can't tell."""
+    """Return the rate that the driver reports; None where this system reports none."""
     if sys.platform == "linux" and os.uname().machine.startswith(_GENERIC_MACHINES):
         with contextlib.suppress(OSError):
             return int(struct.unpack_from("=I", fcntl.ioctl(fd, _TCGETS2, bytes(44)), 40)[0])
@@ -151,7 +216,7 @@ def _baud(fd: int, speed: int) -> int | None:
 
 
 def _enable_rs485(fd: int, path: str) -> None:
-    """Let the kernel switch the RS485 driver with RTS. Raises PortUnavailable where it can't: the user asked for it."""
+    """Let the kernel switch the RS485 driver with RTS. Raises PortUnavailable where it can't."""
     wanted = _RS485_ENABLED | _RS485_RTS_ON_SEND
     try:
         if sys.platform != "linux" or not os.uname().machine.startswith(_GENERIC_MACHINES):
@@ -165,7 +230,7 @@ def _enable_rs485(fd: int, path: str) -> None:
 
 
 def _set_low_latency(device: str) -> bool:
-    """FTDI hands bytes over each 16 ms unless its latency timer is 1 (F04). True if it is known to be short."""
+    """Set the latency timer of an FTDI adapter to 1 ms (it is 16 ms otherwise); return whether it is known to be 1."""
     timer = TTY_CLASS / Path(device).name / "device" / "latency_timer"
     try:
         if int(timer.read_text()) > 1:

@@ -1,4 +1,4 @@
-"""LINK: the one way to name a port. Reads text into a ``Link``; opens nothing.
+"""Port URLs: the text that names a port, parsed into a ``PortUrl``. Opens nothing.
 
 /dev/ttyUSB0 · COM3 · serial:///dev/ttyUSB0?baud=9600&format=8E1 · tcp://host:port · rfc2217://host:port?baud=9600
 sim://c320@0-3,7 · memory://name · replay://FILE.dbcap
@@ -13,11 +13,10 @@ from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from drivebus.errors import PortUrlError
-from drivebus.ports.base import EchoSetting
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import EchoSetting
 
-DEFAULT_BAUD = 9600
-"""The baud rate that all four families leave the factory with, or offer first."""
+DEFAULT_BAUD = 9600  # factory setting of all four families, or the first that they offer
 DEFAULT_FORMAT = "8N1"
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
 PORT_URL_EXAMPLES = (
@@ -39,9 +38,9 @@ _BOOLEAN_WORDS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PortUrl:
-    """A LINK taken apart.
+    """A parsed port URL.
 
     ``path`` is everything between ``://`` and ``?`` (a device, a file, ``c320@0-3,7``); ``host`` is its part before
     the first slash, for network schemes without the port number, which is ``port``.
@@ -55,10 +54,10 @@ class PortUrl:
     settings: SerialSettings = SerialSettings()
     options: Mapping[str, str] = field(default_factory=dict)
     explicit: frozenset[str] = frozenset()
-    """Which of "baud" and "format" the user said; the others are defaults."""
+    """Which of "baud" and "format" were specified; the others are defaults."""
 
     def reject_unknown_options(self, *known: str) -> None:
-        """Refuse options that this scheme does not know. Raises PortUrlError."""
+        """Raise PortUrlError for an option that this scheme does not have."""
         for name in self.options:
             if name not in known:
                 expected = ", ".join(sorted({"baud", "format", *known}))
@@ -67,20 +66,20 @@ class PortUrl:
                 )
 
     def choice(self, name: str, allowed: Iterable[str], default: str) -> str:
-        """An option that is one of a few words. Raises PortUrlError."""
-        words = tuple(allowed)
+        """Return an option that is one of ``allowed``. Raises PortUrlError."""
+        allowed = tuple(allowed)
         found = self.options.get(name, default).lower()
-        if found not in words:
-            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=", ".join(words))
+        if found not in allowed:
+            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=", ".join(allowed))
         return found
 
     def echo(self) -> EchoSetting:
-        """What the user says of the adapter's echo. Raises PortUrlError."""
+        """Return the option ``echo``. Raises PortUrlError."""
         found = self.choice("echo", ("detect", "on", "off"), "detect")
         return "on" if found == "on" else "off" if found == "off" else "detect"
 
     def flag(self, name: str, default: bool = False) -> bool:
-        """An option that is on or off. Raises PortUrlError."""
+        """Return an option that is on or off. Raises PortUrlError."""
         found = self.options.get(name)
         if found is None:
             return default
@@ -89,7 +88,7 @@ class PortUrl:
         return _BOOLEAN_WORDS[found.lower()]
 
     def number(self, name: str, default: float, lowest: float, highest: float) -> float:
-        """A number within limits. Raises PortUrlError."""
+        """Return an option that is a number within limits. Raises PortUrlError."""
         found = self.options.get(name)
         if found is None:
             return default
@@ -102,7 +101,7 @@ class PortUrl:
 
 
 def parse_port_url(text: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> PortUrl:
-    """Read a LINK; explicit arguments beat its query. Raises PortUrlError: what was found, expected, the next step."""
+    """Parse a port URL; arguments override its query. Raises PortUrlError: found, expected, remedy."""
     scheme, rest = _split_scheme(text.strip())
     target, _, query = rest.partition("?")
     chosen = _query(text, query) | {name: _option_text(value) for name, value in options.items() if value is not None}
@@ -110,15 +109,31 @@ def parse_port_url(text: str, *, baud: int | None = None, format: str | None = N
         chosen["baud"] = str(baud)
     if format is not None:
         chosen["format"] = format
-    given = frozenset(chosen) & {"baud", "format"}
+    explicit = frozenset(chosen) & {"baud", "format"}
     settings = _settings(text, chosen.pop("baud", str(DEFAULT_BAUD)), chosen.pop("format", DEFAULT_FORMAT))
     if scheme in NETWORK_SCHEMES:
         host, port = _address(text, scheme, target)
-        return PortUrl(text, scheme, host, port, "", settings, chosen, given)
+        return PortUrl(
+            text=text,
+            scheme=scheme,
+            host=host,
+            port=port,
+            settings=settings,
+            options=chosen,
+            explicit=explicit,
+        )
     path = unquote(target)
     if not path:
         raise PortUrlError("ports.link-empty", link=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
-    return PortUrl(text, scheme, path.partition("/")[0], None, path, settings, chosen, given)
+    return PortUrl(
+        text=text,
+        scheme=scheme,
+        host=path.partition("/")[0],
+        path=path,
+        settings=settings,
+        options=chosen,
+        explicit=explicit,
+    )
 
 
 def _split_scheme(text: str) -> tuple[str, str]:
@@ -130,7 +145,7 @@ def _split_scheme(text: str) -> tuple[str, str]:
 
 
 def _suggestion(text: str) -> str:
-    """The LINK that was probably meant."""
+    """Return the port URL that was probably meant."""
     if text.lower().endswith(".dbcap"):
         return f"replay://{text}"
     if text.startswith(("tty", "serial/by-", "rfcomm", "cu.")):

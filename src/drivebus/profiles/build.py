@@ -18,8 +18,8 @@ from drivebus.profiles.schema import (
     StatusIn,
     ValueIn,
 )
-from drivebus.protocols.codec import StationTiming
 from drivebus.scale import Scale
+from drivebus.serial_settings import StationTiming
 
 
 def build_profile(given: ProfileIn, source: str) -> m.DriveProfile:

@@ -1,14 +1,10 @@
-"""The shapes that protocols, bus, drives and simulators share. Values only: no clock, no port."""
+"""Interface of a codec: encode and decode the frames of one protocol."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import Enum, IntEnum
-from math import inf
+from dataclasses import dataclass
+from enum import Enum
 from typing import Any, Protocol
-
-from drivebus.serial_settings import SerialSettings
 
 
 class Effect(Enum):
@@ -22,31 +18,6 @@ class Effect(Enum):
     """May start or jog the motor."""
     STOP = "stop"
     """Can only take motion away. Needs no permit, is dropped by no check (ruling 5)."""
-
-
-class RetryPolicy(Enum):
-    """RELIABILITY 6.5: how a frame may be repeated."""
-
-    READ = "read"
-    """Harmless; one retry."""
-    IDEMPOTENT = "A"
-    """Absolute and idempotent (setpoint, stop): resend at most twice while unexpired."""
-    EDGE_TRIGGERED = "B"
-    """Start, fault reset, jog: never resent by the bus; the operation decides after two fenced reads."""
-    EEPROM = "D"
-    """Compare before write, no automatic resend."""
-    BROADCAST = "E"
-    """Once; nobody answers; verified one by one."""
-
-
-class RequestPriority(IntEnum):
-    """Who goes first on a bus."""
-
-    STOP = 0
-    COMMAND = 1
-    PARAMETER = 2
-    POLL = 3
-    PROBE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,105 +91,3 @@ class Codec(Protocol):
     def address_of(self, request: Any, /) -> int:
         """The station that the request speaks to."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class StationTiming:
-    """When a station may be spoken to and how long it is waited for. Seconds unless the name says characters."""
-
-    gap_characters: float = 3.5
-    """Silence before each of our frames, from the last byte heard or our own computed last bit."""
-    gap_floor_s: float = 0.0
-    """The gap is never shorter than this (e.g. 1.75 ms above 19,200 baud for RTU)."""
-    reply_delay_s: float = 0.1
-    """Longest time the station may take before the first byte of its reply (family rule)."""
-    reply_delay_characters: float = 0.0
-    """The same where the manual counts in characters (C320: 8); both are added."""
-    adapter_latency_s: float = 0.02
-    """Allowance for the adapter and the operating system."""
-    turnaround_s: float = 0.1
-    """Silence after a broadcast, which nobody answers (F10)."""
-    max_reply_lateness_s: float = 0.5
-    """Quarantine after a timeout: the family's longest lateness (RELIABILITY 5.3)."""
-    tolerate_leading_noise: bool = False
-    """One stray byte may stand before a reply (a driver-enable glitch), in Modbus ASCII a few (ruling 10)."""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError: with a time that never ends, every frame of the bus would wait, stops too."""
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not 0 <= value < inf:
-                raise ValueError(f"timing {name} {value}: expected a finite number, 0 or more")
-
-    def gap_s(self, settings: SerialSettings) -> float:
-        return max(settings.seconds(self.gap_characters), self.gap_floor_s)
-
-    def timeout_s(self, settings: SerialSettings, reply_bytes: int) -> float:
-        """From our own last bit to the last bit of the longest lawful reply."""
-        return self.reply_delay_s + settings.seconds(self.reply_delay_characters + reply_bytes) + self.adapter_latency_s
-
-
-@dataclass(frozen=True, slots=True)
-class Permit:
-    """Leave for one frame that is neither a read nor a stop. Only ``drives.gate`` grants it."""
-
-    station: int
-    effect: Effect
-    retry_policy: RetryPolicy
-    expires_at: float
-    stop_epoch: int
-    """The station's stop generation at grant: a newer stop voids every older permit (6.5)."""
-    command_id: str = ""
-    """Id of the command object it belongs to."""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for an expiry that is no number: no comparison would ever end it (I1)."""
-        if self.expires_at != self.expires_at:
-            raise ValueError(f"permit for station {self.station}: expires_at is NaN, expected monotonic seconds")
-
-
-@dataclass(slots=True)
-class BusRequest:
-    """One transaction wanted of the bus, which looks at it once: changing it afterwards changes nothing. Not frozen,
-    as ``Answer`` is not, because a frozen one takes four times as long to make, and each transaction makes both."""
-
-    station: int
-    request: Any
-    priority: RequestPriority = RequestPriority.PARAMETER
-    retry_policy: RetryPolicy = RetryPolicy.READ
-    permit: Permit | None = None
-    expires_at: float | None = None
-    """Not sent after this monotonic second."""
-    tag: Any = None
-    """Carried through untouched."""
-
-
-@dataclass(slots=True)
-class BusResult:
-    """What became of an Ask. Exactly one of ``reply`` and ``error`` is set, except for broadcasts (neither)."""
-
-    bus_request: BusRequest
-    reply: Any = None
-    error: Exception | None = None
-    sent: bytes = b""
-    """The bytes that left, empty where nothing left."""
-    received: bytes = b""
-    sent_at: float | None = None
-    """First bit on the wire, monotonic."""
-    received_at: float | None = None
-    attempts: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class StationConfig:
-    """All that a bus must know of one station; made by a dialect."""
-
-    address: int
-    codec: Codec
-    timing: StationTiming
-    effect_of: Callable[[bytes], Effect]
-    """Effect of an encoded request, from its bytes and what the drive's profile says of them."""
-    sync_request: Callable[[int], Any]
-    """n → a harmless request whose reply cannot be taken for any other recent one; n counts up (ruling 2)."""
-    label: str = ""
-    extra: Mapping[str, Any] = field(default_factory=dict)

@@ -1,7 +1,6 @@
-"""Conversations as scripts: events in, effects out, in virtual time. ``Playbook`` drives the pure core without any
-loop; ``ScriptedPort`` plays the same wire to a whole ``Bus`` under ``virtual.run``.
+"""Scripted bus in virtual time: ``BusScript`` runs the engine without a loop, ``ScriptedPort`` serves a whole ``Bus``.
 
-A *wire* is a function: (frame, second of its last bit) → what comes back, as (second, bytes) pairs.
+A *wire* is a function: (frame, second of its last bit) → the reply, as (second, bytes) pairs.
 """
 
 from __future__ import annotations
@@ -13,23 +12,23 @@ from typing import Any
 
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
 from drivebus.bus.core import BusCore
-from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.bus.prepared_request import Poll
 from drivebus.bus.trace import TraceEvent
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports.base import Capabilities, EchoSetting, Receiver
-from drivebus.protocols.codec import BusRequest, BusResult
 from drivebus.serial_settings import SerialSettings
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
 Wire = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 
 
 def silent_wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
-    """A wire with nobody on it."""
+    """Wire without a station."""
     return ()
 
 
 class BusScript:
-    """Plays one bus core and writes down all that it does: ``sent`` (time, bytes), ``answers`` by token, ``traced``."""
+    """Runs one bus engine and records ``sent`` (time, bytes), ``results`` by token, and ``traced``."""
 
     def __init__(self, core: BusCore, wire: Wire = silent_wire, *, start: float = 0.0) -> None:
         self.core = core
@@ -39,46 +38,50 @@ class BusScript:
         self.results: dict[Any, list[BusResult]] = {}
         self.traced: list[TraceEvent] = []
         self.recording = True
-        """Write down; off for long runs."""
+        """Off for long runs."""
         self._timer_at: float | None = None
         self._incoming: list[tuple[float, int, bytes, int]] = []
         self._count = 0
         self._perform(core.on_port_open(start))
 
-    def submit(self, bus_request: BusRequest, token: Any = "ask") -> None:
+    def submit(self, bus_request: BusRequest, token: Any = "request") -> None:
+        """Submit a request; its result is in ``results`` under ``token``."""
         self._perform(self.core.submit(bus_request, token, self.now))
 
-    def start_polling(self, address: int, polls: Sequence[Poll], token: Any = "watch") -> None:
+    def start_polling(self, address: int, polls: Sequence[Poll], token: Any = "polls") -> None:
+        """Start polls; their results are in ``results`` under ``token``."""
         self._perform(self.core.start_polling(address, polls, token, self.now))
 
     def receive(self, data: bytes, *, at: float | None = None, line_errors: int = 0) -> None:
-        """These bytes come at that second (now, if none is given)."""
+        """Let the bus receive bytes at that second, now if None."""
         self._count += 1
         heappush(self._incoming, (self.now if at is None else at, self._count, data, line_errors))
 
     def lose_port(self, error: PortLost) -> None:
+        """Lose the port; bytes still to be received are lost too."""
         self._incoming.clear()
         self._perform(self.core.on_port_lost(error, self.now))
 
     def reopen(self) -> None:
+        """Open the port again."""
         self._perform(self.core.on_port_open(self.now))
 
     def run_until(self, when: float) -> None:
-        """Play everything that happens up to and at that second."""
+        """Run everything that happens up to and at that second."""
         while (at := self._next_at()) is not None and at <= when:
             self._step(at)
         self.now = max(self.now, when)
 
     def run(self) -> None:
-        """Play until nothing more can happen (never, with polls)."""
+        """Run until nothing more can happen (never, with polls)."""
         while (at := self._next_at()) is not None:
             self._step(at)
 
-    def result(self, token: Any = "ask") -> BusResult:
-        """Play until this ask has its answer."""
+    def result(self, token: Any = "request") -> BusResult:
+        """Run until the request of this token has its result, and return it."""
         while token not in self.results:
             at = self._next_at()
-            assert at is not None, f"nothing more can happen and {token!r} has no answer"
+            assert at is not None, f"nothing more can happen and {token!r} has no result"
             self._step(at)
         return self.results[token][-1]
 
@@ -93,26 +96,26 @@ class BusScript:
         return coming
 
     def _step(self, at: float) -> None:
-        """Bytes that come at the very second of a wake are heard first, as a real master's reader would."""
+        """Run one event; bytes of the same second as the timer come first, as with the reader of a real bus."""
         self.now = max(self.now, at)
         if self._incoming and self._incoming[0][0] <= at:
-            _, _, data, marks = heappop(self._incoming)
-            self._perform(self.core.on_data(data, self.now, marks))
+            _, _, data, line_errors = heappop(self._incoming)
+            self._perform(self.core.on_data(data, self.now, line_errors))
         else:
             self._timer_at = None
             self._perform(self.core.on_timer(self.now))
 
     def _perform(self, commands: list[CoreCommand]) -> None:
-        for act in commands:
-            if isinstance(act, Send):
-                self._send(act.data)
-            elif isinstance(act, DeliverResult):
+        for command in commands:
+            if isinstance(command, Send):
+                self._send(command.data)
+            elif isinstance(command, DeliverResult):
                 if self.recording:
-                    self.results.setdefault(act.token, []).append(act.result)
-            elif isinstance(act, EmitTrace):
-                self.traced.append(act.event)
+                    self.results.setdefault(command.token, []).append(command.result)
+            elif isinstance(command, EmitTrace):
+                self.traced.append(command.event)
             else:
-                self._timer_at = act.when
+                self._timer_at = command.when
 
     def _send(self, frame: bytes) -> None:
         if self.recording:
@@ -122,7 +125,7 @@ class BusScript:
 
 
 class ScriptedPort:
-    """A Port whose far side is a wire. Paced by default, so that durations are exact."""
+    """A port on a wire, with line timing by default, so that durations are exact."""
 
     def __init__(
         self,
@@ -164,7 +167,7 @@ class ScriptedPort:
         self._receiver = None
 
     def unplug(self) -> None:
-        """The device is gone: the receiver is told, opening fails until ``plugged`` is set again."""
+        """Lose the device: the receiver gets ``port_lost``, opening fails until ``plugged`` is set again."""
         self.plugged = False
         receiver, self._receiver = self._receiver, None
         if receiver is not None:

@@ -1,8 +1,7 @@
-"""A conformance kit for codecs: whoever writes another protocol runs ``check_codec`` and knows.
+"""Conformance kit for codecs: ``check_codec`` tries the contract of ``protocols.codec.Codec``.
 
-It asks what ``message.Codec`` promises: canonical bytes, the same answer whole, byte by byte, glued and with trailing
-noise, no flipped bit believed, honest sizes, and no exception but ``ProtocolError`` for any bytes. No protocol is
-known here.
+It checks canonical bytes, the same result whole, byte by byte, concatenated and with trailing noise, rejection of
+flipped bits, correct sizes, and that no exception but ``ProtocolError`` comes out for any bytes.
 """
 
 from __future__ import annotations
@@ -19,34 +18,34 @@ Decode = Callable[[bytes], DecodeResult]
 
 
 class CodecFault(AssertionError):
-    """A codec breaks its promise: which exchange, which promise, which bytes."""
+    """Violation of the contract by a codec: the exchange, the rule, the bytes."""
 
-    def __init__(self, exchange: str, promise: str, data: bytes = b"", detail: object = "") -> None:
-        self.exchange, self.promise, self.data = exchange, promise, data
-        super().__init__(f"{exchange}: {promise} [{data.hex(' ').upper()}] {detail}".rstrip())
+    def __init__(self, exchange: str, rule: str, data: bytes = b"", detail: object = "") -> None:
+        self.exchange, self.rule, self.data = exchange, rule, data
+        super().__init__(f"{exchange}: {rule} [{data.hex(' ').upper()}] {detail}".rstrip())
 
 
 @dataclass(frozen=True, slots=True)
 class CodecExchange:
-    """A request and its reply, as messages and as bytes that somebody else proved (a manual, a peer)."""
+    """A request and its reply, as messages and as bytes from an independent source (a manual, a peer)."""
 
     name: str
     request: Any
     sent: bytes
     reply: Any = None
     received: bytes = b""
-    """Empty where nobody answers (a broadcast) or no frame of the reply is known."""
+    """Empty for a broadcast, or where no frame of the reply is known."""
     is_normal_reply: bool = True
-    """False where the reply is the station's refusal, whose size may differ from ``reply_size``."""
+    """False for an error reply, whose size may differ from ``reply_size``."""
 
 
 @dataclass(slots=True)
 class CodecReport:
-    """What was tried, and the flips that a protocol without a check cannot see."""
+    """Number of checks, and the flipped bits that a protocol without a checksum can't detect."""
 
     checks: int = 0
     accepted_flips: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    """Exchange → (byte, bit) of each single flip in a reply that still was taken for a reply to its request."""
+    """CodecExchange → (byte, bit) of each single flip after which a reply was still accepted."""
 
 
 def check_codec(
@@ -59,30 +58,30 @@ def check_codec(
     garbage_frames: int = 300,
     seed: int = 1,
 ) -> CodecReport:
-    """Try a codec against proven exchanges. Raises CodecFault at the first broken promise.
+    """Check a codec against known exchanges. Raises CodecFault at the first violation.
 
-    ``heard`` takes the request out of what ``decode_request`` reports. ``detects_flips`` False is for protocols that
-    have no check: flips that are believed are then reported instead of refused. ``junk_before`` is for codecs that
-    were told to forgive leading junk. ``noise`` seeded frames of garbage are tried per direction and exchange.
+    ``request_of`` extracts the request from the message of ``decode_request``. ``detects_flips`` False is for
+    protocols without a checksum: accepted flips are then reported. ``allows_leading_noise`` is for codecs that skip
+    leading noise. ``garbage_frames`` seeded frames are tried per direction and exchange.
     """
-    report, trials = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
+    report, checks = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
     exchanges = tuple(exchanges)
     for exchange in exchanges:
-        report.checks += trials.sizes(exchange)
-        report.checks += trials.request(exchange, allows_leading_noise, detects_flips)
+        report.checks += checks.sizes(exchange)
+        report.checks += checks.request(exchange, allows_leading_noise, detects_flips)
         if exchange.received:
-            report.checks += trials.reply(exchange, exchanges, allows_leading_noise)
-            believed = trials.flips(exchange)
+            report.checks += checks.reply(exchange, exchanges, allows_leading_noise)
+            accepted = checks.flips(exchange)
             report.checks += 8 * len(exchange.received)
-            if believed and detects_flips:
-                raise CodecFault(exchange.name, "a flipped bit is refused", exchange.received, believed)
-            report.accepted_flips[exchange.name] = believed
+            if accepted and detects_flips:
+                raise CodecFault(exchange.name, "a flipped bit is rejected", exchange.received, accepted)
+            report.accepted_flips[exchange.name] = accepted
     return report
 
 
 class _CodecChecks:
-    def __init__(self, codec: Codec, request_of: Callable[[Any], Any], rng: Random, noise: int) -> None:
-        self.codec, self.request_of, self.rng, self.garbage_frames = codec, request_of, rng, noise
+    def __init__(self, codec: Codec, request_of: Callable[[Any], Any], rng: Random, garbage_frames: int) -> None:
+        self.codec, self.request_of, self.rng, self.garbage_frames = codec, request_of, rng, garbage_frames
 
     def sizes(self, exchange: CodecExchange) -> int:
         codec, request = self.codec, exchange.request
@@ -95,31 +94,31 @@ class _CodecChecks:
         _require(exchange, "largest_reply covers every reply", largest >= len(exchange.received), detail=largest)
         return 3
 
-    def request(self, exchange: CodecExchange, junk_before: bool, detects_flips: bool) -> int:
+    def request(self, exchange: CodecExchange, allows_leading_noise: bool, detects_flips: bool) -> int:
         codec, data = self.codec, exchange.sent
         _require(
-            exchange, "encode_request gives the proven bytes", codec.encode_request(exchange.request) == data, data
+            exchange, "encode_request returns the known bytes", codec.encode_request(exchange.request) == data, data
         )
         whole = self._whole(exchange, codec.decode_request, data)
         again = codec.encode_request(self.request_of(whole))
         _require(exchange, "a decoded request encodes to the same bytes", again == data, data, again)
-        tried = self._chunks(exchange, codec.decode_request, data, whole, junk_before, (data,))
+        tried = self._chunks(exchange, codec.decode_request, data, whole, allows_leading_noise, (data,))
         for place, flipped in _flips(data):
-            taken = _accepted_message(codec.decode_request, flipped)
-            _require(exchange, "a flipped request is refused", taken is None or not detects_flips, flipped, place)
+            accepted = _accepted_message(codec.decode_request, flipped)
+            _require(exchange, "a flipped request is rejected", accepted is None or not detects_flips, flipped, place)
         return tried + 8 * len(data)
 
-    def reply(self, exchange: CodecExchange, others: tuple[CodecExchange, ...], junk_before: bool) -> int:
+    def reply(self, exchange: CodecExchange, others: tuple[CodecExchange, ...], allows_leading_noise: bool) -> int:
         codec, data = self.codec, exchange.received
 
         def decode(data: bytes) -> DecodeResult:
             return codec.decode_reply(exchange.request, data)
 
-        _require(exchange, "encode_reply gives the proven bytes", codec.encode_reply(exchange.reply) == data, data)
+        _require(exchange, "encode_reply returns the known bytes", codec.encode_reply(exchange.reply) == data, data)
         whole = self._whole(exchange, decode, data)
-        _require(exchange, "decode_reply gives the proven reply", whole == exchange.reply, data, whole)
+        _require(exchange, "decode_reply returns the known reply", whole == exchange.reply, data, whole)
         followers = tuple(other.received for other in others if other.received)
-        return self._chunks(exchange, decode, data, whole, junk_before, followers)
+        return self._chunks(exchange, decode, data, whole, allows_leading_noise, followers)
 
     def flips(self, exchange: CodecExchange) -> list[tuple[int, int]]:
         def decode(data: bytes) -> DecodeResult:
@@ -128,11 +127,11 @@ class _CodecChecks:
         return [place for place, flipped in _flips(exchange.received) if _accepted_message(decode, flipped) is not None]
 
     def _whole(self, exchange: CodecExchange, decode: Decode, data: bytes) -> Any:
-        verdict = decode(data)
-        if isinstance(verdict, Incomplete):
-            raise CodecFault(exchange.name, "a whole frame is complete", data, verdict)
-        _require(exchange, "size is the frame's", verdict.size == len(data), data, verdict.size)
-        return verdict.message
+        result = decode(data)
+        if isinstance(result, Incomplete):
+            raise CodecFault(exchange.name, "a whole frame is complete", data, result)
+        _require(exchange, "size is that of the frame", result.size == len(data), data, result.size)
+        return result.message
 
     def _chunks(
         self,
@@ -140,27 +139,27 @@ class _CodecChecks:
         decode: Decode,
         data: bytes,
         whole: Any,
-        junk_before: bool,
+        allows_leading_noise: bool,
         followers: tuple[bytes, ...],
     ) -> int:
         for end in range(len(data)):
-            verdict = decode(data[:end])
-            _require(exchange, "a cut frame is not complete", not isinstance(verdict, Complete), data[:end], verdict)
-            need = verdict.need if isinstance(verdict, Incomplete | CompleteIfSilent) else 0
-            _require(exchange, "need is beyond what is there and within the frame", end < need <= len(data), data, need)
+            result = decode(data[:end])
+            _require(exchange, "a cut frame is not complete", not isinstance(result, Complete), data[:end], result)
+            need = result.need if isinstance(result, Incomplete | CompleteIfSilent) else 0
+            _require(exchange, "need is beyond the data and within the frame", end < need <= len(data), data, need)
         tails = (*followers, *(bytes((byte,)) for byte in range(256)))
         for tail in tails:
-            verdict = decode(data + tail)
-            same = isinstance(verdict, Complete) and verdict.size == len(data) and verdict.message == whole
+            result = decode(data + tail)
+            same = isinstance(result, Complete) and result.size == len(data) and result.message == whole
             alone = isinstance(decode(data), CompleteIfSilent)
-            _require(exchange, "what follows a frame does not change it", same or alone, data + tail, verdict)
-        if not junk_before:
+            _require(exchange, "what follows a frame does not change it", same or alone, data + tail, result)
+        if not allows_leading_noise:
             found = _accepted_message(decode, b"\xff" + data)
             _require(exchange, "a frame counts at offset 0 only", found is None, b"\xff" + data, found)
         return len(data) + len(tails) + self._garbage(exchange, decode, data)
 
     def _garbage(self, exchange: CodecExchange, decode: Decode, data: bytes) -> int:
-        """Bytes of all kinds: alone ProtocolError may come, and whole is byte by byte."""
+        """Check that garbage raises only ProtocolError, and gives the same result whole and byte by byte."""
         count = 0
         for garbage in self._mutants(data):
             count += 1
@@ -184,9 +183,9 @@ class _CodecChecks:
                 yield data[place:] + data[:end]
 
 
-def _require(exchange: CodecExchange, promise: str, fulfilled: bool, data: bytes = b"", detail: object = "") -> None:
+def _require(exchange: CodecExchange, rule: str, fulfilled: bool, data: bytes = b"", detail: object = "") -> None:
     if not fulfilled:
-        raise CodecFault(exchange.name, promise, data, detail)
+        raise CodecFault(exchange.name, rule, data, detail)
 
 
 def _flips(data: bytes) -> Iterator[tuple[tuple[int, int], bytes]]:
@@ -196,12 +195,12 @@ def _flips(data: bytes) -> Iterator[tuple[tuple[int, int], bytes]]:
 
 
 def _accepted_message(decode: Decode, data: bytes) -> Any:
-    """The message that a decoder makes of these bytes, None where it makes none."""
+    """Return the message that a decoder makes of these bytes, None where it makes none."""
     try:
-        verdict = decode(data)
+        result = decode(data)
     except ProtocolError:
         return None
-    return None if isinstance(verdict, Incomplete) else verdict.message
+    return None if isinstance(result, Incomplete) else result.message
 
 
 def _result(decode: Decode, data: bytes) -> object:
@@ -212,10 +211,10 @@ def _result(decode: Decode, data: bytes) -> object:
 
 
 def _decode_bytewise(decode: Decode, data: bytes) -> object:
-    """The first verdict that is more than Incomplete, with the bytes given as they are asked for and one by one."""
-    outcome: object = None
+    """Return the first result other than Incomplete, with the bytes added one by one."""
+    result: object = None
     for end in range(len(data) + 1):
-        outcome = _result(decode, data[:end])
-        if not isinstance(outcome, Incomplete | CompleteIfSilent):
-            return outcome
-    return outcome
+        result = _result(decode, data[:end])
+        if not isinstance(result, Incomplete | CompleteIfSilent):
+            return result
+    return result

@@ -1,6 +1,6 @@
 """Virtual time for asyncio: the loop's clock jumps to the next timer whenever nothing is ready.
 
-A day of bus traffic takes seconds and every duration is exact. No socket, no selector, no thread lives here:
+A day of bus traffic takes seconds and every duration is exact. There are no sockets and no threads:
 ``run_in_executor`` calls its function at once, and waiting for something that no timer can bring is an error.
 """
 
@@ -13,16 +13,15 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-MAX_VIRTUAL_S = 30 * 86400.0
-"""A test that is still waiting after a virtual month waits for something that never comes."""
+MAX_VIRTUAL_S = 30 * 86400.0  # a test still waiting after a virtual month waits for something that never comes
 
 
 class Deadlock(RuntimeError):
-    """Nothing is ready and no timer is set (or the longest virtual time has passed): the test would hang for ever."""
+    """Nothing is ready and no timer is set, or the longest virtual time has passed: the test would hang for ever."""
 
 
 class _JumpingSelector:
-    """Takes the place of a selector: instead of sleeping until the next timer, moves the clock to it."""
+    """Replacement of a selector: instead of sleeping until the next timer, moves the clock to it."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -34,7 +33,7 @@ class _JumpingSelector:
 
 
 class VirtualLoop(base_events.BaseEventLoop):
-    """An asyncio loop whose ``time()`` is virtual seconds. Has no sockets, pipes or signals (NotImplementedError)."""
+    """An asyncio loop whose ``time()`` is virtual seconds. Sockets, pipes and signals raise NotImplementedError."""
 
     def __init__(self, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> None:
         super().__init__()
@@ -56,7 +55,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         self._now = max(self._now, when)
 
     def run_in_executor(self, executor: Any, func: Callable[..., T], *args: Any) -> asyncio.Future[T]:  # type: ignore[override]
-        """Calls the function at once: threads have no place in virtual time."""
+        """Call the function at once, without a thread."""
         future: asyncio.Future[T] = self.create_future()
         try:
             future.set_result(func(*args))
@@ -69,10 +68,10 @@ class VirtualLoop(base_events.BaseEventLoop):
         return f"{len(tasks)} task(s) wait ({', '.join(tasks[:8])})"
 
     def _process_events(self, event_list: list[Any]) -> None:
-        """There are no events: only timers and callbacks."""
+        """Do nothing: there are only timers and callbacks."""
 
     def _write_to_self(self) -> None:
-        """Nothing sleeps, so nothing has to be woken."""
+        """Do nothing: the loop never sleeps."""
 
 
 def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> T:

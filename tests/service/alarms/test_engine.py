@@ -94,7 +94,7 @@ def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
 
 def test_a_drive_that_can_not_be_asked_does_not_clear_its_fault() -> None:
     alarms = book()
-    lost = view(presence="silent", state="unknown")
+    lost = view(presence="offline", state="unknown")
     unknown = view(state="unknown")
     told = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
     assert [word for word in told if "fault" in word] == ["0 raised fault", "3 cleared fault"]
@@ -107,7 +107,7 @@ def test_a_drive_without_a_state_clears_its_fault_by_a_good_reading_of_it() -> N
 
 
 def test_silence_is_told_at_once_and_at_the_start_after_a_while() -> None:
-    lost, fresh = view(presence="silent", state="unknown"), view(presence="never_seen", state="unknown")
+    lost, fresh = view(presence="offline", state="unknown"), view(presence="never_seen", state="unknown")
     assert run(book(), (0, view()), (1, lost), (2, view())) == ["1 raised silent", "2 cleared silent"]
     assert run(book(), (0, fresh), (9.9, fresh), (10, fresh)) == ["10 raised silent"]
 
@@ -222,7 +222,7 @@ def test_every_sentence_has_all_its_numbers() -> None:
     alarms = book(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
     for kind in SystemAlarm:
         alarms.raise_alarm(kind, "fan-1", 0, about="x", reason="y")
-    silent = replace(current(12.345678), presence="silent", fault=OVERCURRENT)
+    silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)
     old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
     run(alarms, (0, silent), (3, silent), (4, old), (5, old))
     told = [
@@ -293,7 +293,7 @@ def test_an_alarm_is_the_same_after_its_json() -> None:
 
 def test_the_most_urgent_and_newest_come_first() -> None:
     alarms = book(replace(HIGH, delay_s=0.0))
-    run(alarms, (0, current(99.0)), (1, replace(current(99.0), presence="silent")))
-    run(alarms, (2, replace(current(99.0), presence="silent", fault=OVERCURRENT)))
+    run(alarms, (0, current(99.0)), (1, replace(current(99.0), presence="offline")))
+    run(alarms, (2, replace(current(99.0), presence="offline", fault=OVERCURRENT)))
     alarms.raise_alarm(SystemAlarm.STORAGE_FAILURE, "", 9000)
     assert [alarm.setting for alarm in alarms.active()] == ["store", "fault", "silent", "overload"]

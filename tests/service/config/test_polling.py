@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Bus
-from drivebus.bus.poll_schedule import Poll
+from drivebus.bus.prepared_request import Poll
 from drivebus.drives import Drive
 from drivebus.drives.monitor import Monitor
 from drivebus.ports import open_port

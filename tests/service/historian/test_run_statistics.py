@@ -81,7 +81,7 @@ def test_a_pause_between_two_looks_is_not_guessed(step_s: float, hours: float) -
 
 
 def test_a_silent_drive_and_one_without_a_state_have_no_hours() -> None:
-    silent = seen(view("running", presence="silent"), view("running", presence="silent"))
+    silent = seen(view("running", presence="offline"), view("running", presence="offline"))
     unknown = seen(view("unknown"), view("unknown"))
     for found in (silent, unknown):
         assert (found.as_json()["running_h"], found.as_json()["starts"]) == (None, None)

@@ -11,7 +11,7 @@ import pytest
 
 import peers
 from drivebus import errors, i18n
-from drivebus.bus import failure
+from drivebus.bus.core import UntrustedReply
 from drivebus.service import audit
 from drivebus.service.api.operations import OPERATIONS
 from fixtures.browser import Stage
@@ -160,6 +160,6 @@ def test_whatever_the_trail_records_has_words() -> None:
 
 def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:
     classes = {snake(name) for name in dir(errors) if isinstance(getattr(errors, name), type)}
-    classes.add(snake(failure.UntrustedReply.__name__))
+    classes.add(snake(UntrustedReply.__name__))
     words = {key.removeprefix("plantpage.error_") for key in i18n.catalogue("en") if key.startswith("plantpage.error_")}
     assert len(words) > 10 and words <= classes

@@ -8,8 +8,8 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from drivebus.bus.messages import BusRequest
 from drivebus.errors import DrivebusError
-from drivebus.protocols.codec import BusRequest
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -24,7 +24,7 @@ FAILED_SHARE_MAX = 0.01
 """A line on which more than 1 % of the reads fail, before their retry, is not well wired."""
 QUIET_OBSERVATION_S = 3.0
 OTHER_PARITY = {"N": "E", "E": "O", "O": "E"}
-UNSOLICITED_KINDS = ("late", "foreign", "duplicate", "unsolicited", "master", "collision", "marks")
+UNSOLICITED_KINDS = ("late", "foreign", "duplicate", "unsolicited", "foreign_request", "collision", "line_errors")
 """Counters that stay at zero on a line that is well wired and has one master."""
 
 
@@ -35,7 +35,7 @@ async def check_port(rig: AcceptanceSession) -> StepOutcome:
         return True, {
             "identity": bus.port.identity,
             "line": str(bus.settings),
-            "paced": able.has_line_timing,
+            "line_timing": able.has_line_timing,
             "parity": able.parity,
             "direction_control": able.direction_control,
         }

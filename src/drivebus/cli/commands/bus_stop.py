@@ -63,9 +63,9 @@ async def _stop(target: Target, addresses: tuple[int, ...], named: bool) -> Exit
 
 async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
     """Everybody at once where the family can, then one stop to each address; returns the drives that made a sound."""
+    from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
     from drivebus.cli.progress import ProgressBar
     from drivebus.drives.dialects.base import StopMode
-    from drivebus.protocols.codec import BusRequest, RequestPriority, RetryPolicy
 
     bus.inhibit_start(None)
     first = drives[0]

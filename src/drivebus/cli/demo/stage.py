@@ -201,7 +201,7 @@ class Stage:
         try:
             outcome = await work()
         except DrivebusError as error:
-            if error.key in ("drives.latched", "bus.latched"):
+            if error.key in ("drives.latched", "bus.start_inhibited"):
                 self.tell("demo.latched", name=name)
             else:
                 self.tell("demo.failed", name=name, text=error.text(output.language()))

@@ -107,4 +107,6 @@ class PolledBus:
         )
 
 
-_SHOWN_COUNTERS = frozenset({"late", "foreign", "duplicate", "unsolicited", "master", "collision", "marks"})
+_SHOWN_COUNTERS = frozenset(
+    {"late", "foreign", "duplicate", "unsolicited", "foreign_request", "collision", "line_errors"}
+)

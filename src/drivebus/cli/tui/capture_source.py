@@ -57,7 +57,7 @@ class CapturePlayer:
         """One record, in order."""
         self.activity.busy_periods.append((record.time_s, self.capture.header.settings.seconds(len(record.data))))
         if record.line_errors:
-            self.activity.errors["marks"] += record.line_errors
+            self.activity.errors["line_errors"] += record.line_errors
         if record.direction == "tx":
             self._end_pending()
             self._on_request(record.data)

@@ -81,7 +81,7 @@ class ServiceRowSource:
         """Nothing that was seen before stands there as if it were now."""
         from dataclasses import replace
 
-        self._drives = [replace(row, presence="silent", state="unknown", readings={}) for row in self._drives]
+        self._drives = [replace(row, presence="offline", state="unknown", readings={}) for row in self._drives]
         self._lines = [replace(line, up=False, load=None, transactions_per_s=None) for line in self._lines]
         if not self._unreachable:
             self._unreachable = True

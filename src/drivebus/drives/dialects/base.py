@@ -7,11 +7,12 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from drivebus import i18n
+from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import LimitError, ProtocolError
 from drivebus.profiles.model import DriveProfile, Parameter, Signal, Text
-from drivebus.protocols.codec import Codec, Complete, RetryPolicy, StationConfig
+from drivebus.protocols.codec import Codec, Complete
 from drivebus.values import Quality, Reading
 
 

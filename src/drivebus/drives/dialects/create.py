@@ -11,7 +11,7 @@ from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.dialects.sunfar import SunfarDialect
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.model import DriveProfile
-from drivebus.protocols.codec import StationTiming
+from drivebus.serial_settings import StationTiming
 
 _DIALECT_FACTORIES: dict[str, Callable[..., Dialect]] = {
     "sifang": SunfarDialect,

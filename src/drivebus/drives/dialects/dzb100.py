@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
     Rejection,
@@ -32,7 +33,7 @@ from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, LimitError, ProtocolError, StartInhibited
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
-from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.dzb100 import (
     Dzb100Codec,
     Dzb100Command,
@@ -46,6 +47,7 @@ from drivebus.protocols.dzb100 import (
     decode_frequency,
     encode_frequency,
 )
+from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
 
 FREQUENCY_ITEMS = (0, 1)
@@ -71,7 +73,12 @@ class Dzb100Dialect:
         self._sync_count = 0
         self._last_read: Dzb100ReadParameter | None = None
         self.station_config = StationConfig(
-            address, self.codec, timing, self.effect, self._bus_sync_request, profile.model
+            address=address,
+            codec=self.codec,
+            timing=timing,
+            effect_of=self.effect,
+            sync_request=self._bus_sync_request,
+            label=profile.model,
         )
 
     def effect(self, frame: bytes) -> Effect:

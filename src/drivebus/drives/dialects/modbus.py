@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     UNNAMED_FAULT_CODE,
     CommandFrame,
@@ -26,7 +27,7 @@ from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction
 from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
-from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.modbus import (
     Diagnostics,
     DiagnosticsReply,
@@ -38,6 +39,7 @@ from drivebus.protocols.modbus import (
     WriteRegister,
     registers_written,
 )
+from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
 
 RTU_END_SILENCE_CHARACTERS = 3.5
@@ -62,15 +64,14 @@ class ModbusDialect:
         self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
         self._signals = signals_by_index(profile, "holding")
         self._sync_count = 0
-        extra = {"longest": tuple(request for request, _ in self.polls(tuple(profile.signals)))}
         self.station_config = StationConfig(
-            address,
-            self.codec,
-            _with_end_silence(timing, encoding),
-            self.effect,
-            self._bus_sync_request,
-            profile.model,
-            extra,
+            address=address,
+            codec=self.codec,
+            timing=_with_end_silence(timing, encoding),
+            effect_of=self.effect,
+            sync_request=self._bus_sync_request,
+            label=profile.model,
+            longest_requests=tuple(request for request, _ in self.polls(tuple(profile.signals))),
         )
 
     @property

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
     Rejection,
@@ -30,7 +31,7 @@ from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError
 from drivebus.profiles.model import DriveProfile, Parameter
-from drivebus.protocols.codec import Codec, Effect, RetryPolicy, StationConfig, StationTiming
+from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.sunfar import (
     ReadIdentity,
     ReadMonitor,
@@ -42,6 +43,7 @@ from drivebus.protocols.sunfar import (
     SunfarState,
     SunfarWriteParameter,
 )
+from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
 
 MIN_TAGS_TO_SHARE = 4
@@ -65,12 +67,15 @@ class SunfarDialect:
         self._signals = signals_by_index(profile, "monitor")
         self._sync_count = 0
         self._last_read: SunfarReadParameter | None = None
-        extra = {
-            "stop": self._control_request(SunfarOperation.STOP),
-            "longest": (SunfarWriteParameter(address, 0, 0, 0),),
-        }
         self.station_config = StationConfig(
-            address, self.codec, timing, self.effect, self._bus_sync_request, profile.model, extra
+            address=address,
+            codec=self.codec,
+            timing=timing,
+            effect_of=self.effect,
+            sync_request=self._bus_sync_request,
+            label=profile.model,
+            stop_request=self._control_request(SunfarOperation.STOP),
+            longest_requests=(SunfarWriteParameter(address, 0, 0, 0),),
         )
 
     def effect(self, frame: bytes) -> Effect:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from math import inf, isfinite
 from typing import Any
 
+from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, fault_from_code
@@ -26,14 +27,14 @@ from drivebus.drives.state import (
     OutcomeStatus,
 )
 from drivebus.errors import DrivebusError, Expired, NotPermitted, Superseded
-from drivebus.protocols.codec import BusRequest, BusResult, Effect, Permit, RequestPriority, RetryPolicy
+from drivebus.protocols.codec import Effect
 from drivebus.values import Reading
 
 VERIFICATION_ROUNDS = 2
 """Two out of two (RELIABILITY 4), each behind a fence of its own (ruling 6)."""
 EXTRA_VERIFICATION_ROUNDS = 3
 """A drive that changes its state between two reads gets these to settle."""
-MIRRORED_REPLY_KEY = "bus.mirrored"
+MIRRORED_REPLY_KEY = "bus.own_echo"
 """A loop-back's reply equals its request: believed only once this port has shown that it has no echo (F03)."""
 CHECKS_TIMEOUT_S = 5.0
 """From the user's act to the gate (to the first bit, where its moment is known); longer is another wish …"""

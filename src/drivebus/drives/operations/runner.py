@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 from drivebus import clock
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
-from drivebus.protocols.codec import BusRequest, BusResult
 
 T = TypeVar("T")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight
@@ -13,7 +14,6 @@ from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeStatus
 from drivebus.errors import CapabilityError, Expired, StartInhibited, Superseded
-from drivebus.protocols.codec import BusResult
 
 COMMAND_SETTLE_S = 0.15
 """Between a start and the first look: the reply to a start may still show "stopped" (C320 2.4.6)."""

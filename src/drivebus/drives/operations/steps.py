@@ -16,7 +16,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from drivebus.protocols.codec import BusRequest, BusResult
+from drivebus.bus.messages import BusRequest, BusResult
 
 T = TypeVar("T")
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from math import isfinite
 
+from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
-from drivebus.protocols.codec import BusResult, RequestPriority, RetryPolicy
 
 STOP_PROGRESS_TIMEOUT_S = 2.0
 """G07: a stop that shows no progress for this long is declared unconfirmed …"""

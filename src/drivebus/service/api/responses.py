@@ -130,7 +130,7 @@ class DriveObject(ApiObject):
     capabilities: list[str]
     directions: list[str]
     groups: list[str]
-    presence: Literal["online", "silent", "never_seen"]
+    presence: Literal["online", "offline", "never_seen"]
     state: str
     state_reason: str | None
     direction: Literal["forward", "reverse"] | None

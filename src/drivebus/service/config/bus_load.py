@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from drivebus import profiles
-from drivebus.bus.poll_schedule import BusLoad, Poll, estimate_bus_load
+from drivebus.bus.load import BusLoad, estimate_bus_load
+from drivebus.bus.prepared_request import Poll
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.monitor import status_polls

@@ -15,7 +15,8 @@ from typing import Any
 
 from drivebus import i18n, ports
 from drivebus.bus.compatibility import protocol_of
-from drivebus.bus.poll_schedule import Poll, estimate_bus_load
+from drivebus.bus.load import estimate_bus_load
+from drivebus.bus.prepared_request import Poll
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError, DrivebusError

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from drivebus import open_bus
 from drivebus.bus import Bus
-from drivebus.bus.poll_schedule import estimate_bus_load
+from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
 from drivebus.clock import Store
 from drivebus.errors import DrivebusError

@@ -75,7 +75,7 @@ export function ageOf(found) {
   return found.age_s === null ? null : found.age_s + Math.max(0, now.value - found.at) / 1000;
 }
 
-const UNTRUE = new Set(["silent", "never_seen"]);
+const UNTRUE = new Set(["offline", "never_seen"]);
 
 /** The drive's state as it may be shown now: `stale` without a live line, and where the drive does not answer. */
 export function stateOf(view) {

@@ -8,7 +8,7 @@ import { Table } from "../ui.js";
 import { classes, milliseconds, percent } from "./figures.js";
 import { driveTitle } from "./titles.js";
 
-const LOOKS = { online: ["check", "calm"], silent: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
+const LOOKS = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
 /** From here on a line's errors are worth a look; at ten times as much starts are refused. */
 const DOUBTFUL = 0.01;
 

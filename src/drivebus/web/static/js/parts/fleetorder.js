@@ -13,7 +13,7 @@ export const sort = signal(kept.sort ?? "plant");
 export const by = signal(kept.by ?? "none");
 export const size = signal(kept.size ?? "normal");
 
-export const KINDS = ["all", "abnormal", "running", "stopped", "unknown", "fault", "silent"];
+export const KINDS = ["all", "abnormal", "running", "stopped", "unknown", "fault", "offline"];
 export const SORTS = ["plant", "urgency", "name", "bus", "frequency", "current"];
 export const SIZES = ["wall", "normal", "dense"];
 export const BYS = ["none", "group", "bus"];
@@ -27,11 +27,11 @@ const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "
 /** The kinds that a drive belongs to. */
 export function kindsOf(view) {
   const found = new Set(["all"]);
-  if (view.presence !== "online") found.add("silent");
+  if (view.presence !== "online") found.add("offline");
   else if (view.state === "fault" || view.fault) found.add("fault");
   else if (TURNING.has(view.state)) found.add("running");
   else if (view.state === "stopped" || view.state === "unknown") found.add(view.state);
-  if (found.has("silent") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
+  if (found.has("offline") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
   return found;
 }
 
@@ -53,7 +53,7 @@ const slow = computed(() => Math.floor(now.value / 4000));
 const urgency = (view) => {
   const kinds = kindsOf(view);
   if (kinds.has("fault")) return 0;
-  if (kinds.has("silent")) return 1;
+  if (kinds.has("offline")) return 1;
   if (kinds.has("abnormal")) return 2;
   return kinds.has("running") ? 3 : 4;
 };

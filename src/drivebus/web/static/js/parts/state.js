@@ -14,7 +14,7 @@ const LOOKS = {
 /** [icon, tone, word] for what `format.stateOf` gave. */
 export function lookOf({ state, presence, lost }) {
   if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen")];
-  if (presence === "silent") return ["silent", "alarm", t("page.presence_silent")];
+  if (presence === "offline") return ["silent", "alarm", t("page.presence_offline")];
   const [icon, tone] = LOOKS[state] ?? LOOKS.unknown;
   return lost ? [icon, "doubt", t(`drives.state_${state}`)] : [icon, tone, t(`drives.state_${state}`)];
 }

@@ -1,0 +1,110 @@
+"""Requests to a bus and their results, permits, and the configuration of a station."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any
+
+from drivebus.protocols.codec import Codec, Effect
+from drivebus.serial_settings import StationTiming
+
+
+class RetryPolicy(Enum):
+    """How often a frame may be sent."""
+
+    READ = "read"
+    """Harmless: retried once."""
+    IDEMPOTENT = "idempotent"
+    """Absolute value (setpoint, stop): resent at most twice while not expired."""
+    EDGE_TRIGGERED = "edge_triggered"
+    """Start, fault reset, jog: never resent by the bus; the operation decides after two verified reads."""
+    EEPROM = "eeprom"
+    """Compared before it is written, never resent."""
+    BROADCAST = "broadcast"
+    """Sent once; no station replies, so each drive is checked by a read."""
+
+
+class RequestPriority(IntEnum):
+    """Priority class of a request; a lower number goes first."""
+
+    STOP = 0
+    COMMAND = 1
+    PARAMETER = 2
+    POLL = 3
+    PROBE = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Permit:
+    """Permission for one frame that is neither a read nor a stop. Only ``drives.permissives`` grants it."""
+
+    station: int
+    effect: Effect
+    retry_policy: RetryPolicy
+    expires_at: float
+    stop_epoch: int
+    """Stop epoch of the station when granted: a newer stop voids the permit."""
+    command_id: str = ""
+    """Id of the command that the frame belongs to."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for an expiry that is NaN: no comparison would ever end it."""
+        if self.expires_at != self.expires_at:
+            raise ValueError(f"permit for station {self.station}: expires_at is NaN, expected monotonic seconds")
+
+
+@dataclass(slots=True)
+class BusRequest:
+    """One transaction to perform. The bus reads it once, at ``submit``; later changes have no effect.
+
+    Neither this nor ``BusResult`` is frozen: a frozen one takes four times as long to make, and each transaction makes
+    both.
+    """
+
+    station: int
+    request: Any
+    priority: RequestPriority = RequestPriority.PARAMETER
+    retry_policy: RetryPolicy = RetryPolicy.READ
+    permit: Permit | None = None
+    expires_at: float | None = None
+    """Not sent after this monotonic second."""
+    tag: Any = None
+    """Carried through unchanged."""
+
+
+@dataclass(slots=True, kw_only=True)
+class BusResult:
+    """Result of a BusRequest. Exactly one of ``reply`` and ``error`` is set, except for broadcasts (neither)."""
+
+    bus_request: BusRequest
+    reply: Any = None
+    error: Exception | None = None
+    sent: bytes = b""
+    """The bytes on the wire, empty where nothing was sent."""
+    received: bytes = b""
+    sent_at: float | None = None
+    """First bit on the wire, monotonic seconds."""
+    received_at: float | None = None
+    attempts: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationConfig:
+    """All that the bus needs to know of one station; made by a dialect."""
+
+    address: int
+    codec: Codec
+    timing: StationTiming
+    effect_of: Callable[[bytes], Effect]
+    """Effect of an encoded request, from its bytes and the drive's profile."""
+    sync_request: Callable[[int], Any]
+    """n → a harmless request whose reply can't be mistaken for any other recent one; n counts up."""
+    label: str = ""
+    stop_request: Any = None
+    """The stop frame of this drive; None: about as long as a sync request."""
+    longest_requests: Sequence[Any] = ()
+    """Requests outside the polls for which a stop may have to wait."""
+    sample_requests: Sequence[Any] = ()
+    """Further requests that stand for all frames to this station where protocols share a bus."""

@@ -1,0 +1,188 @@
+"""The states of a station: the drawn table is what the code does, and the bus makes each of its transitions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivebus.bus import station as station_module
+from drivebus.bus.station import (
+    MAX_PROBE_INTERVAL_S,
+    TRANSITIONS,
+    Presence,
+    Station,
+    StationEvent,
+    StationState,
+)
+from drivebus.errors import PortLost
+from drivebus.testing.bus_script import BusScript
+from fixtures.bus import SETTINGS, FakeStation, make_core, read_request, station_config, wire_to
+
+Transition = tuple[StationState, StationEvent, StationState]
+
+
+def drawn_table() -> dict[tuple[StationState, StationEvent], StationState]:
+    """The table in the module's docstring; ``-`` is left out."""
+    assert station_module.__doc__ is not None
+    rows = [line.strip().split("|") for line in station_module.__doc__.splitlines() if "|" in line]
+    events = [StationEvent[name.strip()] for name in rows[0][1:]]
+    return {
+        (StationState[row[0].strip()], event): StationState[cell.strip()]
+        for row in rows[1:]
+        for event, cell in zip(events, row[1:], strict=True)
+        if cell.strip() != "-"
+    }
+
+
+def test_the_drawn_table_is_the_table_of_the_code() -> None:
+    assert drawn_table() == TRANSITIONS
+    assert len({state for state, _ in TRANSITIONS}) == len(StationState)
+
+
+@pytest.mark.parametrize("state", StationState)
+@pytest.mark.parametrize(
+    ("event", "action"),
+    [
+        (StationEvent.REPLY, lambda station: station.mark_replied()),
+        (StationEvent.SYNC_CONFIRMED, lambda station: station.mark_online(verified=True)),
+        (StationEvent.SYNC_UNVERIFIED, lambda station: station.mark_online(verified=False)),
+        (StationEvent.SUSPICION, lambda station: station.mark_suspect(1.0)),
+        (StationEvent.NO_CONTACT, lambda station: station.mark_offline(1.0)),
+    ],
+)
+def test_each_event_moves_a_station_as_drawn(
+    state: StationState, event: StationEvent, action: Callable[[Station], None]
+) -> None:
+    station = Station(station_config(), SETTINGS)
+    station.state = state
+    action(station)
+    assert station.state is drawn_table().get((state, event), state)
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[Transition]]:
+    """Every transition that a bus makes in this test; one that is not drawn fails at once."""
+    made: set[Transition] = set()
+    change = Station._change
+
+    def recorded(station: Station, event: StationEvent) -> None:
+        before = station.state
+        assert (before, event) in TRANSITIONS, f"{event.name} in state {before.name} is not drawn"
+        change(station, event)
+        made.add((before, event, station.state))
+
+    monkeypatch.setattr(Station, "_change", recorded)
+    yield made
+
+
+def state_of(script: BusScript) -> StationState:
+    return script.core.stations[1].state
+
+
+def read(script: BusScript) -> None:
+    """One read and all that follows from it at once, sync probes not included."""
+    script.submit(read_request(), token := object())
+    script.result(token)
+
+
+def replug(script: BusScript) -> None:
+    """Lose the port and open it again: it has to be found out anew whether the adapter echoes."""
+    script.lose_port(PortLost("bus.closed"))
+    script.reopen()
+
+
+def after_probe(script: BusScript, seconds: float = MAX_PROBE_INTERVAL_S + 10.0) -> None:
+    script.run_until(script.now + seconds)
+
+
+def a_station_that_comes_and_goes(script: BusScript, station: FakeStation) -> None:
+    """Online, suspect after a timeout, offline after its sync probe, and back."""
+    read(script)
+    read(script)
+    station.alive = False
+    script.submit(read_request(), "suspect")
+    script.run_until(script.now + 0.1)
+    assert state_of(script) is StationState.SUSPECT
+    station.alive = True
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+    station.alive = False
+    read(script)
+    after_probe(script)
+    assert state_of(script) is StationState.OFFLINE
+    station.alive = True
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+
+
+def a_port_that_is_replugged(script: BusScript, station: FakeStation) -> None:
+    """The first reply after opening mirrors its sync probe: it may be our own echo."""
+    read(script)
+    replug(script)
+    assert state_of(script) is StationState.SUSPECT
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+    station.alive = False
+    read(script)
+    after_probe(script)
+    replug(script)
+    assert state_of(script) is StationState.OFFLINE
+    station.alive = True
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+
+
+def a_station_that_was_never_seen(script: BusScript, station: FakeStation) -> None:
+    station.alive = False
+    read(script)
+    assert state_of(script) is StationState.ABSENT
+    after_probe(script)
+    station.alive = True
+    after_probe(script)
+    assert state_of(script) is StationState.NEVER_SEEN
+
+
+def a_new_station_when_the_port_is_replugged(script: BusScript, station: FakeStation) -> None:
+    replug(script)
+    replug(script)
+    assert state_of(script) is StationState.NEVER_SEEN_SUSPECT
+    after_probe(script)
+    assert state_of(script) is StationState.NEVER_SEEN
+    replug(script)
+    script.core.add_station(station_config(2))
+    script.submit(read_request(2), "rules the echo out")
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+
+
+def an_absent_station_beside_one_that_replies(script: BusScript, station: FakeStation) -> None:
+    station.alive = False
+    read(script)
+    script.core.add_station(station_config(2))
+    script.submit(read_request(2), "rules the echo out")
+    script.run_until(script.now + 0.2)
+    assert state_of(script) is StationState.ABSENT
+    station.alive = True
+    after_probe(script)
+    assert state_of(script) is StationState.ONLINE
+
+
+def test_the_bus_makes_every_drawn_transition_and_no_other(seen: set[Transition]) -> None:
+    for scenario in (
+        a_station_that_comes_and_goes,
+        a_port_that_is_replugged,
+        a_station_that_was_never_seen,
+        a_new_station_when_the_port_is_replugged,
+        an_absent_station_beside_one_that_replies,
+    ):
+        first, second = FakeStation(1), FakeStation(2)
+        scenario(BusScript(make_core(1), wire_to(first, second)), first)
+    assert seen == {(state, event, after) for (state, event), after in TRANSITIONS.items()}
+
+
+def test_a_state_says_what_the_bus_may_do() -> None:
+    trusted = {state for state in StationState if not state.is_suspect}
+    assert trusted == {StationState.NEVER_SEEN, StationState.ONLINE}
+    assert {state for state in StationState if state.is_unreachable} == {StationState.ABSENT, StationState.OFFLINE}
+    assert {state.presence for state in trusted} == {Presence.NEVER_SEEN, Presence.ONLINE}
