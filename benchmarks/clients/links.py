@@ -17,4 +17,10 @@ def link(address: int, codec: ModbusRtuCodec, delay_s: float, gap_floor_s: float
         adapter_latency_s=0.01,
         max_reply_lateness_s=0.2,
     )
-    return StationConfig(address, codec, timing, lambda frame: Effect.NONE, lambda n: Diagnostics(address, n & 0xFFFF))
+    return StationConfig(
+        address=address,
+        codec=codec,
+        timing=timing,
+        effect_of=lambda frame: Effect.NONE,
+        sync_request=lambda n: Diagnostics(address, n & 0xFFFF),
+    )

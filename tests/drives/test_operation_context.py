@@ -57,10 +57,12 @@ def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
 @pytest.mark.parametrize("language", i18n.LANGUAGES)
 def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language: str) -> None:
     silence = NoReply("bus.no_reply", station=1, attempt=2, bytes=0, milliseconds=50)
-    frame = json.loads(json.dumps(exchange_json(frame_exchange(BusResult(BusRequest(1, None), error=silence)))))
+    frame = json.loads(
+        json.dumps(exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None), error=silence))))
+    )
     told = i18n.text(frame["error"], language, **frame["params"])
     assert told == silence.text(language) and "{" not in told
-    assert exchange_json(frame_exchange(BusResult(BusRequest(1, None))))["error"] is None
+    assert exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None))))["error"] is None
 
 
 def test_what_was_read_before_a_command_never_shows_its_effect() -> None:

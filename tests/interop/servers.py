@@ -71,7 +71,7 @@ def peer_station(
     def fence(n: int) -> Any:
         return modbus.Diagnostics(address, n & 0xFFFF) if loops else modbus.ReadRegisters(address, 0, 100 + n % 20)
 
-    return StationConfig(address, codec, timing, effect, fence)
+    return StationConfig(address=address, codec=codec, timing=timing, effect_of=effect, sync_request=fence)
 
 
 def permitted_write(bus: Bus, request: Any) -> BusRequest:

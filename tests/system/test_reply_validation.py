@@ -113,7 +113,14 @@ def permitted_write(here: SystemBench, address: int, request: Any) -> BusRequest
     effect = link.effect_of(link.codec.encode_request(request))
     assert effect in (Effect.SETTING, Effect.MOTION)
     until = here.bus.now() + 60.0
-    permit = Permit(address, effect, RetryPolicy.EDGE_TRIGGERED, until, here.bus.stop_epoch(address), "story")
+    permit = Permit(
+        station=address,
+        effect=effect,
+        retry_policy=RetryPolicy.EDGE_TRIGGERED,
+        expires_at=until,
+        stop_epoch=here.bus.stop_epoch(address),
+        command_id="story",
+    )
     return BusRequest(address, request, RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit, until)
 
 

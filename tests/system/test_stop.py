@@ -155,7 +155,14 @@ def start_of(here: SystemBench, address: int, word: int) -> BusRequest:
     frame = dialect.start(None, word)[0]
     effect = link.effect_of(link.codec.encode_request(frame.request))
     until = here.bus.now() + 2.0
-    permit = Permit(address, effect, frame.retry_policy, until, here.bus.stop_epoch(address), "story")
+    permit = Permit(
+        station=address,
+        effect=effect,
+        retry_policy=frame.retry_policy,
+        expires_at=until,
+        stop_epoch=here.bus.stop_epoch(address),
+        command_id="story",
+    )
     return BusRequest(address, frame.request, RequestPriority.COMMAND, frame.retry_policy, permit, until)
 
 

@@ -94,7 +94,13 @@ def _always(talk: OperationContext, command: Any) -> Any:
 
 
 def _granted(command: Any, address: int, effect: Any, write_class: Any, around: Any, *rest: Any) -> Permit:
-    return Permit(address, effect, write_class, around.now + 2.0, around.stop_epoch)
+    return Permit(
+        station=address,
+        effect=effect,
+        retry_policy=write_class,
+        expires_at=around.now + 2.0,
+        stop_epoch=around.stop_epoch,
+    )
 
 
 @pytest.mark.parametrize("kind", [DZB100, DF800], ids=lambda kind: kind.name)

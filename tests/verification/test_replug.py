@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus import shell
+from drivebus.bus import Bus
 from drivebus.bus.core import BusCore
 from drivebus.ports import device
 from drivebus.ports.tty import SerialDescriptor
@@ -110,9 +110,9 @@ def test_a_bus_that_does_not_notice_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_task_that_every_replug_leaves_behind_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = shell.Shell._on_port_open
+    opened = Bus._on_port_open
 
-    def leaky(self: shell.Shell) -> None:
+    def leaky(self: Bus) -> None:
         opened(self)
         if self._loop is not None and self.core.opened_at > 1.0:
             self._loop.create_task(forever(self._loop))
@@ -120,7 +120,7 @@ def test_a_task_that_every_replug_leaves_behind_is_found(monkeypatch: pytest.Mon
     async def forever(loop: Any) -> None:
         await loop.create_future()
 
-    monkeypatch.setattr(shell.Shell, "_on_port_open", leaky)
+    monkeypatch.setattr(Bus, "_on_port_open", leaky)
     assert any("tasks after a replug" in one for one in violations(2))
 
 
