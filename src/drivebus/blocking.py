@@ -82,6 +82,11 @@ class Bus:
         found: StationHealth = self.call(self.bus.health, address)
         return found
 
+    @property
+    def foreign_master(self) -> bool:
+        """Whether another master has sent requests on this bus within the last minute."""
+        return bool(self.call(lambda: self.bus.foreign_master))
+
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
         """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
         self.call(self.bus.inhibit_start, addresses)

@@ -42,7 +42,7 @@ def test_a_drive_whose_fences_are_alike_is_found_again_as_soon_as_none_can_be_la
 
 
 def test_a_bus_that_looks_for_its_port_too_seldom_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shell, "REOPEN_INTERVAL_S", 2.5)
+    monkeypatch.setattr("drivebus.bus.bus.REOPEN_INTERVAL_S", 2.5)
     assert any("G09 first polled again" in one for one in violations())
 
 
