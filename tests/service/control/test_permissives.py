@@ -52,7 +52,7 @@ HINDRANCES = {
     "plant.stopping": stopping,
     "drives.latched": latched,
     "drives.foreign_master": doubted(foreign_master=True),
-    "drives.duplicate": doubted(duplicate=True),
+    "drives.duplicate": doubted(duplicate_address=True),
     "drives.bad_link": doubted(damage_rate=0.5, damaged=100),
     "interlocks.violated": interlocked,
     "plant.waiver_needed": unwaived,

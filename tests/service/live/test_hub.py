@@ -236,7 +236,7 @@ def silence(kit: ServiceKit) -> None:
     """The drive's plug is pulled."""
     bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
     bench.stations.remove(bench.station(1))
-    bench._group()
+    bench._group_stations()
 
 
 def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(caplog: pytest.LogCaptureFixture) -> None:
@@ -253,7 +253,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
             silence(kit)
             await asyncio.sleep(120)
             bench.stations.append(station)
-            bench._group()
+            bench._group_stations()
             await asyncio.sleep(120)
             events = [event for _, event in kit.service.plant.hub.items("events") if event["drive"] == "fan-1"]
             assert [event["text"]["en"] for event in events if event["kind"] in ("presence", "fault")] == [

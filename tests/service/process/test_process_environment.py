@@ -52,7 +52,7 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
 def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """6.6: in the form that was asked for, like every other line."""
 
-    async def ended(setting: Any, *, web: bool, announce: str, ready: Any) -> dict[str, Any]:
+    async def ended(setting: Any, *, web: bool, announce: str, on_ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"word": "confirmed"}}
 
     lines: list[str] = []
@@ -100,8 +100,8 @@ def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Pat
     manager.setblocking(False)
     notify = SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
 
-    def bus(late_s: float, is_open: bool = True) -> Any:
-        return SimpleNamespace(bus=SimpleNamespace(late_s=late_s, is_open=is_open, is_closed=False))
+    def bus(overdue_s: float, is_open: bool = True) -> Any:
+        return SimpleNamespace(bus=SimpleNamespace(overdue_s=overdue_s, is_open=is_open, is_closed=False))
 
     notify.feed_watchdog([bus(0.0), bus(0.1)], 10.0)
     assert manager.recv(100) == b"WATCHDOG=1"

@@ -120,7 +120,7 @@ async def test_a_lease_is_kept_by_its_owner_over_the_connection(plant: RunningSe
             answers = [await renewed(one) for one in (socket, other)]
         (await program.delete(f"{API_PREFIX}/drives/fan-1/lease")).raise_for_status()
     assert answers[0]["lease"]["owner"] == "operator/test"
-    assert answers[1]["error"]["kind"] == "Forbidden"
+    assert answers[1]["error"]["kind"] == "PermissionDenied"
 
 
 async def renewed(socket: ClientConnection) -> Json:
