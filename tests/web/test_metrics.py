@@ -83,7 +83,7 @@ class Around:
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
         if operation == "alarms.list":
-            return self.service.plant.parts.alarms.as_json()
+            return self.service.plant.alarms.as_json()
         return await self.service.call(operation, params, actor)
 
 

@@ -182,7 +182,7 @@ def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> No
             await desk.call(name, params, LOCAL)
         what = {"what": "drive.waiver"}
         assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
-        (alarm,) = kit.service.plant.parts.alarms.active()
+        (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.about) == ("store", "audit.jsonl")
 
     at_a_desk(story, drive_reset={}, drive_waiver={})
@@ -194,7 +194,7 @@ def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
         await desk.call("drive.reset", FAN, LOCAL)
         kit.trail.fails_silently = False
         await desk.call("drive.reset", FAN, LOCAL)
-        (alarm,) = kit.service.plant.parts.alarms.active()
+        (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.about, alarm.cleared_ms is None) == ("store", "audit.jsonl", False)
 
     at_a_desk(story, drive_reset={})

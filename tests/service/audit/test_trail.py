@@ -13,11 +13,11 @@ import pytest
 from drivebus.errors import AuditUnavailable, InvalidParameters
 from drivebus.profiles.model import Text
 from drivebus.service.api.errors import os_reason
-from drivebus.service.assemble import ServiceStores
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage import append_log, batch_writer
+from drivebus.service.storage.storage import Storage
 from fixtures.audit import LI, counting_clock, new_trail, problem_kinds, sample_entry, verify_report, written_trail
 
 EVER = (0, 10**14)
@@ -253,15 +253,14 @@ def test_g14_the_alarm_about_the_trail_says_why_and_ends_while_nobody_asks(tmp_p
     async def go() -> None:
         blocked = tmp_path / "plant"
         blocked.write_text("a file where the folder should be")
-        loop = asyncio.get_running_loop()
-        rooms = ServiceStores(PlantConfig("p", Text("P", "P"), blocked, (), ()), loop.time, lambda: 0)
-        await rooms.trail.open()
-        found = rooms.incidents.stores["audit.jsonl"]()
+        storage = Storage.of(PlantConfig("p", Text("P", "P"), blocked, (), ()), wall_ms=lambda: 0)
+        await storage.audit.open()
+        found = storage.errors()["audit.jsonl"]
         assert found is not None and os_reason(found) == "Not a directory"
         blocked.unlink()
         await asyncio.sleep(6.0)
-        assert rooms.incidents.stores["audit.jsonl"]() is None
-        await rooms.trail.close()
+        assert storage.errors()["audit.jsonl"] is None
+        await storage.audit.close()
 
     run(go())
 

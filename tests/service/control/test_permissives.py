@@ -45,7 +45,7 @@ def deaf(kit: ServiceKit) -> None:
 
 
 def interlocked(kit: ServiceKit) -> None:
-    kit.service.plant.parts.interlocks.replace([InterlockConfig("i", ("fan-1",), "pump-1.output_frequency > 5 Hz")])
+    kit.service.plant.interlocks.replace([InterlockConfig("i", ("fan-1",), "pump-1.output_frequency > 5 Hz")])
 
 
 HINDRANCES = {

@@ -51,10 +51,10 @@ def test_a_drive_that_is_found_running_is_adopted_or_stopped_and_never_started(p
             await first.service.stop()
             bench: Any = find_simulated_bus("shared-a")
             assert bench.station(1).motor.phase is not OutputPhase.OFF
-            service = Service(chosen, first.service.plant.parts, store=MemoryStore(), drive_store=MemoryStore())
+            service = Service(chosen, replace(first.storage, settings=MemoryStore(), drives=MemoryStore()))
             async with service:
                 await asyncio.sleep(8)
-                kinds = {alarm.kind for alarm in service.plant.parts.alarms.active() if alarm.cleared_ms is None}
+                kinds = {alarm.kind for alarm in service.plant.alarms.active() if alarm.cleared_ms is None}
                 if policy is OnRestart.STOP:
                     assert effects(service) <= {Effect.NONE, Effect.STOP}
                     assert bench.station(1).motor.phase is OutputPhase.OFF

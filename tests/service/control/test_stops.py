@@ -134,7 +134,7 @@ def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
                 "its end; nothing was refused"
             )
             assert "audit.refused" not in [one.what for one in kit.trail.entries]
-            assert [alarm.about for alarm in kit.service.plant.parts.alarms.active() if alarm.kind == "store"]
+            assert [alarm.about for alarm in kit.service.plant.alarms.active() if alarm.kind == "store"]
 
     run(story())
 
@@ -241,7 +241,7 @@ def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() 
             found = await kit.call("plant.stop")
             assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"]
             assert found["buses"]["b"]["confirmed"]
-            kinds = {(alarm.kind, alarm.drive) for alarm in kit.service.plant.parts.alarms.active()}
+            kinds = {(alarm.kind, alarm.drive) for alarm in kit.service.plant.alarms.active()}
             assert ("stop_unconfirmed", "fan-1") in kinds
 
     run(story())
@@ -267,7 +267,7 @@ def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_go
 
 
 def kinds(kit: ServiceKit) -> set[str]:
-    return {alarm.kind for alarm in kit.service.plant.parts.alarms.active() if alarm.cleared_ms is None}
+    return {alarm.kind for alarm in kit.service.plant.alarms.active() if alarm.cleared_ms is None}
 
 
 @pytest.mark.parametrize("policy", list(OnClientLost))
@@ -580,7 +580,7 @@ def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> 
             await ready(kit)
             kit.history.problem = "database or disk is full"
             await asyncio.sleep(1)
-            (alarm,) = [one for one in kit.service.plant.parts.alarms.active() if one.kind == "store"]
+            (alarm,) = [one for one in kit.service.plant.alarms.active() if one.kind == "store"]
             assert alarm.text.en.startswith("history can't be written: database or disk is full;")
             assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
             kit.history.problem = None
@@ -600,13 +600,15 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
             await ready(kit, "pump-2")
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
             await asyncio.sleep(2)
-            pump, held = kit.station("pump-1"), []
-            kit.service.plant.parts.on_event = lambda event: held.append((event["drive"], event["text"]["en"]))
+            pump = kit.station("pump-1")
             ending = asyncio.create_task(kit.service.stop())
             found = (await start)["outcomes"]
             assert [found[drive].get("code") for drive in GROUP.drives] == [None, "plant.stopping", "plant.stopping"]
             assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
-            assert [drive for drive, text in held if "on_service_stop says hold" in text] == [GROUP.drives[0]]
+            held = [
+                event["drive"] for event in kit.history.events if "on_service_stop says hold" in event["text"]["en"]
+            ]
+            assert held == [GROUP.drives[0]]
 
     run(story())
 

@@ -10,11 +10,12 @@ import pytest
 from drivebus.errors import ServiceUnavailable
 from drivebus.profiles.model import Text
 from drivebus.service.live.views import CommLossView, DriveView, SignalView
-from drivebus.service.runtime.run_statistics import MAX_OBSERVATION_GAP_S, RunStatistics
-from drivebus.service.runtime.run_statistics_store import (
+from drivebus.service.runtime.run_statistics import (
     DOCUMENT_KIND,
     LOAD_RETRY_S,
+    MAX_OBSERVATION_GAP_S,
     SAVE_INTERVAL_S,
+    RunStatistics,
     RunStatisticsStore,
 )
 from drivebus.testing import virtual_time

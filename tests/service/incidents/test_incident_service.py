@@ -13,58 +13,23 @@ import pytest
 from drivebus.capture.dbcap import read_capture
 from drivebus.drives import MemoryStore
 from drivebus.errors import NotFound
-from drivebus.service.alarms import AlarmEngine
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.app import Service
 from drivebus.service.incidents import IncidentStore
-from drivebus.service.incidents.service import AlarmIncidentService
-from drivebus.service.interlocks.engine import InterlockEngine
-from drivebus.service.live.views import Sample
-from drivebus.service.parts import ServiceParts
 from drivebus.simulator.nameplate import Trip
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.testing.virtual_time import run
-from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, plant_config, remote_actor
-
-
-class Tee(FakeHistory):
-    """A history that the recorder listens to."""
-
-    keeping: AlarmIncidentService
-    events: list[dict[str, Any]]
-
-    def event(self, event: dict[str, Any]) -> None:
-        self.events.append(event)
-        self.keeping.on_event(event)
-
-    def append(self, samples: list[Sample]) -> None:  # type: ignore[override]
-        super().append(samples)
-        self.keeping.on_samples(samples)
+from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, fake_storage, plant_config, remote_actor
 
 
 @asynccontextmanager
 async def plant(folder: Path) -> AsyncIterator[ServiceKit]:
-    chosen = plant_config()
     log = AlarmLog(folder / "alarms.jsonl")
-    keeping = AlarmIncidentService(log, IncidentStore(folder / "incidents"), asyncio.get_running_loop().time)
-    alarms = AlarmEngine((), chosen.drives, keeping, log.load(), first_number=log.next_number)
-    trail, history = FakeAuditTrail(), Tee()
-    history.keeping, history.events = keeping, []
-    parts = ServiceParts(
-        trail,
-        history,
-        alarms,
-        InterlockEngine(()),
-        keeping.handlers(),
-        on_event=history.event,
-        on_view=keeping.on_view,
-        on_plant=keeping.bind,
-    )
-    service = Service(chosen, parts, store=MemoryStore(), drive_store=MemoryStore())
+    trail, history = FakeAuditTrail(), FakeHistory()
+    storage = fake_storage(trail, history, alarm_log=log, incidents=IncidentStore(folder / "incidents"))
     try:
-        async with service:
-            yield ServiceKit(service, trail, history, MemoryStore())
-        await keeping.close()
+        async with Service(plant_config(), storage) as service:
+            yield ServiceKit(service, trail, history, MemoryStore(), storage)
         await log.close()
     finally:
         clear_simulated_buses()

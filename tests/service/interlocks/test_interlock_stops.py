@@ -88,7 +88,7 @@ def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
 
 def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
     """Drive, interlock, and whether it is still raised."""
-    active = kit.service.plant.parts.alarms.active()
+    active = kit.service.plant.alarms.active()
     return [(one.drive, one.about, one.cleared_ms is None) for one in active if one.kind == SystemAlarm.INTERLOCK_TRIP]
 
 

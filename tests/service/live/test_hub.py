@@ -225,9 +225,9 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
             readings = kit.service.plant.drives["fan-1"].status().readings
             good = {"output_frequency": readings["output_frequency"]}
             bad = {"output_frequency": replace(good["output_frequency"], quality=Quality.BAD)}
-            for heard in (bad, good, good, bad, bad):
-                kit.service.plant.drives["fan-2"].sample(heard)
-            assert [one.value for one in kit.history.samples if one.tag == "fan-2.output_frequency"] == [0.0, None]
+            fan_2 = kit.service.plant.drives["fan-2"]
+            samples = [one for readings in (bad, good, good, bad, bad) for one in fan_2.new_samples(readings, 0)]
+            assert [one.value for one in samples if one.tag == "fan-2.output_frequency"] == [0.0, None]
 
     run(story())
 

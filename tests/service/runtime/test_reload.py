@@ -74,10 +74,9 @@ def test_untouched_drives_miss_no_poll(tmp_path: Path) -> None:
             before = polls(kit, "pump-1")
             await asyncio.sleep(10)
             write(file, FAN_1, FAN_3, PUMP)
-            told: list[str] = []
-            kit.service.plant.parts.on_event = lambda event: told.append(event["text"]["en"])
+            kit.history.events.clear()
             found = await kit.call("configuration.reload")
-            assert told == ["the plant's file was taken over"]
+            assert [event["text"]["en"] for event in kit.history.events] == ["the plant's file was taken over"]
             assert found["difference"] == {"added": ["fan-3"], "changed": [], "removed": ["fan-2"]}
             await asyncio.sleep(10)
             assert polls(kit, "pump-1") - before == without["pump-1"]
@@ -283,7 +282,7 @@ def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: P
             head = HEAD.partition("[bus.b]")[0]
             write(file, FAN_1, head=head)
             await kit.call("configuration.reload")
-            active = kit.service.plant.parts.alarms.active()
+            active = kit.service.plant.alarms.active()
             left = {(one.kind, one.drive, one.about) for one in active if one.cleared_ms is None}
             assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "incidents")}
 

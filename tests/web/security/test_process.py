@@ -16,14 +16,13 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
-from drivebus.drives import MemoryStore
 from drivebus.service.app import Service
 from drivebus.service.auth.service import SETUP_SECRET_FILE
 from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.process.web_args import WebArguments
 from drivebus.simulator.port import clear_simulated_buses
-from fixtures.service import FakeAuditTrail, FakeHistory, parts_with, plant_config
+from fixtures.service import fake_storage, plant_config
 from fixtures.web_app import PASSWORD
 
 PATIENCE_S = 30.0
@@ -76,8 +75,7 @@ async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None
                 away = await client.request(method, path)
                 assert (away.status_code, away.json()["error"]["kind"]) == (503, "ServiceUnavailable")
             for _ in range(2):
-                parts = parts_with(plant_config(), FakeAuditTrail(), FakeHistory())
-                async with Service(plant_config(), parts, store=MemoryStore(), drive_store=MemoryStore()) as service:
+                async with Service(plant_config(), fake_storage()) as service:
                     server = SocketServer(service, tmp_path / "plant.sock")
                     await server.open()
                     there = await answered(client, "GET", "/api/v1/drives", 200)

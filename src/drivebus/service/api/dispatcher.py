@@ -34,8 +34,13 @@ from drivebus.service.api.param_errors import params_error, pydantic_faults
 from drivebus.service.audit import AuditEntry
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
-from drivebus.service.control.tickets import CommandTicket, MotionHandler, check_not_superseded, issue_ticket
-from drivebus.service.parts import OperationHandler
+from drivebus.service.control.tickets import (
+    CommandTicket,
+    MotionHandler,
+    OperationHandler,
+    check_not_superseded,
+    issue_ticket,
+)
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 
@@ -189,7 +194,7 @@ class Dispatcher:
         """Raises AuditUnavailable, after which every start is refused until an entry can be written again: whoever
         calls it notes what comes of it."""
         try:
-            number = await self.plant.parts.trail.record(entry)
+            number = await self.plant.audit.record(entry)
         except AuditUnavailable as error:
             self.plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject=AUDIT_FILE, reason=os_reason(error))
             raise
@@ -197,7 +202,7 @@ class Dispatcher:
         return number
 
     def _record_nowait(self, entry: AuditEntry) -> None:
-        self.plant.parts.trail.record_nowait(entry)
+        self.plant.audit.record_nowait(entry)
 
     async def _record_after(self, entry: AuditEntry) -> None:
         """What was done is done: a trail that can't be written is an alarm, and is written later; no failure."""

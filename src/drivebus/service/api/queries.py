@@ -10,8 +10,8 @@ from drivebus.service.api.parameter_json import readings_json
 from drivebus.service.api.profile_json import profile_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.groups import GroupCommands
-from drivebus.service.live.view_builders import bus_view, drive_view, plant_topic
-from drivebus.service.parts import OperationHandler
+from drivebus.service.control.tickets import OperationHandler
+from drivebus.service.live.publisher import bus_view, drive_view, plant_topic
 from drivebus.service.runtime.fairness import iter_cooperatively
 from drivebus.service.runtime.plant import Plant
 
@@ -46,8 +46,8 @@ class Queries:
         plant = self.plant
         return {
             "stops": plant.stop_counters.as_json(),
-            "history": plant.parts.history_status(),
-            "drives": {drive: plant.parts.run_statistics(drive) for drive in plant.drives},
+            "history": plant.historian.status(),
+            "drives": {drive: plant.run_statistics.statistics_json(drive) for drive in plant.drives},
         }
 
     async def list_drives(self, params: ask.NoParams, actor: Actor) -> Json:

@@ -19,7 +19,7 @@ from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.monitor import status_polls
 from drivebus.ports.url import parse_port_url
-from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.model import DriveProfile, Text
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 
@@ -75,6 +75,16 @@ def serial_settings_in(plant: PlantConfig, bus: str) -> SerialSettings:
         raise KeyError(bus)
     first = next((drive for drive in plant.drives if drive.bus == bus), None)
     return serial_settings_of(setting, None if first is None else profiles.load(first.model))
+
+
+def signal_labels(plant: PlantConfig) -> dict[str, tuple[str, Text]]:
+    """Return unit and text of every tag that the plant's drives may have. Raises ProfileError."""
+    profile_by_drive = {drive.id: profile_of(drive) for drive in plant.drives}
+    return {
+        f"{drive}.{name}": (signal.unit, signal.text)
+        for drive, profile in profile_by_drive.items()
+        for name, signal in profile.signals.items()
+    }
 
 
 def polling_load(drives: Iterable[tuple[DriveConfig, Dialect]], line: SerialSettings) -> BusLoad:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from dataclasses import asdict
 from math import inf
 from typing import Any
@@ -14,22 +14,16 @@ from drivebus.drives.state import Outcome
 from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api import operations as ask
-from drivebus.service.api.errors import outcome_json
+from drivebus.service.api.errors import error_to_json, outcome_json
 from drivebus.service.auth.actor import Actor
+from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
 from drivebus.service.control.permissives import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler
+from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
 from drivebus.service.control.waivers import CommLossWaiver
-from drivebus.service.parts import OperationHandler
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
-
-Json = dict[str, Any]
-FollowerUpdate = Callable[[DriveRuntime, float, Actor], Awaitable[Json]]
-
-
-async def _no_followers(leader: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
-    return {}
+from drivebus.types import Json
 
 
 class DriveCommands:
@@ -37,8 +31,6 @@ class DriveCommands:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        self.update_followers: FollowerUpdate = _no_followers
-        """Called with a drive whose frequency has changed: its followers' part of the answer."""
 
     def handlers(self) -> dict[str, OperationHandler]:
         return {
@@ -144,6 +136,37 @@ class DriveCommands:
         told = self.publish_outcome(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
         return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
 
+    # --- followers ------------------------------------------------------------------------------------------------
+
+    async def update_followers(self, leader: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        """Give the running followers of a drive their share of its new frequency; return the outcome of each."""
+        return {
+            drive.id: await self.set_follower(group, drive, frequency_hz, actor)
+            for group, drive in self.plant.followers(leader.id)
+        }
+
+    async def set_follower(self, group: GroupConfig, drive: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        """Give a follower its share, unless its lease ended while the leader was commanded."""
+        try:
+            self.require_control(drive.id, actor)
+        except ControlNotHeld as error:
+            self.plant.publish_event("command", drive.id, "plant.does_not_follow", actor=actor.name, why=error)
+            return error_to_json(error)
+        return await self.set_drive_frequency(drive, follower_hz(group, drive.id, frequency_hz), actor)
+
+    async def set_drive_frequency(self, drive: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+        """Return the outcome, or the error, of a setpoint."""
+        try:
+            outcome = await drive.drive.set_frequency(frequency_hz)
+        except DrivebusError as error:
+            return error_to_json(error)
+        drive.commanded_hz = frequency_hz
+        answer = self.publish_outcome(drive, "set_frequency", outcome, actor, frequency_hz=frequency_hz)
+        result: Json = answer["outcome"]
+        return result
+
+    # --- stops and resets -----------------------------------------------------------------------------------------
+
     async def stop(self, params: ask.StopParams, actor: Actor) -> Json:
         """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""
         unit = self.plant.drive(params.drive)
@@ -236,3 +259,8 @@ class DriveCommands:
         self.plant.publish_event("configuration", unit.id, "plant.limited", actor=actor.name)
         low, high = unit.drive.range_hz
         return {"minimum_hz": low, "maximum_hz": high}
+
+
+def follower_hz(group: GroupConfig, drive: str, frequency_hz: float) -> float:
+    """Return the frequency of a drive when its group or leader gets ``frequency_hz``."""
+    return frequency_hz * group.ratios.get(drive, 1.0)

@@ -15,12 +15,11 @@ from drivebus.service.api import operations as ask
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
-from drivebus.service.control.drive_commands import DriveCommands
+from drivebus.service.control.drive_commands import DriveCommands, follower_hz
 from drivebus.service.control.leases import ARM_TTL_S
 from drivebus.service.control.permissives import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler, check_not_superseded
+from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler, check_not_superseded
 from drivebus.service.live.views import text_json
-from drivebus.service.parts import OperationHandler
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 
@@ -38,7 +37,6 @@ class GroupCommands:
         self.plant, self.commands = plant, commands
         self.progress: dict[str, int] = {}
         """Groups that are being started, and how many of their drives have been."""
-        commands.update_followers = self.update_followers
 
     def handlers(self) -> dict[str, OperationHandler]:
         return {"group.arm": self.arm_start}
@@ -159,7 +157,9 @@ class GroupCommands:
             unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
         first = units[:1] if group.leader else []
         outcomes = {
-            unit.id: await self._set_drive_frequency(unit, follower_hz(group, unit.id, params.frequency_hz), actor)
+            unit.id: await self.commands.set_drive_frequency(
+                unit, follower_hz(group, unit.id, params.frequency_hz), actor
+            )
             for unit in first
         }
         rest = units[len(first) :]
@@ -178,34 +178,7 @@ class GroupCommands:
             check_not_superseded(self.plant, wish)
         except Superseded as error:
             return error_to_json(error)
-        return await self._set_follower(group, unit, frequency_hz, actor)
-
-    async def _set_drive_frequency(self, unit: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
-        try:
-            outcome = await unit.drive.set_frequency(frequency_hz)
-        except DrivebusError as error:
-            return error_to_json(error)
-        unit.commanded_hz = frequency_hz
-        said: Json = self.commands.publish_outcome(unit, "set_frequency", outcome, actor, frequency_hz=frequency_hz)[
-            "outcome"
-        ]
-        return said
-
-    async def update_followers(self, leader: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
-        """The leader got another frequency: whoever follows it and runs gets its share."""
-        found: Json = {}
-        for group, unit in self.plant.followers(leader.id):
-            found[unit.id] = await self._set_follower(group, unit, frequency_hz, actor)
-        return found
-
-    async def _set_follower(self, group: GroupConfig, unit: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
-        """Its lease may have ended while the leader was commanded, or it may just have been started by another."""
-        try:
-            self.commands.require_control(unit.id, actor)
-        except ControlNotHeld as error:
-            self.plant.publish_event("command", unit.id, "plant.does_not_follow", actor=actor.name, why=error)
-            return error_to_json(error)
-        return await self._set_drive_frequency(unit, follower_hz(group, unit.id, frequency_hz), actor)
+        return await self.commands.set_follower(group, unit, frequency_hz, actor)
 
     def group_view(self, group: GroupConfig) -> Json:
         """Topic ``groups/<id>``."""
@@ -245,8 +218,3 @@ def _skipped(group: GroupConfig, units: list[DriveRuntime]) -> Json:
         unit.id: error_to_json(ServiceError("plant.leader_not_done", drive=unit.id, leader=group.leader))
         for unit in units
     }
-
-
-def follower_hz(group: GroupConfig, drive: str, frequency_hz: float) -> float:
-    """What the drive gets when its group (or leader) gets ``frequency_hz``."""
-    return frequency_hz * group.ratios.get(drive, 1.0)

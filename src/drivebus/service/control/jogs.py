@@ -13,8 +13,7 @@ from drivebus.service.api import operations as ask
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.permissives import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler
-from drivebus.service.parts import OperationHandler
+from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 

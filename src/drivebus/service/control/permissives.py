@@ -24,11 +24,11 @@ def start_blockers(plant: Plant, unit: DriveRuntime) -> Iterator[DrivebusError]:
     around = bus_conditions(unit.bus, address)
     yield from permissives.unmet_bus_permissives(address, around)
     yield from permissives.unmet_start_permissives(around, unit.profile.family)
-    for violation in plant.parts.interlocks.violations(unit.id):
+    for violation in plant.interlocks.violations(unit.id):
         yield Interlocked("interlocks.violated", **violation.message_params)
     if unit.comm_loss.kind != "trips" and unit.waiver is None:
         yield _waiver_needed(unit)
-    if not plant.parts.trail.ok:
+    if not plant.audit.ok:
         yield AuditUnavailable("plant.audit_unavailable")
 
 

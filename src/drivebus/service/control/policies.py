@@ -67,7 +67,7 @@ class StopPolicies:
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """A drive may run only while its interlocks hold; while one that stops does not, it is stopped whenever it
         turns. Only that is an alarm: one that does not hold over drives that stand is how a plant looks at rest."""
-        engine = self.plant.parts.interlocks
+        engine = self.plant.interlocks
         settings = {one.id: one for one in self.plant.config.interlocks}
         for id, holds in engine.evaluate(views, now):
             for drive in settings[id].drives if holds else ():

@@ -15,7 +15,7 @@ from drivebus.service.api.operations import GroupParams, NoParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands
-from drivebus.service.parts import OperationHandler
+from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant

@@ -11,6 +11,7 @@ from drivebus.errors import Superseded
 from drivebus.service.auth.actor import Actor
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
 START_DEADLINE_S = CHECKS_TIMEOUT_S
 """From the wish (the second step of a start, as it comes in) to the first bit of a frame that moves: record, turn and
@@ -26,7 +27,9 @@ class CommandTicket:
     drives: tuple[DriveRuntime, ...]
 
 
-MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[dict[str, Any]]]
+OperationHandler = Callable[[Any, Actor], Awaitable[Json]]
+"""Handler of an operation: validated parameters and actor → answer."""
+MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
 """A ``Handler`` of what moves: it must know when that was wished."""
 
 

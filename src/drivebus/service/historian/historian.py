@@ -114,6 +114,11 @@ class Historian:
         """Whether the last batch was written."""
         return self.writer.problem is None
 
+    @property
+    def problem(self) -> str | None:
+        """Why the last batch could not be written."""
+        return self.writer.problem
+
     def status(self) -> Json:
         """Return ``ok``, the problem, and the numbers of accepted and lost items since the start."""
         return {

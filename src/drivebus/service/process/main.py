@@ -11,11 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, contextmanager
 from typing import Any
 
-from drivebus.bus import timer as timers
-from drivebus.clock import wall_ms
 from drivebus.errors import DrivebusError
-from drivebus.service.app import SERVICE_ACTOR, Service
-from drivebus.service.assemble import ServiceStores
+from drivebus.service.app import SERVICE_ACTOR, Service, build_service
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
 from drivebus.service.ipc.server import SocketServer, StopServer
@@ -24,8 +21,8 @@ from drivebus.service.process.lock import single_instance
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.process.tuning import relax_gc
 from drivebus.service.process.web_args import AddressOutput, web_command
+from drivebus.types import Json
 
-Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.service")
 TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -45,10 +42,7 @@ async def run_service(
     notify, ending = SystemdNotifier(), asyncio.Event()
     with single_instance(config.directory), handle_signals(loop, ending) as on_reload:
         async with AsyncExitStack() as stack:
-            rooms = ServiceStores(config, lambda: timers.loop_now(loop), wall_ms)
-            stack.push_async_callback(rooms.close)
-            service = Service(config, await rooms.open())
-            service.supervision.after_cycle = lambda now: notify.feed_watchdog(service.plant.buses.values(), now)
+            service = await stack.enter_async_context(build_service(config, watchdog=notify))
             await service.start()
             on_reload.append(lambda: _reload(service))
             servers = (

@@ -13,12 +13,13 @@ from drivebus.bus import Bus
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
 from drivebus.clock import Store
+from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig
-from drivebus.service.live.views import Sample
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.types import Json
 
 REOPEN_INTERVAL_S = 2.0
 """A bus that can't be opened is tried again after this, for ever."""
@@ -43,10 +44,12 @@ class BusRuntime:
         self,
         config: BusConfig,
         profile: DriveProfile | None,
-        on_problem: Callable[[str, dict[str, Any]], None],
+        *,
+        wall_ms: Callable[[], int],
+        on_problem: Callable[[str, Json], None],
         on_frame: Callable[[BusRuntime, TracedFrame], None],
     ) -> None:
-        self.config, self._on_problem, self._on_frame = config, on_problem, on_frame
+        self.config, self._wall_ms, self._on_problem, self._on_frame = config, wall_ms, on_problem, on_frame
         line = serial_settings_of(config, profile)
         self.bus: Bus = open_bus(config.link, baud=line.baud, format=line.format)
         self.drives: dict[str, DriveRuntime] = {}
@@ -56,7 +59,6 @@ class BusRuntime:
         self._stop_bound: tuple[Any, float | None] = ((), None)
         """For which polls, and the bound: computed anew only when they change."""
         self.frame_count = 0
-        self.wall_ms: Callable[[], int] = lambda: 0
         self._opening: asyncio.Task[None] | None = None
         self._untrace = self.bus.trace(self._on_trace)
 
@@ -69,15 +71,18 @@ class BusRuntime:
         return self._stop_bound[1]
 
     def add_drive(
-        self, setting: DriveConfig, samples: Callable[[list[Sample]], None], store: Store | None = None
+        self,
+        config: DriveConfig,
+        *,
+        on_status: Callable[[DriveRuntime, DriveStatus], None],
+        store: Store | None = None,
     ) -> DriveRuntime:
-        """Put a drive on the line. Raises ConfigurationError, ProfileError."""
-        unit = DriveRuntime(setting, self.bus, samples, store)
-        unit.wall_ms = self.wall_ms
-        self.drives[setting.id] = unit
+        """Add a drive to the bus. Raises ConfigurationError, ProfileError."""
+        drive = DriveRuntime(config, self.bus, on_status=on_status, store=store)
+        self.drives[config.id] = drive
         if not self.bus.is_closed:
-            unit.start_monitor()
-        return unit
+            drive.start_monitor()
+        return drive
 
     def remove_drive(self, id: str) -> None:
         """Take a drive off the line; the others' polls go on."""
@@ -115,6 +120,6 @@ class BusRuntime:
 
     def _on_trace(self, event: TraceEvent) -> None:
         self.frame_count += 1
-        seen = TracedFrame(self.frame_count, self.wall_ms(), event)
+        seen = TracedFrame(self.frame_count, self._wall_ms(), event)
         self.frames.append(seen)
         self._on_frame(self, seen)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from drivebus.bus import Bus
+from drivebus.bus.station import Presence
 from drivebus.clock import Store
 from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
@@ -25,12 +27,17 @@ COMM_LOSS_NOT_READ = Text(**localized("plant.host_dies_not_read"))
 
 
 class DriveRuntime:
-    """A drive of the plant. ``samples`` is called with every new reading and once with each gap."""
+    """A drive of the plant. ``on_status`` is called with every new status of its monitor."""
 
     def __init__(
-        self, setting: DriveConfig, bus: Bus, samples: Callable[[list[Sample]], None], store: Store | None = None
+        self,
+        setting: DriveConfig,
+        bus: Bus,
+        *,
+        on_status: Callable[[DriveRuntime, DriveStatus], None],
+        store: Store | None = None,
     ) -> None:
-        self.config, self.bus = setting, bus
+        self.config, self.bus, self._on_status = setting, bus, on_status
         self.id = setting.id
         self.profile = profile_of(setting)
         self.signals = polled_names(setting, self.profile)
@@ -63,8 +70,10 @@ class DriveRuntime:
         """When its last start was done; while one goes on, never."""
         self.state_was_known = False
         """Its state has been known at least once since this service began."""
-        self.wall_ms: Callable[[], int] = lambda: 0
-        self._on_samples = samples
+        self.reported_presence: Presence | None = None
+        self.reported_fault: int | None = None
+        """Presence, and code of the fault, of which an event was published last."""
+        self.comm_loss_requested_at: float | None = None
         self._last_sampled: dict[str, float | None] = {}
 
     @property
@@ -87,7 +96,9 @@ class DriveRuntime:
 
     def start_monitor(self) -> None:
         """Begin to poll; the bus is open, so that what was proved on this port before is known."""
-        self.monitor = self.monitor or self.drive.monitor(self.signals, self._on_status, self.config.fastest_s)
+        self.monitor = self.monitor or self.drive.monitor(
+            self.signals, partial(self._on_status, self), self.config.fastest_s
+        )
 
     def status(self) -> DriveStatus:
         """The newest, with old readings marked bad and an old state unknown."""
@@ -132,15 +143,10 @@ class DriveRuntime:
 
     # --- samples ------------------------------------------------------------------------------------------------
 
-    def _on_status(self, status: DriveStatus) -> None:
-        self.sample(status.readings)
-
-    def sample(self, readings: Mapping[str, Reading]) -> None:
-        """Every reading once, and every gap once: bad values are no values (G17)."""
-        time_ms = self.wall_ms()
-        found = [sample for name in readings if (sample := self._sample_one(name, readings[name], time_ms)) is not None]
-        if found:
-            self._on_samples(found)
+    def new_samples(self, readings: Mapping[str, Reading], time_ms: int) -> list[Sample]:
+        """Return a sample of each reading that had none yet, and one without value where a reading became bad."""
+        found = (self._sample_one(name, reading, time_ms) for name, reading in readings.items())
+        return [sample for sample in found if sample is not None]
 
     def _sample_one(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
         if name not in self.signals or isinstance(reading.value, str):

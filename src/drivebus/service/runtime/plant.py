@@ -10,20 +10,26 @@ from typing import Any, TypeVar
 
 from drivebus.clock import Store
 from drivebus.drives.context import DriveLimits
-from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.drives.state import DriveStatus, Outcome, OutcomeStatus
 from drivebus.errors import NotFound
-from drivebus.service.alarms import AlarmChange, SystemAlarm
+from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
 from drivebus.service.api.errors import localized
-from drivebus.service.config.model import AlarmKind, GroupConfig, PlantConfig
+from drivebus.service.api.frames import LazyFrame
+from drivebus.service.audit import AuditTrail
+from drivebus.service.config.bus_load import profile_of
+from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig
 from drivebus.service.control.leases import ArmTokens, ControlLeases
 from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.historian import Historian
+from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
-from drivebus.service.parts import ServiceParts
+from drivebus.service.live.views import DriveView, Sample
 from drivebus.service.process.logging_setup import log_event
-from drivebus.service.runtime.bus import BusRuntime
+from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.run_statistics import RunStatisticsStore
+from drivebus.types import Json
 
-Json = dict[str, Any]
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
 """Alarms of what has a line of its own in the log when it begins and ends."""
 
@@ -46,17 +52,41 @@ class StopCounters:
         return asdict(self)
 
 
-@dataclass
+class PlantListener:
+    """Receiver of what happens in a plant: subclasses override what they need. Nothing here may wait."""
+
+    def on_event(self, event: Json) -> None: ...
+
+    def on_alarm(self, change: AlarmChange) -> None: ...
+
+    def on_samples(self, samples: Sequence[Sample]) -> None:
+        """New samples of one drive, at least one."""
+
+    def on_view(self, view: DriveView) -> None:
+        """A new view of a drive, from every supervision cycle."""
+
+    def on_drive_removed(self, drive: str) -> None: ...
+
+
+@dataclass(kw_only=True)
 class Plant:
-    """The plant as it is now. ``now`` is monotonic (S20); ``wall_ms`` is for labels only."""
+    """Shared state of a running service. ``now`` is monotonic; ``wall_ms`` (UTC milliseconds) is for labels only."""
 
     config: PlantConfig
     now: Callable[[], float]
     wall_ms: Callable[[], int]
     hub: Hub
-    parts: ServiceParts
+    audit: AuditTrail
+    historian: Historian
+    run_statistics: RunStatisticsStore
+    alarms: AlarmEngine
+    interlocks: InterlockEngine
     store: Store
     """Waivers and limits, which outlive the process."""
+    drive_store: Store | None = None
+    """Calibrations and EEPROM write counts; None: the default of ``Drive``."""
+    views: dict[str, DriveView] = field(default_factory=dict)
+    """Newest view of each drive."""
     buses: dict[str, BusRuntime] = field(default_factory=dict)
     drives: dict[str, DriveRuntime] = field(default_factory=dict)
     leases: ControlLeases = field(default_factory=ControlLeases)
@@ -73,6 +103,59 @@ class Plant:
     """Commands so far: what their ids are made of."""
     event_count: int = 0
     stop_counters: StopCounters = field(default_factory=StopCounters)
+    _listeners: list[PlantListener] = field(default_factory=list)
+
+    def subscribe(self, listener: PlantListener) -> None:
+        """Notify ``listener`` of everything that happens from now on."""
+        self._listeners.append(listener)
+
+    # --- buses and drives ---------------------------------------------------------------------------------------
+
+    def add_bus(self, config: BusConfig, drives: Sequence[DriveConfig]) -> BusRuntime:
+        """Add a bus, not opened yet. ``drives``: of the whole plant; the first one's profile completes its settings."""
+        profile = next((profile_of(drive) for drive in drives if drive.bus == config.id), None)
+        bus = BusRuntime(
+            config, profile, wall_ms=self.wall_ms, on_problem=self._on_bus_problem, on_frame=self._on_frame
+        )
+        self.buses[config.id] = bus
+        return bus
+
+    def add_drive(self, config: DriveConfig, on_status: Callable[[DriveRuntime, DriveStatus], None]) -> DriveRuntime:
+        """Add a drive to its bus. ``on_status`` is called with each new status of its monitor."""
+        drive = self.buses[config.bus].add_drive(config, on_status=on_status, store=self.drive_store)
+        self.drives[drive.id] = drive
+        self.restore(drive)
+        return drive
+
+    def _on_bus_problem(self, key: str, params: Json) -> None:
+        self.publish_event("presence", None, key, **params)
+
+    def _on_frame(self, bus: BusRuntime, frame: TracedFrame) -> None:
+        topic = f"frames/{bus.config.id}"
+        if self.hub.has_listener(topic):
+            self.hub.append(topic, LazyFrame(bus, frame))
+
+    def put_view(self, view: DriveView) -> None:
+        """Take in the view of a drive that a supervision cycle has made."""
+        self.views[view.id] = view
+        self.run_statistics.on_view(view, self.now(), self.wall_ms())
+        for listener in self._listeners:
+            listener.on_view(view)
+
+    def remove_drive(self, drive: str) -> None:
+        """Discard what is known of a drive that is no longer part of the plant."""
+        self.leases.remove_drive(drive)
+        self.views.pop(drive, None)
+        self.hub.remove(f"drives/{drive}")
+        for listener in self._listeners:
+            listener.on_drive_removed(drive)
+
+    def record_samples(self, samples: Sequence[Sample]) -> None:
+        """Hand the new samples of one drive to the historian and the listeners."""
+        if samples:
+            self.historian.append(samples)
+            for listener in self._listeners:
+                listener.on_samples(samples)
 
     def drive(self, id: str) -> DriveRuntime:
         """Raises NotFound."""
@@ -131,20 +214,25 @@ class Plant:
             "outcome": outcome,
         }
         self.hub.append("events", event)
-        self.parts.on_event(event)
+        self.historian.put_event(event)
+        for listener in self._listeners:
+            listener.on_event(event)
         if log:
             log_event(event)
 
     def raise_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "", **params: Any) -> None:
         """Raise an alarm of the plant's own."""
-        self.publish_alarms(self.parts.alarms.raise_alarm(kind, drive, self.wall_ms(), about=subject, **params))
+        self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), about=subject, **params))
 
     def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
         """What raised it is over."""
-        self.publish_alarms(self.parts.alarms.clear_alarm(kind, drive, self.wall_ms(), about=subject))
+        self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), about=subject))
 
     def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
-        """Tell everybody what happened to some alarms; that one has its case now is seen in the alarm itself."""
+        """Publish changes of alarms as events. That an alarm has its incident now is seen in the alarm itself."""
+        for change in changes:
+            for listener in self._listeners:
+                listener.on_alarm(change)
         for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "case"):
             text = localized(f"plant.alarm_{word}", {"text": alarm.text})
             actor = alarm.by if word == "acknowledged" else None

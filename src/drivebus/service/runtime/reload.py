@@ -9,7 +9,7 @@ import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drivebus.errors import ConfigurationError, ServiceError
 from drivebus.profiles.diagnostics import Diagnostic
@@ -18,17 +18,17 @@ from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
 from drivebus.service.api import operations as ask
 from drivebus.service.api.errors import localized
 from drivebus.service.auth.actor import Actor
+from drivebus.service.config.bus_load import signal_labels
 from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
 from drivebus.service.config.load import load, loads
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.policies import may_be_running
-from drivebus.service.parts import OperationHandler
+from drivebus.service.control.tickets import OperationHandler
+from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.runtime.bus import BusRuntime
+from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
-if TYPE_CHECKING:
-    from drivebus.service.app import Service
-
-Json = dict[str, Any]
 RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms")
 RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users", "web"})
 """Settings of the whole plant that a running one does not change: told, and taken over at the next start."""
@@ -37,8 +37,8 @@ RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users", "web"}
 class ConfigReload:
     """``configuration.*``."""
 
-    def __init__(self, service: Service) -> None:
-        self.service, self.plant = service, service.plant
+    def __init__(self, plant: Plant, publisher: LivePublisher) -> None:
+        self.plant, self.publisher = plant, publisher
         self._lock = asyncio.Lock()
 
     def handlers(self) -> dict[str, OperationHandler]:
@@ -105,10 +105,10 @@ class ConfigReload:
         self._update_kept(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
-        plant.parts.interlocks.replace(new.interlocks)
-        plant.publish_alarms(plant.parts.alarms.configure(new.alarms, new.drives, plant.wall_ms()))
+        plant.interlocks.replace(new.interlocks)
+        plant.publish_alarms(plant.alarms.configure(new.alarms, new.drives, plant.wall_ms()))
         self._clear_alarms(change)
-        plant.parts.on_config(plant.config)
+        plant.historian.set_labels(signal_labels(plant.config))
         self._discard_removed(change)
         await asyncio.gather(*(line.close() for line in closing))
         for id in (*change.buses.added, *change.reopened):
@@ -124,11 +124,11 @@ class ConfigReload:
     def _add_new(self, new: PlantConfig) -> None:
         for bus in new.buses:
             if bus.id not in self.plant.buses:
-                self.service.add_bus(bus, new.drives)
+                self.plant.add_bus(bus, new.drives)
             self.plant.buses[bus.id].config = bus
         for drive in new.drives:
             if drive.id not in self.plant.drives:
-                self.service.add_drive(drive)
+                self.plant.add_drive(drive, self.publisher.on_status)
 
     def _update_kept(self, change: ConfigDiff) -> None:
         """Drives that stay: their new limits and policies, their new periods."""
@@ -140,16 +140,13 @@ class ConfigReload:
 
     def _clear_alarms(self, change: ConfigDiff) -> None:
         """What the service had found about something that is gone is over, and about an interlock that is another."""
-        for alarm in self.plant.parts.alarms.active():
+        for alarm in self.plant.alarms.active():
             if alarm.kind in SYSTEM_ALARM_KINDS and alarm.cleared_ms is None and _subject_is_gone(alarm, change):
                 self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.about)
 
     def _discard_removed(self, change: ConfigDiff) -> None:
-        for id in _leaving_drives(change):
-            self.service.supervision.reset_drive(id)
         for id in change.drives.removed:
-            self.plant.leases.remove_drive(id)
-            self.service.supervision.remove_drive(id)
+            self.plant.remove_drive(id)
         for id in change.groups.removed:
             self.plant.hub.remove(f"groups/{id}")
         for id in change.buses.removed:

@@ -6,16 +6,23 @@ has no energy, and what happened while nobody looked is not guessed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from drivebus.drives.state import DriveState
+from drivebus.errors import ServiceUnavailable
+from drivebus.service.api.operations import DriveParams
+from drivebus.service.historian import Historian
 from drivebus.service.live.views import DriveView, SignalView
+from drivebus.types import Json
 from drivebus.values import Quality
 
-Json = dict[str, Any]
-
+DOCUMENT_KIND = "statistics"
+SAVE_INTERVAL_S = 60.0  # what a killed service loses at most
+LOAD_RETRY_S = 10.0
+LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_OBSERVATION_GAP_S = 5.0
 """Between two looks; after a longer pause nobody knows what was between."""
 
@@ -114,3 +121,61 @@ def _power_kw(view: DriveView) -> float | None:
 def _maximum(one: float | None, other: float | None) -> float | None:
     known = [value for value in (one, other) if value is not None]
     return max(known, default=None)
+
+
+class RunStatisticsStore:
+    """Run statistics of all drives, kept by the historian."""
+
+    def __init__(self, historian: Historian) -> None:
+        self._historian = historian
+        self._drives: dict[str, RunStatistics] = {}
+        self._saved_at: dict[str, float] = {}
+        self._task: asyncio.Task[None] | None = None
+        self.is_loaded = False
+
+    async def open(self) -> None:
+        """Begin with what was kept before; a database that does not answer now is asked again."""
+        self._task = asyncio.create_task(self._load(), name="run statistics")
+        await asyncio.wait({self._task}, timeout=LOAD_TIMEOUT_S)
+
+    async def close(self) -> None:
+        """Keep everything; the historian closes after this."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        for drive in self._drives:
+            self._save(drive)
+
+    async def _load(self) -> None:
+        while not self.is_loaded:
+            try:
+                kept = await self._historian.documents(DOCUMENT_KIND)
+            except ServiceUnavailable:
+                await asyncio.sleep(LOAD_RETRY_S)
+                continue
+            self._drives = {drive: RunStatistics.from_document(document) for drive, document in kept.items()}
+            self.is_loaded = True
+
+    def on_view(self, view: DriveView, now: float, now_ms: int) -> None:
+        """Look at one drive. Nothing is counted, and nothing written over, before the old numbers are known."""
+        if not self.is_loaded:
+            return
+        statistics = self._drives.setdefault(view.id, RunStatistics())
+        statistics.observe(view, now, now_ms)
+        if now - self._saved_at.setdefault(view.id, now) >= SAVE_INTERVAL_S:
+            self._save(view.id)
+            self._saved_at[view.id] = now
+
+    def _save(self, drive: str) -> None:
+        self._historian.put_document(DOCUMENT_KIND, drive, self._drives[drive].to_document())
+
+    def statistics_json(self, drive: str) -> Json:
+        return self._drives.get(drive, RunStatistics()).as_json()
+
+    def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
+        """The operation ``drives.statistics``; that the drive exists is checked before."""
+
+        async def statistics(params: DriveParams, _actor: Any) -> Json:
+            return self.statistics_json(params.drive)
+
+        return {"drives.statistics": statistics}

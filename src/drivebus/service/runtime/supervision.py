@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shutil
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 
 from drivebus.bus.station import Presence
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import Text
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import localized
+from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.config.model import GroupConfig
-from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
-from drivebus.service.live.view_builders import bus_view, drive_topic, drive_view, plant_topic
-from drivebus.service.live.views import DriveView
+from drivebus.service.incidents.service import IncidentService
+from drivebus.service.live.publisher import LivePublisher
+from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.service.storage.storage import Storage
+from drivebus.types import Json
 
 CYCLE_S = 0.25
 BUS_VIEW_CYCLES = 4
 """Buses are looked at every so many looks."""
 DISK_CHECK_CYCLES = 40
+STORAGE_CHECK_CYCLES = 20  # files that are written in the background
 Step = Callable[[], None]
 COMM_LOSS_READ_INTERVAL_S = 3600.0
 """What a drive does when its host dies is read from it again after so long: it costs bus time."""
@@ -38,28 +44,33 @@ LOG = logging.getLogger("drivebus.service")
 class SupervisionCycle:
     """The plant's look-out."""
 
-    def __init__(self, plant: Plant, groups: GroupCommands, jogs: RemoteJogs, policies: StopPolicies) -> None:
-        self.plant, self.groups, self.jogs, self.policies = plant, groups, jogs, policies
-        self.views: dict[str, DriveView] = {}
+    def __init__(
+        self,
+        plant: Plant,
+        publisher: LivePublisher,
+        jogs: RemoteJogs,
+        policies: StopPolicies,
+        *,
+        storage: Storage,
+        incidents: IncidentService,
+        watchdog: SystemdNotifier | None = None,
+    ) -> None:
+        self._plant, self._publisher, self._jogs, self._policies = plant, publisher, jogs, policies
+        self._storage, self._incidents, self._watchdog = storage, incidents, watchdog
         self._cycles = 0
         self._disk_task: asyncio.Task[None] | None = None
-        self._faults: dict[str, int] = {}
         self._was_open: dict[str, bool] = {}
-        self.after_cycle: Callable[[float], None] = lambda now: None
-        """Called after each look: what feeds the watchdog."""
-        self._presence: dict[str, Presence] = {}
         self._comm_loss_reads: set[asyncio.Task[None]] = set()
-        self._comm_loss_requested_at: dict[str, float] = {}
 
     async def run(self) -> None:
         """Until cancelled. In steps, so that no bus waits for a whole look; a step that fails is told and ends no other
         (a motor may be turning)."""
         while True:
-            due = self.plant.now() + CYCLE_S
+            due = self._plant.now() + CYCLE_S
             for step in self._steps():
                 self._run_step(step)
                 await asyncio.sleep(0)
-            await asyncio.sleep(max(0.0, due - self.plant.now()))
+            await asyncio.sleep(max(0.0, due - self._plant.now()))
 
     def run_once(self) -> None:
         """Once, all of it."""
@@ -73,94 +84,92 @@ class SupervisionCycle:
             LOG.exception("a look at the plant failed")
 
     def _steps(self) -> Iterator[Step]:
-        plant, now_ms = self.plant, self.plant.wall_ms()
+        plant, now_ms = self._plant, self._plant.wall_ms()
         for unit in tuple(plant.drives.values()):
             yield partial(self._supervise_drive, unit)
-        yield lambda: self.policies.enforce_interlocks(self.views, plant.now())
-        yield lambda: self.policies.expire_leases(plant.now())
-        yield self.jogs.expire
+        yield lambda: self._policies.enforce_interlocks(plant.views, plant.now())
+        yield lambda: self._policies.expire_leases(plant.now())
+        yield self._jogs.expire
         for group in plant.config.groups:
             yield partial(self._publish_group, group)
         for line in tuple(plant.buses.values()) if self._cycles % BUS_VIEW_CYCLES == 0 else ():
             yield partial(self._supervise_bus, line)
         yield partial(self._supervise_plant, now_ms)
+        if self._cycles % STORAGE_CHECK_CYCLES == STORAGE_CHECK_CYCLES - 1:
+            yield self._check_storage
         self._cycles += 1
-        yield partial(self.after_cycle, plant.now())
+        if self._watchdog is not None:
+            yield partial(self._watchdog.feed_watchdog, plant.buses.values(), plant.now())
 
     async def _check_disk(self) -> None:
-        """A disk that hangs holds a thread, no bus."""
-        self.plant.disk_space = await asyncio.to_thread(self.plant.parts.disk)
+        """Read the free space in a thread: a disk that hangs delays no bus."""
+        self._plant.disk_space = await asyncio.to_thread(_disk_space, self._plant.config.directory)
+
+    def _check_storage(self) -> None:
+        """Raise an alarm for each file that is written in the background and fails; try it again."""
+        for name, error in (self._storage.errors() | {"incidents": self._incidents.recorder.error}).items():
+            if error is not None:
+                self._plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject=name, reason=os_reason(error))
+            else:
+                self._plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject=name)
+        self._storage.alarm_log.retry()
 
     def _supervise_bus(self, line: BusRuntime) -> None:
-        if self.plant.buses.get(line.config.id) is line:
-            self._supervise_port(line, self.plant.now())
-            self.plant.hub.publish(f"buses/{line.config.id}", bus_view(self.plant, line))
+        if self._plant.buses.get(line.config.id) is line:
+            self._supervise_port(line, self._plant.now())
+            self._publisher.publish_bus(line)
 
     def _publish_group(self, group: GroupConfig) -> None:
-        if group in self.plant.config.groups:
-            self.plant.hub.publish(f"groups/{group.id}", self.groups.group_view(group))
+        if group in self._plant.config.groups:
+            self._publisher.publish_group(group)
 
     def _supervise_plant(self, now_ms: int) -> None:
-        plant = self.plant
+        plant = self._plant
         if self._cycles % DISK_CHECK_CYCLES == 0 and (self._disk_task is None or self._disk_task.done()):
             self._disk_task = asyncio.create_task(self._check_disk(), name="room on the disk")
-        if plant.parts.history.ok:
+        if plant.historian.ok:
             plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject="history")
         else:
-            plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject="history", reason=plant.parts.history.problem)
-        plant.publish_alarms(plant.parts.alarms.expire_shelves(plant.now(), now_ms))
-        plant.hub.publish("alarms", plant.parts.alarms.as_json())
-        plant.hub.publish("plant", plant_topic(plant))
-
-    def reset_drive(self, drive: str) -> None:
-        """It is another drive now: nothing is known of it."""
-        self._comm_loss_requested_at.pop(drive, None)
-        self._presence.pop(drive, None)
-        self._faults.pop(drive, None)
-
-    def remove_drive(self, drive: str) -> None:
-        """It is no longer part of the plant."""
-        self.views.pop(drive, None)
-        self.plant.hub.remove(f"drives/{drive}")
+            plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject="history", reason=plant.historian.problem)
+        plant.publish_alarms(plant.alarms.expire_shelves(plant.now(), now_ms))
+        self._publisher.publish_plant()
 
     def _supervise_drive(self, unit: DriveRuntime) -> None:
-        if self.plant.drives.get(unit.id) is not unit:
+        if self._plant.drives.get(unit.id) is not unit:
             return
-        now, now_ms = self.plant.now(), self.plant.wall_ms()
+        now, now_ms = self._plant.now(), self._plant.wall_ms()
         status = unit.status()
-        unit.sample(status.readings)
-        view = self.views[unit.id] = drive_view(self.plant, unit, status)
+        view = self._publisher.publish_drive(unit, status)
         self._report_presence(unit)
         self._report_fault(unit, status)
-        self.policies.on_status(unit, status)
-        self.plant.publish_alarms(self.plant.parts.alarms.observe(view, now, now_ms))
-        self.plant.parts.on_view(view, now, now_ms)
-        self.plant.hub.publish(f"drives/{unit.id}", drive_topic(self.plant, view, status))
+        self._policies.on_status(unit, status)
+        self._plant.publish_alarms(self._plant.alarms.observe(view, now, now_ms))
+        self._plant.put_view(view)
         self._schedule_comm_loss_read(unit, status, now)
 
     def _report_presence(self, unit: DriveRuntime) -> None:
         """One line when it falls silent and one when it returns."""
         found = unit.bus.presence(unit.config.address)
-        before, self._presence[unit.id] = self._presence.get(unit.id), found
+        before, unit.reported_presence = unit.reported_presence, found
         if found is before or (before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE):
             return
         key = "plant.drive_silent" if found is Presence.OFFLINE else "plant.drive_back"
-        self.plant.publish_event("presence", unit.id, key, drive=unit.id)
+        self._plant.publish_event("presence", unit.id, key, drive=unit.id)
 
     def _report_fault(self, unit: DriveRuntime, status: DriveStatus) -> None:
         """A marker when it trips; the same fault after a silence is no new one."""
         fault = status.fault
         if fault is None:
             if status.state is not DriveState.UNKNOWN or "status" not in unit.profile.capabilities:
-                self._faults.pop(unit.id, None)
-        elif self._faults.get(unit.id) != fault.code:
-            self._faults[unit.id] = fault.code
+                unit.reported_fault = None
+        elif unit.reported_fault != fault.code:
+            unit.reported_fault = fault.code
             key = "plant.drive_fault_says" if fault.label in fault.text.en else "plant.drive_fault"
-            self.plant.publish_event("fault", unit.id, key, label=fault.label, fault=fault.text)
+            self._plant.publish_event("fault", unit.id, key, label=fault.label, fault=fault.text)
 
     def _supervise_port(self, line: BusRuntime, now: float) -> None:
         """A port that is gone, or another master on it: an alarm and one line when it begins and when it ends (F12)."""
-        bus, plant = line.config.id, self.plant
+        bus, plant = line.config.id, self._plant
         is_open, was_open = line.bus.is_open, self._was_open.get(bus)
         if is_open:
             self._was_open[bus] = True
@@ -180,12 +189,12 @@ class SupervisionCycle:
         """Read what the drive does when this host dies: once it is there, and once in a while."""
         if unit.bus.presence(unit.config.address) is not Presence.ONLINE or unit.monitor is None:
             return
-        asked = self._comm_loss_requested_at.get(unit.id)
+        asked = unit.comm_loss_requested_at
         wait_s = COMM_LOSS_READ_INTERVAL_S if unit.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
         wait_s = COMM_LOSS_REREAD_S if unit.comm_loss_stale else wait_s
         if asked is not None and now - asked < wait_s:
             return
-        self._comm_loss_requested_at[unit.id] = now
+        unit.comm_loss_requested_at = now
         task = asyncio.create_task(self._read_comm_loss(unit), name=f"badge {unit.id}")
         self._comm_loss_reads.add(task)
         task.add_done_callback(self._comm_loss_reads.discard)
@@ -196,7 +205,7 @@ class SupervisionCycle:
             report = await unit.drive.comm_loss_behaviour()
         except (DrivebusError, KeyError):
             return
-        unit.set_comm_loss(report, self.plant.now(), doubts)
+        unit.set_comm_loss(report, self._plant.now(), doubts)
 
     async def close(self) -> None:
         """No more reads of its own."""
@@ -204,3 +213,10 @@ class SupervisionCycle:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _disk_space(directory: Path) -> Json:
+    with suppress(OSError):
+        usage = shutil.disk_usage(directory)
+        return {"free_mb": usage.free // 2**20, "total_mb": usage.total // 2**20}
+    return {}

@@ -1,4 +1,4 @@
-"""What every surface sees: views of drives, buses, groups and the plant, made from what is known now."""
+"""Live topics of a plant: the objects of drives, buses, groups and the plant, and when they are published."""
 
 from __future__ import annotations
 
@@ -7,14 +7,44 @@ from typing import Any
 
 from drivebus.drives.state import DriveStatus
 from drivebus.service.api.errors import localized
+from drivebus.service.config.model import GroupConfig
+from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.permissives import start_blockers_json
 from drivebus.service.live.topics import AgeingValue
 from drivebus.service.live.views import DriveView, SignalView, fault_json, text_json
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
-Json = dict[str, Any]
+
+class LivePublisher:
+    """Publisher of live topics and samples. The supervision cycle calls it; drives also with every new status."""
+
+    def __init__(self, plant: Plant, groups: GroupCommands) -> None:
+        self._plant, self._groups = plant, groups
+
+    def on_status(self, drive: DriveRuntime, status: DriveStatus) -> None:
+        """Record the new samples of a drive."""
+        self._plant.record_samples(drive.new_samples(status.readings, self._plant.wall_ms()))
+
+    def publish_drive(self, drive: DriveRuntime, status: DriveStatus) -> DriveView:
+        """Record the new samples of a drive, publish its topic and return its view."""
+        self.on_status(drive, status)
+        view = drive_view(self._plant, drive, status)
+        self._plant.hub.publish(f"drives/{drive.id}", drive_topic(self._plant, view, status))
+        return view
+
+    def publish_bus(self, bus: BusRuntime) -> None:
+        self._plant.hub.publish(f"buses/{bus.config.id}", bus_view(self._plant, bus))
+
+    def publish_group(self, group: GroupConfig) -> None:
+        self._plant.hub.publish(f"groups/{group.id}", self._groups.group_view(group))
+
+    def publish_plant(self) -> None:
+        """Publish the topics ``alarms`` and ``plant``."""
+        self._plant.hub.publish("alarms", self._plant.alarms.as_json())
+        self._plant.hub.publish("plant", plant_topic(self._plant))
 
 
 def drive_view(plant: Plant, unit: DriveRuntime, status: DriveStatus | None = None) -> DriveView:
@@ -23,32 +53,32 @@ def drive_view(plant: Plant, unit: DriveRuntime, status: DriveStatus | None = No
     lease = plant.leases.get(unit.id, now)
     minimum, maximum = unit.drive.range_hz
     return DriveView(
-        unit.id,
-        setting.title,
-        setting.bus,
-        setting.address,
-        unit.profile.model,
-        unit.profile.grade,
-        tuple(sorted(unit.profile.capabilities)),
-        tuple(group.id for group in plant.groups_of(unit.id)),
-        str(unit.bus.presence(setting.address)),
-        str(status.state),
-        status.reason,
-        None if status.direction is None else str(status.direction),
-        fault_json(status.fault),
-        unit.commanded_hz,
-        minimum,
-        maximum,
-        unit.comm_loss,
-        None if lease is None else lease.view(now),
-        unit.bus.start_inhibited(setting.address),
-        unit.drive.stop_pending,
-        tuple(start_blockers_json(plant, unit)),
-        dict(plant.parts.alarms.counts(unit.id)),
-        {name: SignalView.of(reading, now) for name, reading in status.readings.items()},
-        _directions(unit),
-        None if status.at is None else now - status.at,
-        unit.profile.jog_frequency,
+        id=unit.id,
+        title=setting.title,
+        bus=setting.bus,
+        address=setting.address,
+        model=unit.profile.model,
+        grade=unit.profile.grade,
+        capabilities=tuple(sorted(unit.profile.capabilities)),
+        groups=tuple(group.id for group in plant.groups_of(unit.id)),
+        presence=str(unit.bus.presence(setting.address)),
+        state=str(status.state),
+        state_reason=status.reason,
+        direction=None if status.direction is None else str(status.direction),
+        fault=fault_json(status.fault),
+        commanded_hz=unit.commanded_hz,
+        minimum_hz=minimum,
+        maximum_hz=maximum,
+        comm_loss=unit.comm_loss,
+        lease=None if lease is None else lease.view(now),
+        latched=unit.bus.start_inhibited(setting.address),
+        stop_pending=unit.drive.stop_pending,
+        start_blockers=tuple(start_blockers_json(plant, unit)),
+        alarms=dict(plant.alarms.counts(unit.id)),
+        signals={name: SignalView.of(reading, now) for name, reading in status.readings.items()},
+        directions=_directions(unit),
+        state_age_s=None if status.at is None else now - status.at,
+        jog_frequency=unit.profile.jog_frequency,
     )
 
 
@@ -129,7 +159,7 @@ def plant_topic(plant: Plant) -> Json:
         "stop_all": plant.last_stop_all,
         "version": version("drivebus"),
         "started_ms": plant.started_ms,
-        "audit_ok": plant.parts.trail.ok,
-        "history_ok": plant.parts.history.ok,
+        "audit_ok": plant.audit.ok,
+        "history_ok": plant.historian.ok,
         "disk": plant.disk_space,
     }

@@ -1,0 +1,47 @@
+"""Operations on alarms: list, history, acknowledge, shelve and unshelve."""
+
+from __future__ import annotations
+
+from drivebus.service.alarms.log import AlarmLog
+from drivebus.service.api import operations as ops
+from drivebus.service.auth.actor import Actor
+from drivebus.service.control.tickets import OperationHandler
+from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
+
+
+class AlarmService:
+    """Handlers of ``alarms.*`` and ``alarm.*``."""
+
+    def __init__(self, plant: Plant, log: AlarmLog) -> None:
+        self._plant, self._log = plant, log
+
+    def handlers(self) -> dict[str, OperationHandler]:
+        return {
+            "alarms.list": self._list_alarms,
+            "alarms.history": self._alarm_history,
+            "alarm.acknowledge": self._acknowledge,
+            "alarm.shelve": self._shelve,
+            "alarm.unshelve": self._unshelve,
+        }
+
+    async def _list_alarms(self, params: ops.NoParams, actor: Actor) -> Json:
+        return self._plant.alarms.as_json()
+
+    async def _alarm_history(self, params: ops.TimeRangeParams, actor: Actor) -> Json:
+        return self._log.history(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
+
+    async def _acknowledge(self, params: ops.AlarmParams, actor: Actor) -> Json:
+        plant = self._plant
+        plant.publish_alarms(plant.alarms.acknowledge(params.alarm, actor.name, plant.wall_ms()))
+        return {"alarm": params.alarm}
+
+    async def _shelve(self, params: ops.ShelveParams, actor: Actor) -> Json:
+        plant = self._plant
+        changes = plant.alarms.shelve(params.alarm, params.minutes, plant.now(), plant.wall_ms())
+        plant.publish_alarms(changes)
+        return {"alarm": params.alarm, "shelved_until_ms": changes[0].alarm.shelved_until_ms}
+
+    async def _unshelve(self, params: ops.AlarmParams, actor: Actor) -> Json:
+        self._plant.publish_alarms(self._plant.alarms.unshelve(params.alarm))
+        return {"alarm": params.alarm}

@@ -1,0 +1,68 @@
+"""Everything of a service that outlives it, in one state directory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivebus.clock import Store, wall_ms
+from drivebus.drives.store import FileStore
+from drivebus.service.alarms.log import AlarmLog
+from drivebus.service.audit import AuditTrail
+from drivebus.service.config.bus_load import signal_labels
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.historian import Historian
+from drivebus.service.incidents import IncidentStore
+from drivebus.service.runtime.run_statistics import RunStatisticsStore
+
+
+@dataclass(frozen=True, kw_only=True)
+class Storage:
+    """Everything that outlives the service: audit trail, history, alarms, incidents, waivers and limits."""
+
+    audit: AuditTrail
+    historian: Historian
+    run_statistics: RunStatisticsStore
+    alarm_log: AlarmLog
+    incidents: IncidentStore
+    settings: Store
+    """Waivers and limits."""
+    drives: Store | None = None
+    """Calibrations and EEPROM write counts; None: the default of ``Drive``."""
+
+    @classmethod
+    def of(cls, config: PlantConfig, *, wall_ms: Callable[[], int] = wall_ms) -> Storage:
+        """Return the storage in the state directory of a configuration, not opened yet."""
+        directory = config.directory
+        historian = Historian(config.history, directory, wall_ms=wall_ms)
+        return cls(
+            audit=AuditTrail(directory, config.audit.checkpoints, config.audit.key),
+            historian=historian,
+            run_statistics=RunStatisticsStore(historian),
+            alarm_log=AlarmLog(directory / "alarms.jsonl"),
+            incidents=IncidentStore(directory / "incidents"),
+            settings=FileStore(directory / "plant.json"),
+        )
+
+    def errors(self) -> dict[str, Exception | None]:
+        """Return what is written in the background → why that fails now."""
+        paths = self.audit.paths
+        return {
+            "alarms.jsonl": self.alarm_log.error,
+            paths.current.name: self.audit.error,
+            paths.checkpoints.name: self.audit.checkpoint_error,
+        }
+
+    async def open(self, config: PlantConfig) -> None:
+        """Open all of it. Never fails for a disk: what can't be written becomes an alarm."""
+        await self.audit.open()
+        await self.historian.open()
+        self.historian.set_labels(signal_labels(config))
+        await self.run_statistics.open()
+
+    async def close(self) -> None:
+        """Write what is left."""
+        await self.alarm_log.close()
+        await self.run_statistics.close()
+        await self.historian.close()
+        await self.audit.close()
