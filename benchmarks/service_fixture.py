@@ -18,7 +18,7 @@ from pathlib import Path
 BENCHMARK_TOKEN = "dbt_benchmark"
 """Of a user who may see, stop and read parameters."""
 SERVICE_COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
-SYSTEMD_UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "plant" / "systemd" / "drivebus.service"
+SYSTEMD_UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "service" / "systemd" / "drivebus.service"
 PATIENCE_S = 180.0
 
 

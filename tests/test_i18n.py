@@ -146,8 +146,8 @@ OF_TWO_WORDS = {
     "page.size_",
     "page.sort_",
     "plant_config.key.",
-    "plantpage.counter_",
-    "plantpage.error_",
+    "page.counter_",
+    "page.error_",
 }
 """Beginnings that are put together themselves: ``state.Named``, ``parts.figures``, ``pages.fleet``, the reference."""
 

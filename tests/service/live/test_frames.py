@@ -94,5 +94,5 @@ def test_every_coding_has_its_word() -> None:
 
 
 def test_whatever_became_of_some_bytes_has_its_word() -> None:
-    keys = {f"{room}.frame_{kind.value}" for room in ("plant", "plantpage") for kind in TraceKind}
+    keys = {f"{prefix}_{kind.value}" for prefix in ("plant.frame", "page.frame_kind") for kind in TraceKind}
     assert keys - i18n.catalogue("zh").keys() == set()

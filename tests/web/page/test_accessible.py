@@ -162,11 +162,11 @@ def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: 
 def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet")
     page.click("text=中文")
-    page.locator(f"nav >> text={i18n.text('page.way_fleet', 'zh')}").wait_for()
+    page.locator(f"nav >> text={i18n.text('page.nav_fleet', 'zh')}").wait_for()
     assert page.evaluate("document.documentElement.lang") == "zh-CN"
     page.click(f"text={i18n.text('page.theme_auto', 'zh')}")
     page.click(f"text={i18n.text('page.theme_light', 'zh')}")
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
     page.reload()
-    page.locator(f"nav >> text={i18n.text('page.way_fleet', 'zh')}").wait_for()
+    page.locator(f"nav >> text={i18n.text('page.nav_fleet', 'zh')}").wait_for()
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"

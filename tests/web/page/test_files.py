@@ -84,8 +84,8 @@ def stripped(text: str) -> str:
     return re.sub(r"/\*.*?\*/|(?<![:\"'`<])//[^\n]*", "", text, flags=re.DOTALL)
 
 
-KEYS = re.compile(r"""["'`]((?:page|plantpage)\.[a-z0-9_]+)["'`]""")
-BEGINNINGS = re.compile(r"`((?:page|plantpage)\.[a-z0-9_]*)\$\{")
+KEYS = re.compile(r"""["'`](page\.[a-z0-9_]+)["'`]""")
+BEGINNINGS = re.compile(r"`(page\.[a-z0-9_]*)\$\{")
 
 
 def test_every_sentence_that_a_script_names_is_in_the_catalogue() -> None:
@@ -101,11 +101,11 @@ def test_every_sentence_of_the_page_is_used() -> None:
         "page.sort_",
         "page.by_",
         "page.size_",
-        "plantpage.counter_",
-        "plantpage.error_",
+        "page.counter_",
+        "page.error_",
     }  # chosen by a name given to a part
-    used, beginnings = set(KEYS.findall(text)), tuple(starts | set(BEGINNINGS.findall(text)) - {"page.", "plantpage."})
-    mine = {key for key in i18n.catalogue("en") if key.startswith(("page.", "plantpage."))}
+    used, beginnings = set(KEYS.findall(text)), tuple(starts | set(BEGINNINGS.findall(text)) - {"page."})
+    mine = {key for key in i18n.catalogue("en") if key.startswith("page.")}
     fields = {f"page.{name}" for name in ("minimum_hz", "maximum_hz")}
     assert not {key for key in mine - used - fields if not key.startswith(beginnings)}
 

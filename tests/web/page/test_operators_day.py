@@ -56,7 +56,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
     run_at(page, "20")
     page.locator(f".drivestate:has-text('{word('drives.state_running')}')").wait_for()
-    page.locator(f".control .notice.good:has-text('{word('page.word_confirmed')}')").wait_for()
+    page.locator(f".control .notice.good:has-text('{word('page.outcome_confirmed')}')").wait_for()
     page.fill(".control .frequency input[inputmode=decimal]", "30")
     page.click("[data-do=set]")
     page.locator(".bigvalues figure:first-child .number:has-text('30.00')").wait_for()

@@ -14,7 +14,7 @@ from fixtures.web_app import PASSWORD
 
 
 def word(key: str, **params: Any) -> str:
-    return i18n.text(f"plantpage.{key}", "en", **params)
+    return i18n.text(f"page.{key}", "en", **params)
 
 
 @pytest.fixture
@@ -184,7 +184,7 @@ def test_s08_an_operator_is_not_shown_the_trail(visit: Any, expect: Any) -> None
 def test_language_and_theme_are_chosen_and_kept(visit: Any, expect: Any) -> None:
     page = visit("#/settings", role="viewer")
     page.get_by_role("button", name="中文").last.click()
-    expect(page.locator("h1")).to_have_text(i18n.text("page.way_settings", "zh"))
+    expect(page.locator("h1")).to_have_text(i18n.text("page.nav_settings", "zh"))
     page.get_by_role("button", name=i18n.text("page.theme_dark", "zh"), exact=True).last.click()
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
     page.reload()

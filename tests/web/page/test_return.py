@@ -12,7 +12,7 @@ SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
 """The wall's clock has gone on, the browser's own has not: as on a laptop whose lid was closed."""
 
-TAKE = "async () => { const { take } = await import('/static/js/leases.js'); await take('fan-1'); }"
+TAKE = "async () => { const { takeControl } = await import('/static/js/control-leases.js'); await takeControl('fan-1'); }"
 
 
 @pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
@@ -32,8 +32,8 @@ def test_s20_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
     """Not even for the two seconds in which a silent line still counts as live."""
     page = visit()
     page.evaluate(
-        """async () => { const { link } = await import("/static/js/live.js");
-        window.links = []; link.subscribe((state) => window.links.push(state)); }"""
+        """async () => { const { connection } = await import("/static/js/live.js");
+        window.links = []; connection.subscribe((state) => window.links.push(state)); }"""
     )
     page.evaluate(SLEEP, SLEPT_MS)
     page.wait_for_function("() => window.links.includes('lost')", timeout=1900)

@@ -27,7 +27,7 @@ def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
     """Top-level keys whole, signals one by one; each knows when it came."""
     old = f"{{state: 'stopped', bus: 'a', signals: {{hz: {SIGNAL}, a: {SIGNAL}}}}}"
     change = "{state: 'running', signals: {hz: {value: 30, unit: 'Hz', quality: 'good', reason: null, age_s: 0}}}"
-    found = ask(page, "store", f"m.merged('drives/x', m.merged('drives/x', null, {old}, 1), {change}, 7)")
+    found = ask(page, "store", f"m.mergeTopic('drives/x', m.mergeTopic('drives/x', null, {old}, 1), {change}, 7)")
     assert (found["state"], found["bus"]) == ("running", "a")
     assert (found["signals"]["hz"]["value"], found["signals"]["hz"]["at"]) == (30, 7)
     assert (found["signals"]["a"]["value"], found["signals"]["a"]["at"]) == (25, 1)
@@ -35,14 +35,14 @@ def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
 
 def test_a_feed_grows_to_its_newest_five_hundred(page: Any) -> None:
     """I12: nothing in the page grows for ever."""
-    call = "m.merged('frames/a', {items: [1, 2], dropped: 3}, Array.from({length: 600}, (_, n) => n), 1)"
+    call = "m.mergeTopic('frames/a', {items: [1, 2], dropped: 3}, Array.from({length: 600}, (_, n) => n), 1)"
     found = ask(page, "store", call)
     assert (len(found["items"]), found["items"][-1], found["dropped"]) == (500, 599, 3)
 
 
 def test_a_topic_that_a_snapshot_lacks_is_gone(page: Any) -> None:
     message = "{time_ms: 0, topics: {'drives/other': {id: 'other', signals: {}}}}"
-    ask(page, "store", f"m.snapshot({message})")
+    ask(page, "store", f"m.applySnapshot({message})")
     page.wait_for_function(
         "() => import('/static/js/store.js').then((m) => m.drive('fan-1').peek() === null || m.drive('other').peek())"
     )
@@ -61,13 +61,13 @@ STOPS = (
 
 def test_only_a_confirmed_stop_is_told_as_one(page: Any) -> None:
     """G07: what is not confirmed is said so, drive by drive."""
-    told = {answer: ask(page, "stops", f"m.judged({answer}).good") for answer, _ in STOPS}
+    told = {answer: ask(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
     assert told == dict(STOPS)
 
 
 def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
     texts = {"20": True, "0": True, "45": True, "45.1": False, "-1": False, "": False, "x": False}
-    call = "m.wrongWith({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
+    call = "m.frequencyError({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
     assert {text: ask(page, "parts/frequency", call.format(text)) for text in texts} == texts
 
 
@@ -83,7 +83,7 @@ def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_firs
 def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown(page: Any, state: str) -> None:
     """A DF800 never reports one: it was in no filter but "all"."""
     view = f"{{presence: 'online', state: '{state}', fault: null, alarms: {{}}}}"
-    found = set(ask(page, "parts/fleetorder", f"[...m.kindsOf({view})]")) - {"abnormal"}
+    found = set(ask(page, "parts/fleet-filter", f"[...m.kindsOf({view})]")) - {"abnormal"}
     assert found == {"all", state}
 
 
@@ -143,15 +143,15 @@ def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit
 def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: Any) -> None:
     found = page.evaluate("""async () => {
       const [store, live, session, m] = await Promise.all(
-        ['store', 'live', 'session', 'takeovers'].map((one) => import(`/static/js/${one}.js`)));
-      const hold = (owner, of) => store.delta({ topics: { 'drives/x': { lease: { owner, session: of } } } });
+        ['store', 'live', 'session', 'control-taken'].map((one) => import(`/static/js/${one}.js`)));
+      const hold = (owner, of) => store.applyDelta({ topics: { 'drives/x': { lease: { owner, session: of } } } });
       const drawn = () => new Promise((resolve) => { setTimeout(resolve, 100); });
       hold('me', session.session.value.session);
       await drawn();
-      live.link.value = 'lost';
+      live.connection.value = 'lost';
       hold('bob', 'another');
       await drawn();
-      live.link.value = 'live';
+      live.connection.value = 'live';
       return m.takeovers.value;
     }""")
     assert found == [{"drive": "x", "owner": "bob", "time_ms": None}]
@@ -226,7 +226,7 @@ def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> 
         before?.(vnode);
       };
       const signals = { output_frequency: { value: 12.34, unit: 'Hz', quality: 'good', reason: null, age_s: 0 } };
-      store.delta({ topics: { 'drives/fan-2': { state: 'running', signals } } });
+      store.applyDelta({ topics: { 'drives/fan-2': { state: 'running', signals } } });
       await new Promise((resolve) => { setTimeout(resolve, 1200); });
       options.diffed = before;
       return found;

@@ -238,8 +238,8 @@ def test_hands_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
 def test_two_rulers_tell_how_far_apart_two_moments_are(stage: Stage, visit: Any) -> None:
     expect = expecting()
     page = visit(f"#/history?tags={STEADY}")
-    span = page.get_by_role("group", name=i18n.text("plantpage.span", "en"))
-    span.get_by_role("button", name=i18n.text("plantpage.span_60", "en"), exact=True).click()
+    span = page.get_by_role("group", name=i18n.text("page.span", "en"))
+    span.get_by_role("button", name=i18n.text("page.span_60", "en"), exact=True).click()
     expect(window_of(page)).to_have_text(re.compile("· 1 min$"))
     page.click("[data-trend=rulers]")
     head = page.locator(".trend-readout caption")

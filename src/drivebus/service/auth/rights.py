@@ -41,7 +41,7 @@ class Right(StrEnum):
     @property
     def zh(self) -> str:
         """The word for people, with how it is written."""
-        return f"{i18n.text(f'plantpage.right_{self.value}', 'zh')}（{self.value}）"
+        return f"{i18n.text(f'page.right_{self.value}', 'zh')}（{self.value}）"
 
 
 class Role(StrEnum):

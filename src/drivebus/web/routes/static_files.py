@@ -15,7 +15,7 @@ from starlette.responses import Response
 from drivebus import i18n
 from drivebus.service.auth.errors import ResourceNotFound
 
-WEB_DIRECTORY = Path(__file__).parent
+WEB_DIRECTORY = Path(__file__).parents[1]
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",

@@ -1,9 +1,9 @@
 // REST under /api/v1: one way to ask, one kind of error. Nothing is ever asked twice by itself.
 import { signal } from "./lib.js";
-import { t, both } from "./i18n.js";
+import { t, localized } from "./i18n.js";
 
-const ROOT = "/api/v1";
-const PATIENCE_MS = 15_000;
+const API_ROOT = "/api/v1";
+const REQUEST_TIMEOUT_MS = 15_000;
 
 /** What GET /session said; null before it is known. Set by session.js. */
 export const session = signal(null);
@@ -28,31 +28,31 @@ class ApiError extends Error {
 
   /** The sentence in the reader's language. */
   get sentence() {
-    return this.text === null ? t(this.code, this.params) : both(this.text);
+    return this.text === null ? t(this.code, this.params) : localized(this.text);
   }
 }
 
 /** A question that got no answer did nothing; what became of anything else is not known. */
-const noAnswer = (method) => new ApiError({
+const unreachableError = (method) => new ApiError({
   code: method === "GET" ? "page.no_answer" : "page.unreachable", kind: "Unreachable",
 }, 0);
 
-async function failure(answer) {
+async function errorFrom(answer) {
   const found = await answer.json().catch(() => ({}));
   const error = found.error ?? { code: "page.answer_unknown", params: { status: answer.status } };
   return new ApiError(error, answer.status);
 }
 
-function addressOf(path, query) {
+function urlOf(path, query) {
   const search = new URLSearchParams();
   for (const [name, value] of Object.entries(query ?? {})) {
     if (value === null || value === undefined) continue;
     for (const one of Array.isArray(value) ? value : [value]) search.append(name, one);
   }
-  return `${ROOT}${path}${search.size ? `?${search}` : ""}`;
+  return `${API_ROOT}${path}${search.size ? `?${search}` : ""}`;
 }
 
-async function ask(method, path, { body, query, patience_ms = PATIENCE_MS, signal: given } = {}) {
+async function send(method, path, { body, query, patience_ms = REQUEST_TIMEOUT_MS, signal: given } = {}) {
   const headers = { Accept: "application/json" };
   if (body !== undefined) headers["Content-Type"] = "application/json";
   if (method !== "GET" && session.peek()?.csrf) headers["X-Drivebus-CSRF"] = session.peek().csrf;
@@ -62,31 +62,31 @@ async function ask(method, path, { body, query, patience_ms = PATIENCE_MS, signa
     method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
     body: body === undefined ? undefined : JSON.stringify(body),
   };
-  const answer = await fetch(addressOf(path, query), how).catch(() => { throw noAnswer(method); });
-  if (!answer.ok) throw await noteLogout(await failure(answer));
+  const answer = await fetch(urlOf(path, query), how).catch(() => { throw unreachableError(method); });
+  if (!answer.ok) throw await endSessionOn401(await errorFrom(answer));
   return answer;
 }
 
 /** 401 anywhere: the session is over, the login page comes. */
-function noteLogout(error) {
+function endSessionOn401(error) {
   if (error.status === 401 && session.peek()?.user) session.value = { ...session.peek(), user: null, rights: [] };
   return error;
 }
 
-async function asked(method, path, options) {
-  const answer = await ask(method, path, options);
-  return answer.status === 204 ? {} : answer.json().catch(() => { throw noAnswer(method); });
+async function sendJson(method, path, options) {
+  const answer = await send(method, path, options);
+  return answer.status === 204 ? {} : answer.json().catch(() => { throw unreachableError(method); });
 }
 
 /** `api.get("/drives")`, `api.post("/drives/fan-1/run", {frequency_hz: 25})`: JSON back, else ApiError. */
 export const api = {
-  get: (path, query, options) => asked("GET", path, { ...options, query }),
-  post: (path, body = {}, options) => asked("POST", path, { ...options, body }),
-  put: (path, body = {}, options) => asked("PUT", path, { ...options, body }),
-  patch: (path, body = {}, options) => asked("PATCH", path, { ...options, body }),
-  remove: (path, body, options) => asked("DELETE", path, { ...options, body }),
+  get: (path, query, options) => sendJson("GET", path, { ...options, query }),
+  post: (path, body = {}, options) => sendJson("POST", path, { ...options, body }),
+  put: (path, body = {}, options) => sendJson("PUT", path, { ...options, body }),
+  patch: (path, body = {}, options) => sendJson("PATCH", path, { ...options, body }),
+  remove: (path, body, options) => sendJson("DELETE", path, { ...options, body }),
   /** The answer itself, for downloads. */
-  raw: (path, query, options) => ask("GET", path, { ...options, query }),
+  raw: (path, query, options) => send("GET", path, { ...options, query }),
 };
 
 export const drivePath = (drive, rest = "") => `/drives/${encodeURIComponent(drive)}${rest}`;

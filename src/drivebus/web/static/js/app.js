@@ -1,25 +1,25 @@
 // Begins: language, session, live line; then draws the page of the address.
 import { effect, html, render, signal, useEffect, useState } from "./lib.js";
-import { known, language, loadLanguage, t, titled } from "./i18n.js";
+import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
-import { loadSession, loggedIn, loginOnce, session, watch } from "./session.js";
+import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
 import { api } from "./api.js";
-import { learnSignals } from "./format.js";
-import { link, start } from "./live.js";
-import { keepLeases } from "./leases.js";
+import { addSignalNames } from "./format.js";
+import { connection, start } from "./live.js";
+import { startLeaseRenewal } from "./control-leases.js";
 import { go, route } from "./router.js";
 import { topic } from "./store.js";
-import { watchTakeovers } from "./takeovers.js";
+import { watchTakeovers } from "./control-taken.js";
 import { Shell } from "./shell.js";
 import { ErrorNote, Loading, Notice } from "./ui.js";
 import { Login } from "./pages/login.js";
 
 /** Page → its module; each exports Page({id, query}). Loaded when first opened. */
-const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "cases"]);
+const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "incidents"]);
 const loaded = new Map();
-const problem = signal(null);
+const loadProblem = signal(null);
 
-function Current() {
+function CurrentPage() {
   const { page, id, query } = route.value;
   const [, redraw] = useState(0);
   const exists = PAGES.has(page);
@@ -27,15 +27,15 @@ function Current() {
     if (!exists || loaded.has(page)) return;
     import(`./pages/${page}.js`).then(
       (found) => { loaded.set(page, found.Page); redraw((n) => n + 1); },
-      () => { problem.value = { wasLost: link.peek() !== "live" }; },
+      () => { loadProblem.value = { wasLost: connection.peek() !== "live" }; },
     );
   }, [page]);
   // A browser may remember that a module could not be fetched: only a new start of the page forgets it.
-  const isOver = Boolean(problem.value?.wasLost) && link.value === "live";
+  const isOver = Boolean(loadProblem.value?.wasLost) && connection.value === "live";
   useEffect(() => { if (isOver) location.reload(); }, [isOver]);
   if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
   const Page = loaded.get(page);
-  if (!Page && problem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
+  if (!Page && loadProblem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
   if (!Page) return html`<${Loading} />`;
   return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;
 }
@@ -45,11 +45,11 @@ const startError = signal(null);
 function App() {
   if (session.value === null) return startError.value ? html`<${ErrorNote} error=${startError.value} />` : null;
   if (!loggedIn.value) return html`<${Login} error=${startError.value} />`;
-  return html`<${Shell}><${Current} /><//>`;
+  return html`<${Shell}><${CurrentPage} /><//>`;
 }
 
 /** #login=CODE, printed by the demo: the code is used by POST, once, and leaves the address at once. */
-async function useCode() {
+async function loginWithCode() {
   const code = /^#login=(.+)$/.exec(location.hash)?.[1];
   if (!code) return;
   history.replaceState(null, "", "#/fleet");
@@ -57,7 +57,7 @@ async function useCode() {
   await loginOnce(decodeURIComponent(code));
 }
 
-async function meet() {
+async function connectToServer() {
   for (;;) {
     try {
       await loadSession();
@@ -71,9 +71,9 @@ async function meet() {
 }
 
 /** Whenever somebody logs in: what the plant's signals are called. */
-function learnNames() {
+function loadSignalNames() {
   loggedIn.subscribe((isIn) => {
-    if (isIn) api.get("/history/tags").then(({ tags }) => learnSignals(tags), () => null);
+    if (isIn) api.get("/history/tags").then(({ tags }) => addSignalNames(tags), () => null);
   });
 }
 
@@ -81,17 +81,17 @@ effect(() => { if (loggedIn.value) startError.value = null; });
 
 effect(() => {
   const plant = topic("plant").value;
-  const name = plant ? titled(plant) : "drivebus";
-  const way = `page.way_${route.value.page}`;
-  document.title = language.value && loggedIn.value && known(way) ? `${t(way)} · ${name}` : name;
+  const name = plant ? titleOf(plant) : "drivebus";
+  const way = `page.nav_${route.value.page}`;
+  document.title = language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name;
 });
 
 await loadLanguage(language.peek());
 render(html`<${App} />`, document.getElementById("page"));
-await meet();
-await useCode().catch((error) => { startError.value = error; go("fleet"); });
+await connectToServer();
+await loginWithCode().catch((error) => { startError.value = error; go("fleet"); });
 start();
-watch();
-learnNames();
-keepLeases();
+watchActivity();
+loadSignalNames();
+startLeaseRenewal();
 watchTakeovers();

@@ -1,27 +1,27 @@
 // Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
 // times of day are labels only.
 import { signal } from "./lib.js";
-import { both, known, language, t } from "./i18n.js";
-import { now, trusted } from "./live.js";
+import { localized, hasKey, language, t } from "./i18n.js";
+import { now, isLive } from "./live.js";
 
 const DIGITS = { Hz: 2, A: 2, V: 0, "°C": 0, "%": 1, kW: 2, kWh: 1, h: 1, s: 1, rpm: 0, "r/min": 0 };
-export const NOTHING = "–";
+export const NO_VALUE = "–";
 
 /** A number with the digits of its unit; "–" for null. Whole numbers of no unit stay whole. */
 export function number(value, unit = "", digits = DIGITS[unit]) {
-  if (value === null || value === undefined) return NOTHING;
+  if (value === null || value === undefined) return NO_VALUE;
   if (typeof value !== "number") return String(value);
   if (digits === undefined) return String(Number.isInteger(value) ? value : Number(value.toPrecision(6)));
   return value.toFixed(digits);
 }
 
-const WIDE = /[\uFF10-\uFF19\uFF0E\uFF0B\uFF0D]/g;
-const narrow = (wide) => String.fromCharCode(wide.charCodeAt(0) - 0xFEE0);
+const FULLWIDTH = /[\uFF10-\uFF19\uFF0E\uFF0B\uFF0D]/g;
+const toHalfwidth = (wide) => String.fromCharCode(wide.charCodeAt(0) - 0xFEE0);
 
 /** The number that a text is, also in a Chinese keyboard's wide digits; null for anything else. "1,5" is nothing:
  * the browser's own number fields drop the comma, and 1.5 Hz would be 15. */
 export function numberOf(text) {
-  const plain = String(text).trim().replace(WIDE, narrow);
+  const plain = String(text).trim().replace(FULLWIDTH, toHalfwidth);
   return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(plain) ? Number(plain) : null;
 }
 
@@ -32,7 +32,7 @@ export function quantity(value, unit, digits) {
 
 /** "3 s", "4 min", "2 h", "5 d" in the reader's language. */
 export function duration(seconds) {
-  if (seconds === null || seconds === undefined) return NOTHING;
+  if (seconds === null || seconds === undefined) return NO_VALUE;
   if (seconds < 10) return t("page.seconds", { n: seconds.toFixed(1) });
   if (seconds < 100) return t("page.seconds", { n: Math.floor(seconds) });
   if (seconds < 6000) return t("page.minutes", { n: Math.floor(seconds / 60) });
@@ -45,28 +45,28 @@ const TIME = { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: fa
 const DAY = { year: "numeric", month: "2-digit", day: "2-digit" };
 
 const formats = new Map();
-function shown(ms, options) {
+function formatTime(ms, options) {
   const key = `${locale()}${Object.keys(options)}`;
   if (!formats.has(key)) formats.set(key, new Intl.DateTimeFormat(locale(), options));
   return formats.get(key).format(ms);
 }
 
 /** "14:03:22" of a UTC millisecond, in this browser's time zone. */
-export const clock = (ms) => (ms === null || ms === undefined ? NOTHING : shown(ms, TIME));
+export const clock = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, TIME));
 /** Date and time. */
-export const moment = (ms) => (ms === null || ms === undefined ? NOTHING : shown(ms, { ...DAY, ...TIME }));
+export const moment = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, { ...DAY, ...TIME }));
 
 /** A value of a drive's view as it may be shown now: its age has grown since it came, and without a live line it is
  * bad whatever it was. `{value, unit, quality, reason, age_s}`; null where the drive has no such signal. */
-export const reading = (view, name) => readAs(view, name, ageOf);
+export const reading = (view, name) => readingWithAge(view, name, ageOf);
 
 /** The same without its age, for hundreds of tiles that must not be redrawn at every tick. */
-export const readingStill = (view, name) => readAs(view, name, () => null);
+export const readingWithoutAge = (view, name) => readingWithAge(view, name, () => null);
 
-function readAs(view, name, age) {
+function readingWithAge(view, name, age) {
   const found = view?.signals?.[name];
   if (!found) return null;
-  if (!trusted.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: age(found) };
+  if (!isLive.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: age(found) };
   return { ...found, age_s: age(found) };
 }
 
@@ -75,12 +75,12 @@ export function ageOf(found) {
   return found.age_s === null ? null : found.age_s + Math.max(0, now.value - found.at) / 1000;
 }
 
-const UNTRUE = new Set(["offline", "never_seen"]);
+const STALE_PRESENCES = new Set(["offline", "never_seen"]);
 
 /** The drive's state as it may be shown now: `stale` without a live line, and where the drive does not answer. */
 export function stateOf(view) {
-  const stale = !trusted.value || UNTRUE.has(view.presence);
-  return { state: view.state, presence: view.presence, stale, lost: !trusted.value };
+  const stale = !isLive.value || STALE_PRESENCES.has(view.presence);
+  return { state: view.state, presence: view.presence, stale, lost: !isLive.value };
 }
 
 /** Drive signals in the order in which people ask for them. */
@@ -91,16 +91,16 @@ const FIRST_SIGNALS = [
 /** To sort signals by that order; the others come after them. */
 export const signalRank = (name) => (FIRST_SIGNALS.includes(name) ? FIRST_SIGNALS.indexOf(name) : FIRST_SIGNALS.length);
 
-const learned = signal({});
+const profileSignalNames = signal({});
 
 /** Remembers how profiles call their signals: a list of {signal or name, text}. */
-export function learnSignals(list) {
+export function addSignalNames(list) {
   const news = list.filter((one) => one.text).map((one) => [one.signal ?? one.name, one.text]);
-  learned.value = { ...learned.peek(), ...Object.fromEntries(news) };
+  profileSignalNames.value = { ...profileSignalNames.peek(), ...Object.fromEntries(news) };
 }
 
 /** A signal's name in the reader's language, as the catalogue has it, else as its profile does. */
 export function signalName(name) {
   const key = `signal.${name}`;
-  return known(key) ? t(key) : both(learned.value[name]) || name.replaceAll("_", " ");
+  return hasKey(key) ? t(key) : localized(profileSignalNames.value[name]) || name.replaceAll("_", " ");
 }

@@ -1,14 +1,14 @@
 // Every sentence that the page shows comes from here: the server's catalogue of the chosen language.
 import { signal } from "./lib.js";
-import { recall, remember } from "./memory.js";
+import { loadPreference, savePreference } from "./preferences.js";
 
 export const LANGUAGES = { en: "English", zh: "中文" };
 
-const browser = (navigator.language || "en").toLowerCase().startsWith("zh") ? "zh" : "en";
-const chosen = recall("language");
+const browserLanguage = (navigator.language || "en").toLowerCase().startsWith("zh") ? "zh" : "en";
+const storedLanguage = loadPreference("language");
 
 /** "en" or "zh". */
-export const language = signal(chosen in LANGUAGES ? chosen : browser);
+export const language = signal(storedLanguage in LANGUAGES ? storedLanguage : browserLanguage);
 const sentences = signal({});
 
 async function fetchCatalogue(name) {
@@ -27,25 +27,25 @@ export async function loadLanguage(name) {
 /** The user's choice, kept for the next visit. */
 export async function chooseLanguage(name) {
   await loadLanguage(name);
-  remember("language", name);
+  savePreference("language", name);
 }
 
-export const known = (key) => key in sentences.value;
+export const hasKey = (key) => key in sentences.value;
 
 /** The sentence for `key` with its `{places}` filled; the key itself where there is none. */
 export function t(key, params = {}) {
   const sentence = sentences.value[key];
   if (sentence === undefined) return key;
-  return sentence.replace(/\{(\w+)(?::[^}]*)?\}/g, (place, name) => (name in params ? shown(params[name]) : place));
+  return sentence.replace(/\{(\w+)(?::[^}]*)?\}/g, (place, name) => (name in params ? paramText(params[name]) : place));
 }
 
-const shown = (value) => (value !== null && typeof value === "object" && "en" in value ? both(value) : String(value));
+const paramText = (value) => (value !== null && typeof value === "object" && "en" in value ? localized(value) : String(value));
 
 /** A text that came in both languages: `{"en": …, "zh": …}`. */
-export function both(text) {
+export function localized(text) {
   if (text === null || text === undefined) return "";
   return typeof text === "string" ? text : text[language.value] || text.en || "";
 }
 
 /** A title in both languages, else the id of the thing. */
-export const titled = (thing) => both(thing.title) || thing.id;
+export const titleOf = (thing) => localized(thing.title) || thing.id;

@@ -2,22 +2,22 @@
 // and the page comes back by itself.
 import { computed, signal } from "./lib.js";
 import { loadSession, loggedIn, session } from "./session.js";
-import { recall } from "./memory.js";
-import { delta, noticeSleep, nowMs, snapshot } from "./store.js";
+import { loadPreference } from "./preferences.js";
+import { applyDelta, noticeSleep, nowMs, applySnapshot } from "./store.js";
 
-const ALWAYS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
+const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
 /** The server says something at least every second; twice that in silence and nothing shown counts as live. */
-const SILENCE_MS = 2000;
+const MESSAGE_TIMEOUT_MS = 2000;
 /** So long for the connection and its snapshot. */
-const FIRST_WORD_MS = 6000;
-const FIRST_WAIT_MS = 400;
-const LONGEST_WAIT_MS = 5000;
-const INTERVAL_S = recall("interval_s", 0.25);
+const SNAPSHOT_TIMEOUT_MS = 6000;
+const MIN_RECONNECT_DELAY_MS = 400;
+const MAX_RECONNECT_DELAY_MS = 5000;
+const INTERVAL_S = loadPreference("interval_s", 0.25);
 
 /** "starting", "live", or "lost". */
-export const link = signal("starting");
+export const connection = signal("starting");
 /** Are the values of the store live? Where not, every surface shows them as stale and only stops are offered. */
-export const trusted = computed(() => link.value === "live");
+export const isLive = computed(() => connection.value === "live");
 /** When something was last heard over a link that is lost now (`nowMs`), else null. */
 export const lostAt = signal(null);
 /** What the server said when it closed: a text in both languages, else null. */
@@ -25,66 +25,66 @@ export const closedText = signal(null);
 /** Ticks twice a second: ages on the page follow it. */
 export const now = signal(nowMs());
 
-const wanted = new Map();
+const subscriptions = new Map();
 let socket = null;
-let heardAt = 0;
+let lastMessageAt = 0;
 let openedAt = 0;
-let wait_ms = FIRST_WAIT_MS;
+let reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
 let timer = null;
 
-const patterns = () => [...new Set([...ALWAYS, ...wanted.keys()])];
+const patterns = () => [...new Set([...DEFAULT_TOPICS, ...subscriptions.keys()])];
 
-function say(message) {
+function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
 /** Adds a topic pattern for a page (frames/line-1, events); the function it gives takes it back. */
 export function subscribe(pattern) {
-  wanted.set(pattern, (wanted.get(pattern) ?? 0) + 1);
-  say({ subscribe: patterns() });
+  subscriptions.set(pattern, (subscriptions.get(pattern) ?? 0) + 1);
+  send({ subscribe: patterns() });
   return () => {
-    const users = wanted.get(pattern) - 1;
-    if (users > 0) wanted.set(pattern, users);
-    else wanted.delete(pattern);
-    say({ subscribe: patterns() });
+    const users = subscriptions.get(pattern) - 1;
+    if (users > 0) subscriptions.set(pattern, users);
+    else subscriptions.delete(pattern);
+    send({ subscribe: patterns() });
   };
 }
 
 /** Keeps leases alive; false where the line is lost. */
 export function renew(drives) {
-  say({ renew: drives });
+  send({ renew: drives });
   return socket?.readyState === WebSocket.OPEN;
 }
 
-function address() {
+function liveUrl() {
   const query = new URLSearchParams({ topics: patterns().join(","), interval: String(INTERVAL_S) });
   return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/v1/live?${query}`;
 }
 
-function heard(event) {
-  heardAt = nowMs();
+function onMessage(event) {
+  lastMessageAt = nowMs();
   const message = JSON.parse(event.data);
   if (message.type === "closed") closedText.value = message.text ?? null;
-  if (message.type === "delta") delta(message);
+  if (message.type === "delta") applyDelta(message);
   if (message.type !== "snapshot") return;
-  snapshot(message);
-  live();
+  applySnapshot(message);
+  markLive();
 }
 
-function live() {
-  wait_ms = FIRST_WAIT_MS;
-  link.value = "live";
+function markLive() {
+  reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
+  connection.value = "live";
   lostAt.value = null;
   closedText.value = null;
 }
 
-function lost() {
-  if (link.peek() !== "lost") lostAt.value = heardAt || nowMs();
-  link.value = "lost";
+function markLost() {
+  if (connection.peek() !== "lost") lostAt.value = lastMessageAt || nowMs();
+  connection.value = "lost";
 }
 
 /** Gives the socket up and says so; another one comes after a while. */
-function drop() {
+function closeSocket() {
   const old = socket;
   socket = null;
   if (old) {
@@ -92,46 +92,46 @@ function drop() {
     old.onclose = null;
     old.close();
   }
-  lost();
-  later();
+  markLost();
+  scheduleReconnect();
 }
 
-function later() {
+function scheduleReconnect() {
   clearTimeout(timer);
   if (!loggedIn.peek()) return;
-  timer = setTimeout(open, wait_ms * (0.75 + Math.random() / 2));
-  wait_ms = Math.min(wait_ms * 2, LONGEST_WAIT_MS);
+  timer = setTimeout(open, reconnectDelay_ms * (0.75 + Math.random() / 2));
+  reconnectDelay_ms = Math.min(reconnectDelay_ms * 2, MAX_RECONNECT_DELAY_MS);
 }
 
 /** Does the server answer at all? If not, it is tried again later. */
-async function meets() {
+async function probe() {
   const found = await loadSession().then(() => true, () => false);
-  if (!found) later();
+  if (!found) scheduleReconnect();
   return found;
 }
 
 async function open() {
   clearTimeout(timer);
   // The session may be over, or the server may be another one: a socket alone does not tell why it is refused.
-  if (link.peek() === "lost" && !(await meets())) return;
+  if (connection.peek() === "lost" && !(await probe())) return;
   if (!loggedIn.peek() || socket) return;
   openedAt = nowMs();
-  socket = new WebSocket(address());
-  socket.onmessage = heard;
-  socket.onclose = drop;
+  socket = new WebSocket(liveUrl());
+  socket.onmessage = onMessage;
+  socket.onclose = closeSocket;
 }
 
 /** Tries at once, as the user or the system's network asks for. */
 export function reconnect() {
-  wait_ms = FIRST_WAIT_MS;
-  if (link.peek() !== "live" && !socket) open();
+  reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
+  if (connection.peek() !== "live" && !socket) open();
 }
 
 function tick() {
   noticeSleep();
   now.value = nowMs();
-  const quiet_ms = nowMs() - (link.peek() === "live" ? heardAt : openedAt);
-  if (socket && quiet_ms > (link.peek() === "live" ? SILENCE_MS : FIRST_WORD_MS)) drop();
+  const quiet_ms = nowMs() - (connection.peek() === "live" ? lastMessageAt : openedAt);
+  if (socket && quiet_ms > (connection.peek() === "live" ? MESSAGE_TIMEOUT_MS : SNAPSHOT_TIMEOUT_MS)) closeSocket();
 }
 
 /** Follows the session from now on: connected while somebody is logged in. */
@@ -140,18 +140,18 @@ export function start() {
   addEventListener("online", reconnect);
   document.addEventListener("visibilitychange", () => { if (!document.hidden) reconnect(); });
   session.subscribe(() => {
-    if (loggedIn.peek() && !socket && link.peek() === "starting") open();
-    if (!loggedIn.peek()) hangUp();
+    if (loggedIn.peek() && !socket && connection.peek() === "starting") open();
+    if (!loggedIn.peek()) disconnect();
   });
 }
 
-function hangUp() {
+function disconnect() {
   clearTimeout(timer);
   if (socket) {
     socket.onclose = null;
     socket.close();
   }
   socket = null;
-  heardAt = 0;
-  link.value = "starting";
+  lastMessageAt = 0;
+  connection.value = "starting";
 }

@@ -41,25 +41,25 @@ export async function logout() {
 export const idle = computed(() => Boolean(session.value?.idle));
 
 /** The password again: the same session, with its leases, has all its rights back. */
-export async function wake(password) {
+export async function unlock(password) {
   session.value = await api.post("/session/wake", { password });
   return true;
 }
 
 /** Somebody is there: told to the server at most once a minute. It does not wake a session that is idle already. */
-async function touched() {
-  if (!loggedIn.peek() || idle.peek() || nowMs() - toldAt < TELL_EVERY_MS) return;
-  toldAt = nowMs();
+async function onActivity() {
+  if (!loggedIn.peek() || idle.peek() || nowMs() - activitySentAt < ACTIVITY_INTERVAL_MS) return;
+  activitySentAt = nowMs();
   const found = await api.post("/session/active").catch(() => null);
   if (found) session.value = found;
 }
 
 const nowMs = () => performance.now();
-const TELL_EVERY_MS = 60_000;
-let toldAt = 0;
+const ACTIVITY_INTERVAL_MS = 60_000;
+let activitySentAt = 0;
 
 /** Follows the user's hands, and looks now and then whether the rights are still the same. */
-export function watch() {
-  for (const event of ["pointerdown", "keydown"]) addEventListener(event, touched, { passive: true, capture: true });
-  setInterval(() => { if (loggedIn.peek()) loadSession().catch(() => null); }, TELL_EVERY_MS);
+export function watchActivity() {
+  for (const event of ["pointerdown", "keydown"]) addEventListener(event, onActivity, { passive: true, capture: true });
+  setInterval(() => { if (loggedIn.peek()) loadSession().catch(() => null); }, ACTIVITY_INTERVAL_MS);
 }

@@ -1,22 +1,22 @@
 // What stands around every page: the head with its ways, the state of the line, the alarm strip, the stop bar.
 import { html, signal, useEffect } from "./lib.js";
-import { LANGUAGES, both, chooseLanguage, language, t, titled } from "./i18n.js";
+import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
 import { Icon } from "./icons.js";
 import { api } from "./api.js";
-import { Button, ErrorNote, Notice, useAsk } from "./ui.js";
-import { closedText, link, lostAt, now, reconnect } from "./live.js";
+import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
+import { closedText, connection, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { drive, topic } from "./store.js";
 import { PriorityMark } from "./parts/state.js";
-import { Wake } from "./parts/wake.js";
+import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
-import { read, takeovers } from "./takeovers.js";
+import { dismiss, takeovers } from "./control-taken.js";
 
 /** Page → the right that it needs. */
-const WAYS = [
+const NAV_PAGES = [
   ["fleet", "view"], ["buses", "view"], ["alarms", "view"], ["history", "view"], ["audit", "audit"],
   ["settings", "view"],
 ];
@@ -24,22 +24,22 @@ const menu = signal(false);
 const RANK = { urgent: 0, high: 1, low: 2 };
 
 /** Active alarms that nobody shelved, the most urgent and newest first. */
-function pressing() {
+function openAlarms() {
   const active = topic("alarms").value?.active ?? [];
   const open = active.filter((alarm) => !alarm.shelved_until_ms);
   return open.sort((a, b) => RANK[a.priority] - RANK[b.priority] || b.raised_ms - a.raised_ms);
 }
 
-function Way({ page }) {
-  const open = page === "alarms" ? pressing().length : 0;
+function NavLink({ page }) {
+  const open = page === "alarms" ? openAlarms().length : 0;
   const here = route.value.page === page || (page === "fleet" && route.value.page === "drive");
   return html`<a href=${href(page)} aria-current=${here ? "page" : undefined} onClick=${() => { menu.value = false; }}>
-    ${t(`page.way_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}
+    ${t(`page.nav_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}
       </span></span>`}</a>`;
 }
 
-function LineMark() {
-  const state = link.value;
+function ConnectionMark() {
+  const state = connection.value;
   return html`<span class=${`line ${state}`} role="status"><${Icon} name=${state === "live" ? "link" : "silent"}
     size=${18} />
     <span>${t(`page.link_${state}`)}</span></span>`;
@@ -55,46 +55,46 @@ export function Preferences() {
       ${t(`page.theme_${themeChoice.value}`)}<//>`;
 }
 
-function Head() {
+function PageHeader() {
   const plant = topic("plant").value;
-  return html`<header class="head"><a class="plant" href=${href("fleet")}>${plant ? titled(plant) : "drivebus"}</a>
+  return html`<header class="head"><a class="plant" href=${href("fleet")}>${plant ? titleOf(plant) : "drivebus"}</a>
     <button type="button" class="menu" aria-expanded=${menu.value ? "true" : "false"} aria-label=${t("page.menu")}
       onClick=${() => { menu.value = !menu.value; }}><${Icon} name=${menu.value ? "close" : "menu"} size=${24} />
         </button>
-    <div class=${`ways ${menu.value ? "open" : ""}`}><nav aria-label=${t("page.ways")}>
-      ${WAYS.filter(([, right]) => may(right)).map(([page]) => html`<${Way} key=${page} page=${page} />`)}</nav>
+    <div class=${`ways ${menu.value ? "open" : ""}`}><nav aria-label=${t("page.navigation")}>
+      ${NAV_PAGES.filter(([, right]) => may(right)).map(([page]) => html`<${NavLink} key=${page} page=${page} />`)}</nav>
       <div class="who"><${Preferences} />
       <span class="user">${session.value.user}</span>
-      <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${LineMark} /></header>`;
+      <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${ConnectionMark} /></header>`;
 }
 
 /** Told plainly over the page while nothing shown is live. */
-function LineNotice() {
-  if (link.value === "live") return null;
-  if (link.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
+function ConnectionNotice() {
+  if (connection.value === "live") return null;
+  if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
   const age = duration((now.value - lostAt.value) / 1000);
   return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
-    <strong role="timer">${t("page.offline", { age })}</strong>${" "}${closedText.value ? both(closedText.value)
+    <strong role="timer">${t("page.offline", { age })}</strong>${" "}${closedText.value ? localized(closedText.value)
       : t("page.offline_how")}</span>
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }
 
 function Acknowledge({ alarm }) {
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const send = () => run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`));
-  return html`<${Button} busy=${busy} disabled=${link.value !== "live"} onClick=${send} data-do="acknowledge">
+  return html`<${Button} busy=${busy} disabled=${connection.value !== "live"} onClick=${send} data-do="acknowledge">
     ${t("page.acknowledge")}<//><${ErrorNote} error=${error} />`;
 }
 
 /** Of a drive its name and the alarm's; of a bus or a store the sentence, which names it. */
 function AlarmStrip() {
-  const [alarm, ...more] = pressing().filter((one) => one.acknowledged_ms === null);
+  const [alarm, ...more] = openAlarms().filter((one) => one.acknowledged_ms === null);
   if (!alarm || route.value.page === "alarms") return null;
   const view = alarm.drive && drive(alarm.drive).value;
-  return html`<section class=${`banner alarm ${alarm.priority}`} aria-label=${t("page.way_alarms")}>
+  return html`<section class=${`banner alarm ${alarm.priority}`} aria-label=${t("page.nav_alarms")}>
     <${PriorityMark} priority=${alarm.priority} />
     <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>
-      ${view ? titled(view) + t("page.colon") + both(alarm.title) : both(alarm.text)}</a>
+      ${view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text)}</a>
     ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}
     ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</section>`;
 }
@@ -103,10 +103,10 @@ function AlarmStrip() {
 function Takeovers() {
   return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
     const view = drive(one.drive).value;
-    const told = { owner: one.owner, name: view ? titled(view) : one.drive, time: clock(one.time_ms) };
+    const told = { owner: one.owner, name: view ? titleOf(view) : one.drive, time: clock(one.time_ms) };
     return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
       <a href=${href("drive", one.drive)}>${t(one.time_ms === null ? "page.taken_unseen" : "page.taken", told)}</a>
-      <${Button} onClick=${() => read(one)} data-do="read">${t("page.taken_read")}<//></div>`;
+      <${Button} onClick=${() => dismiss(one)} data-do="read">${t("page.taken_read")}<//></div>`;
   })}</div>`;
 }
 
@@ -115,7 +115,7 @@ function PlantNotice() {
   if (!plant) return null;
   return html`${plant.audit_ok === false && html`<${Notice} kind="bad">${t("page.audit_broken")}<//>`}
     ${plant.history_ok === false && html`<${Notice} kind="warning">${t("page.history_broken")}<//>`}
-    ${plant.state === "stopping" && html`<${Notice} kind="warning">${t("page.plant_stopping")}<//>`}`;
+    ${plant.state === "stopping" && html`<${Notice} kind="warning">${t("page.service_stopping")}<//>`}`;
 }
 
 /** `children` is the page of the address. */
@@ -124,7 +124,7 @@ export function Shell({ children }) {
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${Head} /><${LineNotice} /><${Wake} /><${Takeovers} /><${AlarmStrip} />
-    <main id="main" tabindex="-1" class=${link.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
+    <${PageHeader} /><${ConnectionNotice} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
+    <main id="main" tabindex="-1" class=${connection.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }

@@ -1,10 +1,10 @@
 // The stop bar: at the foot of every page. A bus stop is a convenience over a wire; it must never look like the red
 // button on the machine, so it has neither its colours nor its shape.
 import { html, signal, useEffect, useRef } from "./lib.js";
-import { t, titled } from "./i18n.js";
+import { t, titleOf } from "./i18n.js";
 import { clock } from "./format.js";
 import { Icon } from "./icons.js";
-import { trusted } from "./live.js";
+import { isLive } from "./live.js";
 import { route } from "./router.js";
 import { may } from "./session.js";
 import { drive, group, idsOf } from "./store.js";
@@ -25,7 +25,7 @@ function scope() {
   return { drive: page === "drive" ? id : null, groups: view?.groups ?? (query.group ? [query.group] : []) };
 }
 
-const groupName = (id) => { const found = group(id).value; return found ? titled(found) : id; };
+const groupName = (id) => { const found = group(id).value; return found ? titleOf(found) : id; };
 
 function GroupMenu({ groups }) {
   useEffect(() => {
@@ -45,25 +45,25 @@ function GroupStop({ groups }) {
     <${Icon} name="more" size=${16} /></button>`;
 }
 
-function wordsOf(entry) {
+function stopText(entry) {
   const what = nameOf(entry.what);
-  if (entry.phase === "sending") return t(trusted.value ? "page.stop_sending" : "page.stop_waiting", { what });
+  if (entry.phase === "sending") return t(isLive.value ? "page.stop_sending" : "page.stop_waiting", { what });
   if (entry.phase === "trying") return t("page.stop_trying", { what });
   const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";
   return t(key, { what, why: entry.tell() });
 }
 
-function Told() {
+function StopStatus() {
   const [entry] = stops.value;
   if (!entry) return html`<p class="told" role="status">${t("page.stop_note")}</p>`;
   const kind = entry.phase === "sending" || entry.phase === "trying" ? "waiting" : entry.good ? "good" : "bad";
   return html`<p class=${`told ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
-    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${wordsOf(entry)}
+    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${stopText(entry)}
       </span></p>`;
 }
 
 /** Its height is the style sheet's `--bar`: whatever it says, and on any screen, the last row can be scrolled above. */
-function useHeight() {
+function useBarHeight() {
   const bar = useRef(null);
   useEffect(() => {
     const element = bar.current; // told once more after it has gone, when the reference is empty
@@ -76,7 +76,7 @@ function useHeight() {
 }
 
 export function StopBar() {
-  const bar = useHeight();
+  const bar = useBarHeight();
   if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="told">${t("page.stop_no_right")}</p></footer>`;
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;
@@ -85,8 +85,8 @@ export function StopBar() {
   return html`<footer class="stopbar" ref=${bar} aria-label=${t("page.stop_bar")}>
     ${menuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
     <div class="stops">
-      ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titled(view) : id}<//>`}
+      ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titleOf(view) : id}<//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
       <${StopButton} kind="all">${t("page.stop_scope_all")}<//>
-    </div><${Told} /></footer>`;
+    </div><${StopStatus} /></footer>`;
 }

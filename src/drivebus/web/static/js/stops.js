@@ -3,15 +3,15 @@
 import { batch, signal } from "./lib.js";
 import { api } from "./api.js";
 import { loadSession } from "./session.js";
-import { both, t, titled } from "./i18n.js";
+import { localized, t, titleOf } from "./i18n.js";
 import { drive, group, nowMs } from "./store.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
-const PATIENCE_MS = 120_000;
+const STOP_TIMEOUT_MS = 120_000;
 /** A server that can't be reached is asked again so long, not longer: nobody expects a stop of ten minutes ago. */
-const TRY_AGAIN_MS = 30_000;
+const RETRY_WINDOW_MS = 30_000;
 const MAX_COUNTED_PAUSE_MS = 700;
-const KEPT = 5;
+const MAX_ENTRIES = 5;
 
 /** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text, time_ms}. */
 export const stops = signal([]);
@@ -26,7 +26,7 @@ const PATHS = {
 export function nameOf({ kind, id }) {
   if (kind === "all") return t("page.stop_scope_all");
   const found = (kind === "drive" ? drive(id) : group(id)).value;
-  return found ? titled(found) : id;
+  return found ? titleOf(found) : id;
 }
 
 function change(id, fields) {
@@ -38,21 +38,21 @@ function change(id, fields) {
 export async function stop(kind, id = null, how = "stop") {
   const mine = ++count;
   const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, tell: null, time_ms: Date.now() };
-  stops.value = [entry, ...stops.peek()].slice(0, KEPT);
+  stops.value = [entry, ...stops.peek()].slice(0, MAX_ENTRIES);
   const end = await ended(mine, PATHS[kind](id), kind === "drive" ? { how } : {});
   batch(() => change(mine, end));
 }
 
 /** Nobody answered, the plant's own process is just not there, or the page's token is an old server's: asking again can
  * do no harm and may help. */
-const mayPass = (error) => error.unreachable || error.status === 503 || error.code === "access.csrf";
+const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "access.csrf";
 
 async function ended(mine, path, body) {
-  const until = nowMs() + TRY_AGAIN_MS;
+  const until = nowMs() + RETRY_WINDOW_MS;
   let renewed = false;
   for (;;) {
     try {
-      return judged(await api.post(path, body, { patience_ms: PATIENCE_MS }));
+      return evaluateStop(await api.post(path, body, { patience_ms: STOP_TIMEOUT_MS }));
     } catch (error) {
       // Another tab logged in meanwhile: refused at the door, so nothing was done yet.
       if (error.code === "access.csrf" && !renewed) {
@@ -60,7 +60,7 @@ async function ended(mine, path, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!mayPass(error) || nowMs() > until) return failed(error);
+      if (!isTransient(error) || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, MAX_COUNTED_PAUSE_MS); });
       // Another server process may want another CSRF token.
@@ -74,14 +74,14 @@ function failed(error) {
   return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
 }
 
-const okay = (found) => found.word === "confirmed" || found.word === "acknowledged";
+const isConfirmed = (found) => found.word === "confirmed" || found.word === "acknowledged";
 
 /** The three shapes of an answer: one outcome, outcomes by drive, buses. */
-export function judged(answer) {
-  if (answer.outcome) return { phase: "done", good: okay(answer.outcome), tell: () => both(answer.outcome.text) };
+export function evaluateStop(answer) {
+  if (answer.outcome) return { phase: "done", good: isConfirmed(answer.outcome), tell: () => localized(answer.outcome.text) };
   const outcomes = Object.entries(answer.outcomes ?? {});
   const named = new Set(Object.values(answer.buses ?? {}).flatMap((bus) => bus.unconfirmed ?? []));
-  for (const [id, one] of outcomes) if (!okay(one)) named.add(id);
+  for (const [id, one] of outcomes) if (!isConfirmed(one)) named.add(id);
   const unnamed = Object.entries(answer.buses ?? {}).filter(([, bus]) => !bus.confirmed && !bus.unconfirmed?.length);
   for (const [id] of unnamed) named.add(id);
   if (named.size === 0) return { phase: "done", good: true, tell: () => t("page.stop_all_confirmed") };

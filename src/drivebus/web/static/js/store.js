@@ -2,9 +2,9 @@
 import { batch, computed, signal } from "./lib.js";
 
 /** Topics drawn in one frame of the screen: 300 drives change in one message and the page stays smooth. */
-const SLICE = 40;
+const TOPICS_PER_FRAME = 40;
 /** Lines that grow (frames, events) keep their newest so many. */
-const LONGEST_FEED = 500;
+const MAX_FEED_ITEMS = 500;
 
 const topics = new Map();
 const names = signal([]);
@@ -36,64 +36,64 @@ export const group = (id) => topic(`groups/${id}`);
 export const nowMs = () => performance.now() + slept_ms;
 
 /** More than a clock is corrected by while nobody looks. */
-const SLEEP_MS = 5000;
+const SLEEP_THRESHOLD_MS = 5000;
 let slept_ms = 0;
-let seen = { page_ms: performance.now(), wall_ms: Date.now() };
+let lastClocks = { page_ms: performance.now(), wall_ms: Date.now() };
 
 /** A browser's clock may stand while its machine sleeps, the wall's goes on: what was heard before is that much older.
  * To be called often. */
 export function noticeSleep() {
   const at = { page_ms: performance.now(), wall_ms: Date.now() };
-  const missed_ms = at.wall_ms - seen.wall_ms - (at.page_ms - seen.page_ms);
-  if (missed_ms > SLEEP_MS) slept_ms += missed_ms;
-  seen = at;
+  const missed_ms = at.wall_ms - lastClocks.wall_ms - (at.page_ms - lastClocks.page_ms);
+  if (missed_ms > SLEEP_THRESHOLD_MS) slept_ms += missed_ms;
+  lastClocks = at;
 }
 
-let plantAhead_ms = null;
+let serviceOffset_ms = null;
 
 /** The plant's UTC milliseconds now, by its last message: for the right edge of charts and for labels only. */
-export const plantNow = () => Math.round(plantAhead_ms === null ? Date.now() : nowMs() + plantAhead_ms);
+export const serviceNow = () => Math.round(serviceOffset_ms === null ? Date.now() : nowMs() + serviceOffset_ms);
 
-const stamped = (signals, at) => Object.fromEntries(
+const withArrivalTime = (signals, at) => Object.fromEntries(
   Object.entries(signals).map(([name, found]) => [name, { ...found, at }]),
 );
 
 /** A feed's signal holds {items, dropped}: the newest items, and how many were left out on the way. */
-function grown(old, news) {
-  const items = [...(old?.items ?? []), ...news].slice(-LONGEST_FEED);
+function appendItems(old, news) {
+  const items = [...(old?.items ?? []), ...news].slice(-MAX_FEED_ITEMS);
   return { items, dropped: old?.dropped ?? 0 };
 }
 
 const isFeed = (name) => name === "events" || name.startsWith("frames/");
 
 /** `change` laid over `old`: top-level keys whole, signals one by one, feeds appended. */
-export function merged(name, old, change, at) {
-  if (isFeed(name)) return grown(old, change);
+export function mergeTopic(name, old, change, at) {
+  if (isFeed(name)) return appendItems(old, change);
   const now = { ...old, ...change, at };
-  if (change.signals) now.signals = { ...old?.signals, ...stamped(change.signals, at) };
+  if (change.signals) now.signals = { ...old?.signals, ...withArrivalTime(change.signals, at) };
   return now;
 }
 
 function draw() {
   scheduled = false;
-  const slice = document.hidden ? pending.size : SLICE;
+  const slice = document.hidden ? pending.size : TOPICS_PER_FRAME;
   batch(() => {
     for (const [name, value] of [...pending].slice(0, slice)) {
       pending.delete(name);
       topic(name).value = value;
     }
-    noteNames();
+    updateNames();
   });
   if (pending.size) schedule();
 }
 
 /** Topic → its place in the plant's file: a page may have asked for one of them before any came. */
-let places = new Map();
-const placeOf = (name) => places.get(name) ?? places.size;
+let topicOrder = new Map();
+const orderOf = (name) => topicOrder.get(name) ?? topicOrder.size;
 
-function noteNames() {
+function updateNames() {
   const there = [...topics.keys()].filter((name) => topics.get(name).peek() !== null);
-  const now = there.sort((one, other) => placeOf(one) - placeOf(other));
+  const now = there.sort((one, other) => orderOf(one) - orderOf(other));
   if (now.length !== names.peek().length || now.some((name, n) => name !== names.peek()[n])) names.value = now;
 }
 
@@ -107,7 +107,7 @@ function schedule() {
 // A hidden page gets no frames of the screen: what waits for one is drawn at once.
 document.addEventListener("visibilitychange", () => { if (scheduled) draw(); });
 
-function put(name, value) {
+function queueTopic(name, value) {
   pending.delete(name);
   pending.set(name, value);
   schedule();
@@ -116,23 +116,23 @@ function put(name, value) {
 const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
 
 /** Everything that we asked for, as it is: what it lacks is gone. */
-export function snapshot(message) {
-  places = new Map(Object.keys(message.topics).map((name, n) => [name, n]));
-  for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) put(name, null);
+export function applySnapshot(message) {
+  topicOrder = new Map(Object.keys(message.topics).map((name, n) => [name, n]));
+  for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) queueTopic(name, null);
   addTopics(message, () => null);
 }
 
 /** A later message. */
-export function delta(message) {
+export function applyDelta(message) {
   addTopics(message, newest);
   for (const [name, n] of Object.entries(message.dropped ?? {})) {
-    put(name, { items: [], ...newest(name), dropped: (newest(name)?.dropped ?? 0) + n });
+    queueTopic(name, { items: [], ...newest(name), dropped: (newest(name)?.dropped ?? 0) + n });
   }
-  for (const name of message.gone ?? []) put(name, null);
+  for (const name of message.gone ?? []) queueTopic(name, null);
 }
 
 function addTopics(message, oldOf) {
   const at = nowMs();
-  if (typeof message.time_ms === "number") plantAhead_ms = message.time_ms - at;
-  for (const [name, change] of Object.entries(message.topics)) put(name, merged(name, oldOf(name), change, at));
+  if (typeof message.time_ms === "number") serviceOffset_ms = message.time_ms - at;
+  for (const [name, change] of Object.entries(message.topics)) queueTopic(name, mergeTopic(name, oldOf(name), change, at));
 }

@@ -1,10 +1,10 @@
 // Style sheets that only some pages need: loaded with the page's module, before it is drawn.
-const wanted = new Map();
+const stylesheetUrls = new Map();
 
 /** Resolves when `/static/css/<name>.css` is in force; a page without it is still usable. */
 export function styled(name) {
-  if (!wanted.has(name)) wanted.set(name, loaded(name.startsWith("/") ? name : `/static/css/${name}.css`));
-  return wanted.get(name);
+  if (!stylesheetUrls.has(name)) stylesheetUrls.set(name, loaded(name.startsWith("/") ? name : `/static/css/${name}.css`));
+  return stylesheetUrls.get(name);
 }
 
 function loaded(address) {

@@ -1,13 +1,13 @@
 // Light, dark, or as the system has it. The resolved theme stands on <html data-theme>; charts listen to `theme`.
 import { computed, effect, signal } from "./lib.js";
-import { recall, remember } from "./memory.js";
+import { loadPreference, savePreference } from "./preferences.js";
 
 export const THEMES = ["auto", "light", "dark"];
 const query = matchMedia("(prefers-color-scheme: dark)");
 const systemDark = signal(query.matches);
 query.addEventListener("change", (event) => { systemDark.value = event.matches; });
 
-export const themeChoice = signal(THEMES.includes(recall("theme")) ? recall("theme") : "auto");
+export const themeChoice = signal(THEMES.includes(loadPreference("theme")) ? loadPreference("theme") : "auto");
 /** "light" or "dark". */
 export const theme = computed(() => {
   if (themeChoice.value !== "auto") return themeChoice.value;
@@ -18,7 +18,7 @@ effect(() => { document.documentElement.dataset.theme = theme.value; });
 
 export function chooseTheme(name) {
   themeChoice.value = name;
-  remember("theme", name);
+  savePreference("theme", name);
 }
 
 /** The value of a colour of css/base.css as it is now, e.g. `colour("--ink")`. */

@@ -1,17 +1,17 @@
 // Parts that every page is made of. They hold no sentence of their own: texts come in as children or through t().
 import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./lib.js";
-import { both, t } from "./i18n.js";
-import { NOTHING, duration, number } from "./format.js";
+import { localized, t } from "./i18n.js";
+import { NO_VALUE, duration, number } from "./format.js";
 import { Icon } from "./icons.js";
-import { trusted } from "./live.js";
+import { isLive } from "./live.js";
 
 /** Enter held down presses a button again and again: once is what was meant. */
-const once = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
+const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
 /** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited. */
 export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", ...rest }) {
   return html`<button type="button" class=${`button ${kind} ${more}`} disabled=${disabled || busy}
-    aria-busy=${busy ? "true" : undefined} onKeyDown=${once} ...${rest}>
+    aria-busy=${busy ? "true" : undefined} onKeyDown=${ignoreRepeat} ...${rest}>
     ${icon && html`<${Icon} name=${icon} />`}${children}</button>`;
 }
 
@@ -47,9 +47,9 @@ const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", 
 
 /** How a command ended: the word, the sentence, notes, and on demand the frames. */
 export function OutcomeNote({ outcome }) {
-  return html`<${Notice} kind=${OUTCOME_KIND[outcome.word] ?? "info"} live title=${t(`page.word_${outcome.word}`)}>
-    <p>${both(outcome.text)}</p>
-    ${outcome.notes?.map((note) => both(note.text)).filter((text) => text !== both(outcome.text))
+  return html`<${Notice} kind=${OUTCOME_KIND[outcome.word] ?? "info"} live title=${t(`page.outcome_${outcome.word}`)}>
+    <p>${localized(outcome.text)}</p>
+    ${outcome.notes?.map((note) => localized(note.text)).filter((text) => text !== localized(outcome.text))
       .map((text, n) => html`<p key=${n}>${text}</p>`)}
     ${outcome.frames?.length > 0 && html`<details class="frames"><summary>${t("page.frames")}</summary>
       <${Frames} frames=${outcome.frames} /></details>`}<//>`;
@@ -58,11 +58,11 @@ export function OutcomeNote({ outcome }) {
 function Frames({ frames }) {
   return html`<table class="data"><thead><tr><th>${t("page.frame_sent")}</th><th>${t("page.frame_received")}</th></tr>
     </thead><tbody>${frames.map((frame, n) => html`<tr key=${n}><td class="mono">${frame.sent}</td>
-    <td class="mono">${frame.received || (frame.error && t(frame.error, frame.params)) || NOTHING}</td></tr>`)}</tbody></table>`;
+    <td class="mono">${frame.received || (frame.error && t(frame.error, frame.params)) || NO_VALUE}</td></tr>`)}</tbody></table>`;
 }
 
 /** Says in a word, and to whoever asks in a sentence, why a value is not good. */
-function Doubt({ found, why }) {
+function QualityNote({ found, why }) {
   const isOld = found.quality === "bad" && found.age_s !== null;
   const word = isOld ? t("page.old", { age: duration(found.age_s) }) : t(`page.quality_${found.quality}`);
   return html`<span class="doubt"><${Icon} name="unknown" size=${14} />${word}<span class="sr">${why}</span></span>`;
@@ -74,7 +74,7 @@ export function Value({ found, big = false, brief = false, digits }) {
   const style = big ? "big" : "";
   if (!found || found.value === null) {
     const why = found?.reason ? t(found.reason) : t("page.no_value");
-    return html`<span class=${`value none ${style}`} title=${why}><span class="number">${NOTHING}</span>
+    return html`<span class=${`value none ${style}`} title=${why}><span class="number">${NO_VALUE}</span>
       <span class=${big && !brief ? "unit" : "sr"}>${why}</span></span>`;
   }
   const isGood = found.quality === "good";
@@ -82,7 +82,7 @@ export function Value({ found, big = false, brief = false, digits }) {
   const why = isGood ? undefined : t(`page.quality_${found.quality}`) + reason;
   return html`<span class=${`value ${found.quality} ${style}`} title=${why}>
     <span class="number">${number(found.value, found.unit, digits)}</span><span class="unit">${found.unit}</span>
-    ${!isGood && html`<${Doubt} found=${found} why=${why} />`}</span>`;
+    ${!isGood && html`<${QualityNote} found=${found} why=${why} />`}</span>`;
 }
 
 /** A window over the page; Escape closes it. The stop bar stays in reach: it is not modal. */
@@ -141,7 +141,7 @@ export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
 }
 
 /** Runs one request at a time for a part of the page: `[run, busy, error, result]`. */
-export function useAsk() {
+export function useRequest() {
   const [state, setState] = useState({ busy: false, error: null, result: null });
   const alive = useRef(true);
   useEffect(() => () => { alive.current = false; }, []);
@@ -173,13 +173,13 @@ export function useLoaded(load, what) {
     return () => { current = false; };
   }, [...what, round]);
   const again = () => setRound((n) => n + 1);
-  useReturn(state.error, again);
+  useReloadOnReconnect(state.error, again);
   return [state.value, state.error, again];
 }
 
 /** What got no answer while the server was away is asked for `again` when the line is live once more. */
-export function useReturn(error, again) {
-  useEffect(() => { if (trusted.peek() && error?.unreachable) again(); }, [trusted.value]);
+export function useReloadOnReconnect(error, again) {
+  useEffect(() => { if (isLive.peek() && error?.unreachable) again(); }, [isLive.value]);
 }
 
 export const Loading = () => html`<p class="loading" role="status">${t("page.loading")}</p>`;

@@ -1,56 +1,56 @@
 // Control of one drive: whose hand it is in, run in two steps, setpoint, stops, jog, reset, release.
 import { html, useEffect, useState } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { Button, Choice, Dialog, ErrorNote, Notice, OutcomeNote, useAsk } from "../ui.js";
-import { trusted } from "../live.js";
+import { Button, Choice, Dialog, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
+import { isLive } from "../live.js";
 import { idle, isMine, may } from "../session.js";
-import { giveBack, inHand, take } from "../leases.js";
+import { releaseControl, hasControl, takeControl } from "../control-leases.js";
 import { stop } from "../stops.js";
 import { number, numberOf } from "../format.js";
-import { Frequency, wrongWith } from "../parts/frequency.js";
-import { TwoStep } from "../parts/twostep.js";
+import { Frequency, frequencyError } from "../parts/frequency.js";
+import { TwoStep } from "../parts/arm-start.js";
 import { JogPanel } from "./jog.js";
 
 /** A start is confirmed by later reads. */
-const PATIENT = { patience_ms: 60_000 };
-const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
+const START_OPTIONS = { patience_ms: 60_000 };
+const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Why nothing but a stop may be asked for now; null where it may. */
-function whyNot(view) {
-  if (!trusted.value) return t("page.not_live");
+function controlBlocker(view) {
+  if (!isLive.value) return t("page.not_live");
   if (idle.value) return t("page.idle");
   if (!may("operate")) return t("page.view_only");
   if (view.presence !== "online") return t("page.not_online");
-  if (inHand(view)) return null;
+  if (hasControl(view)) return null;
   return t(view.lease ? "page.not_in_hand_other" : "page.not_in_hand");
 }
 
 function TakeOver({ view, onClose }) {
-  const [run, busy, error] = useAsk();
-  const go = async () => { if (await run(() => take(view.id))) onClose(); };
+  const [run, busy, error] = useRequest();
+  const go = async () => { if (await run(() => takeControl(view.id))) onClose(); };
   return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
-    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titled(view) })}</p><${ErrorNote}
+    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titleOf(view) })}</p><${ErrorNote}
       error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
 }
 
 /** Who commands the drive, and how to change that. */
-function LeaseLine({ view }) {
-  const [run, busy, error] = useAsk();
+function ControlLease({ view }) {
+  const [run, busy, error] = useRequest();
   const [asking, setAsking] = useState(false);
   const mine = isMine(view.lease);
-  const can = trusted.value && may("operate");
+  const can = isLive.value && may("operate");
   const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
   // A lease lives ten seconds: without the line nobody here knows whose it is.
-  return html`<div class=${`lease ${mine && trusted.value ? "mine" : ""}`}><span class="who" role="status">${words}
-    ${!trusted.value && html` <span class="was">${t("page.state_was")}</span>`}</span>
+  return html`<div class=${`lease ${mine && isLive.value ? "mine" : ""}`}><span class="who" role="status">${words}
+    ${!isLive.value && html` <span class="was">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
-      onClick=${() => run(() => take(view.id))}
+      onClick=${() => run(() => takeControl(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
-    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => giveBack(view.id))}>${t("page.lease_give")}<//>`}
+    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
     ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
       ${t("page.take_over")}…<//>`}
     <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}
@@ -59,13 +59,13 @@ function LeaseLine({ view }) {
 
 function Motion({ view, disabled }) {
   const [hertz, setHertz] = useState(view.commanded_hz === null ? "" : String(view.commanded_hz));
-  const [wished, setWay] = useState("forward");
-  const [run, busy, error, result] = useAsk();
+  const [selectedDirection, setSelectedDirection] = useState("forward");
+  const [run, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
-  const isWrong = wrongWith(hertz, view) !== null;
-  const turning = TURNING.has(view.state);
+  const isWrong = frequencyError(hertz, view) !== null;
+  const turning = MOVING_STATES.has(view.state);
   const reversible = view.capabilities.includes("reverse");
-  const way = view.directions.includes(wished) ? wished : view.directions[0] ?? "forward";
+  const way = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
   // What became of a start stays until the motor stands again.
   useEffect(() => { if (!turning) setStarted(null); }, [turning]);
 
@@ -73,11 +73,11 @@ function Motion({ view, disabled }) {
   const ways = view.directions.map((one) => [one, t(`drives.way_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? way : null;
-  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm }, PATIENT);
-  const known = { name: titled(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
+  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm }, START_OPTIONS);
+  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
     limits=${view} disabled=${disabled} />
-    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setWay}
+    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setSelectedDirection}
         options=${ways} disabled=${disabled} />`}
       <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
         data-do="set">${t("page.set_frequency")}<//></div>
@@ -97,34 +97,34 @@ function Stops({ view }) {
       ${t(`page.how_${how}`)}<//>`)}</div>`;
 }
 
-function Once({ path, text, note, disabled, name }) {
-  const [run, busy, error, result] = useAsk();
+function SingleAction({ path, text, note, disabled, name }) {
+  const [run, busy, error, result] = useRequest();
   return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy}
     onClick=${() => run(() => api.post(path))}
     data-do=${name}>${text}<//></div>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
 
-function Blocked({ view }) {
+function StartBlockers({ view }) {
   if (view.blocked.length === 0) return null;
   return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.blocked.map((one) => html`
-    <li key=${one.key}>${both(one.text)}</li>`)}</ul><//>`;
+    <li key=${one.key}>${localized(one.text)}</li>`)}</ul><//>`;
 }
 
 export function ControlPanel({ view }) {
-  const why = whyNot(view);
+  const why = controlBlocker(view);
   const disabled = why !== null;
   const canJog = view.capabilities.includes("jog");
   return html`<section class="panel stack control" aria-labelledby="control-title"><h2 id="control-title">
     ${t("page.control")}</h2>
-    <${LeaseLine} view=${view} />${why && inHand(view) && html`<${Notice}>${why}<//>`}
-    ${why && !inHand(view) && html`<p class="hint">${why}</p>`}<${Blocked} view=${view} />
+    <${ControlLease} view=${view} />${why && hasControl(view) && html`<${Notice}>${why}<//>`}
+    ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
     ${may("stop") && html`<${Stops} view=${view} />`}
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
-    ${may("operate") && (view.fault || view.state === "fault") && html`<${Once} path=${drivePath(view.id, "/reset")}
+    ${may("operate") && (view.fault || view.state === "fault") && html`<${SingleAction} path=${drivePath(view.id, "/reset")}
       name="reset"
       note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
-    ${may("operate") && view.latched && html`<${Once} path=${drivePath(view.id, "/release")} name="release"
+    ${may("operate") && view.latched && html`<${SingleAction} path=${drivePath(view.id, "/release")} name="release"
       note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}

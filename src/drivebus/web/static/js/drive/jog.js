@@ -1,14 +1,14 @@
 // Jog: enabled by one press, then turning while a second press is held. Letting go, leaving, or a late renewal ends it.
 import { html, useEffect, useRef, useState } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Icon } from "../icons.js";
-import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { numberOf } from "../format.js";
 import { now } from "../live.js";
 import { nowMs } from "../store.js";
-import { Frequency, wrongWith } from "../parts/frequency.js";
-import { Jog } from "./hold.js";
+import { Frequency, frequencyError } from "../parts/frequency.js";
+import { JogSession } from "./jog-session.js";
 
 const HOLD_KEYS = new Set([" ", "Enter"]);
 
@@ -42,10 +42,10 @@ function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
     onBlur=${onRelease} onContextMenu=${(event) => event.preventDefault()} ...${rest}>${children}</button>`;
 }
 
-function Told({ phase, detail }) {
+function JogStatus({ phase, detail }) {
   if (phase === "lost" && detail.unreachable) return html`<${Notice} kind="bad" live>${t("page.jog_lost")}<//>`;
   if (phase === "lost") return html`<${ErrorNote} error=${detail} />`;
-  if (phase === "ended") return html`<${Notice} live title=${t("page.jog_ended")}>${both(detail?.text)}<//>`;
+  if (phase === "ended") return html`<${Notice} live title=${t("page.jog_ended")}>${localized(detail?.text)}<//>`;
   if (phase === null) return null;
   return html`<${Notice} kind=${phase === "turning" ? "warning" : "info"} live>${t(`page.jog_${phase}`)}<//>`;
 }
@@ -59,7 +59,7 @@ function JogFrequency({ view, ...rest }) {
 
 /** `view` is the drive's; `disabled` where it may not be commanded now. */
 export function JogPanel({ view, disabled }) {
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const [armed, setArmed] = useState(null);
   const [hertz, setHertz] = useState("");
   const [told, setTold] = useState({ phase: null, detail: null });
@@ -70,7 +70,7 @@ export function JogPanel({ view, disabled }) {
 
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const unsaid = hertz.trim() === "";
-  const wrong = unsaid ? view.jog_frequency === "asked" : wrongWith(hertz, view) !== null;
+  const wrong = unsaid ? view.jog_frequency === "asked" : frequencyError(hertz, view) !== null;
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = told.phase === "asking" || told.phase === "turning";
 
@@ -84,7 +84,7 @@ export function JogPanel({ view, disabled }) {
     if (!isReady || isHeld) return;
     const frequency_hz = unsaid ? null : numberOf(hertz);
     setArmed(null);
-    jog.current = new Jog(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
+    jog.current = new JogSession(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
       setTold({ phase, detail });
     });
     jog.current.run();
@@ -99,5 +99,5 @@ export function JogPanel({ view, disabled }) {
     <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
       ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
       ${ways.map(button)}</div>
-    <${ErrorNote} error=${error} /><${Told} ...${told} /></section>`;
+    <${ErrorNote} error=${error} /><${JogStatus} ...${told} /></section>`;
 }

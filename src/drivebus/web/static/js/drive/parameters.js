@@ -1,18 +1,18 @@
 // Parameters as a table: notation, wire address, raw, value, unit, range, help, caveat. Reading costs the bus time, so
 // it is asked for; edits wait for a look at all of them together.
 import { html, useMemo, useRef, useState } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { number, numberOf } from "../format.js";
 import { Icon } from "../icons.js";
-import { trusted } from "../live.js";
+import { isLive } from "../live.js";
 import { may } from "../session.js";
-import { inHand } from "../leases.js";
+import { hasControl } from "../control-leases.js";
 import { Button, ErrorNote, Field, Table } from "../ui.js";
 import { Review } from "./review.js";
 
 /** So many are read by one request: a bus at 9,600 baud answers these in about a second. */
-const AT_ONCE = 16;
+const READ_BATCH = 16;
 const NONE = "–";
 
 export function rangeOf(parameter) {
@@ -25,7 +25,7 @@ export function rangeOf(parameter) {
 /** A value with the choice's text where it has one. */
 export function shownValue(parameter, value, raw) {
   const text = parameter.choices[String(raw ?? value)];
-  return text ? `${number(raw ?? value)} ${both(text)}` : number(value);
+  return text ? `${number(raw ?? value)} ${localized(text)}` : number(value);
 }
 
 function Cell({ parameter, found }) {
@@ -40,10 +40,10 @@ function useReadings(id) {
   const going = useRef(0);
   const read = async (names) => {
     const mine = ++going.current;
-    for (let at = 0; at < names.length && going.current === mine; at += AT_ONCE) {
+    for (let at = 0; at < names.length && going.current === mine; at += READ_BATCH) {
       setState((old) => ({ ...old, left: names.length - at, error: null }));
       try {
-        const part = names.slice(at, at + AT_ONCE);
+        const part = names.slice(at, at + READ_BATCH);
         const { parameters } = await api.post(drivePath(id, "/parameters/read"), { names: part }, {
         patience_ms: 60_000 });
         setState((old) => ({ ...old, values: { ...old.values, ...parameters } }));
@@ -63,28 +63,28 @@ function Edit({ parameter, value, onChange }) {
   const put = (event) => onChange(event.currentTarget.value);
   if (choices.length) {
     return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NONE}</option>
-      ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${both(text)}</option>`)}</select>`;
+      ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${localized(text)}</option>`)}</select>`;
   }
   return html`<input inputmode="decimal" autocomplete="off" maxlength="16" aria-label=${name} value=${value}
-    onInput=${put} aria-invalid=${value !== "" && lawful(parameter, value) === null ? "true" : undefined} />`;
+    onInput=${put} aria-invalid=${value !== "" && isAllowed(parameter, value) === null ? "true" : undefined} />`;
 }
 
 /** The number that a text of the table's inputs stands for, or null where it is none within the range. */
-function lawful(parameter, text) {
+function isAllowed(parameter, text) {
   const value = numberOf(text);
   if (value === null) return null;
   const { minimum, maximum } = parameter;
   return (minimum !== null && value < minimum) || (maximum !== null && value > maximum) ? null : value;
 }
 
-function About({ parameter, caveats }) {
+function ParameterDetails({ parameter, caveats }) {
   const caveat = caveats.find((one) => one.id === parameter.caveat);
-  const help = both(parameter.help);
-  return html`<span class="paramtext">${both(parameter.text)}</span>
+  const help = localized(parameter.help);
+  return html`<span class="paramtext">${localized(parameter.text)}</span>
     ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon}
       name="warning" size=${16} />` : null}
       ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}
-        </b> ${both(caveat.text)}</p>`}
+        </b> ${localized(caveat.text)}</p>`}
       <p class="soft">${t("page.evidence", {
         source: parameter.evidence.source || t(`page.evidence_${parameter.evidence.kind}`) })}</p></details>`}`;
 }
@@ -94,7 +94,7 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
   const found_columns = [
     [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
     [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`],
-    [t("page.parameter"), (one) => html`<${About} parameter=${one} caveats=${profile.caveats} />`, "wide"],
+    [t("page.parameter"), (one) => html`<${ParameterDetails} parameter=${one} caveats=${profile.caveats} />`, "wide"],
     [t("page.raw"), (one) => found(one)?.raw ?? NONE, "right"],
     [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
     [t("page.unit"), (one) => one.unit],
@@ -130,15 +130,15 @@ export function ParametersTab({ view, profile }) {
   const { values, left, error, read, stop } = useReadings(view.id);
   const rows = useMemo(() => matching(profile, search), [profile, search]);
   const byName = useMemo(() => new Map(profile.parameters.map((one) => [one.notation, one])), [profile]);
-  const canRead = trusted.value && may("operate") && view.presence === "online";
-  const canEdit = canRead && (may("tune") || may("save")) && inHand(view);
+  const canRead = isLive.value && may("operate") && view.presence === "online";
+  const canEdit = canRead && (may("tune") || may("save")) && hasControl(view);
   const edit = (notation, text) => setEdits((old) => {
     const { [notation]: _, ...others } = old;
     return text === "" ? others : { ...others, [notation]: text };
   });
   const changes = Object.entries(edits).map(([notation, text]) => {
     const parameter = byName.get(notation);
-    return { parameter, text, value: lawful(parameter, text), before: values[notation] ?? null };
+    return { parameter, text, value: isAllowed(parameter, text), before: values[notation] ?? null };
   });
   const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
   return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search"

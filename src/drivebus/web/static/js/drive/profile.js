@@ -1,6 +1,6 @@
 // What is known about the model: facts, caveats, keypad, wiring, what nobody knows yet.
 import { html } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { Notice, Table } from "../ui.js";
 
 const CAPABILITIES = [
@@ -13,9 +13,9 @@ function Facts({ profile }) {
   const can = CAPABILITIES.filter((name) => profile.capabilities.includes(name));
   const not = CAPABILITIES.filter((name) => !profile.capabilities.includes(name));
   const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("page.comma")) || "–";
-  return html`<dl class="facts"><dt>${t("page.model")}</dt><dd>${both(profile.title)} (<code>${profile.model}
+  return html`<dl class="facts"><dt>${t("page.model")}</dt><dd>${localized(profile.title)} (<code>${profile.model}
     </code>)</dd>
-    <dt>${t("page.maker")}</dt><dd>${both(profile.maker)}</dd>
+    <dt>${t("page.maker")}</dt><dd>${localized(profile.maker)}</dd>
     <dt>${t("page.grade")}</dt><dd>${t(`page.grade_${profile.grade}`)}: ${t(`page.grade_${profile.grade}_means`)}</dd>
     <dt>${t("page.encodings")}</dt><dd>${profile.encodings.join(t("page.comma"))}</dd>
     <dt>${t("page.line_default")}</dt><dd>${line.baud} ${line.format}</dd>
@@ -26,18 +26,18 @@ function Facts({ profile }) {
 export function ProfileTab({ profile }) {
   return html`<div class="stack"><${Facts} profile=${profile} />
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
-      <${Notice} key=${one.id} kind="warning" title=${one.id}><p>${both(one.text)}</p>
+      <${Notice} key=${one.id} kind="warning" title=${one.id}><p>${localized(one.text)}</p>
       <p class="soft">${t("page.evidence", {
         source: one.evidence.source || t(`page.evidence_${one.evidence.kind}`) })}</p><//>`)}`}
-    <h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li key=${n}>${both(text)}</li>`)}</ol>
-    <h3>${t("page.wiring")}</h3><p>${both(profile.wiring)}</p>
+    <h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li key=${n}>${localized(text)}</li>`)}</ol>
+    <h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>
     ${profile.open_questions.length > 0 && html`<h3>${t("page.open_questions")}</h3>
       ${profile.open_questions.map((one) => html`
-      <${Notice} key=${one.setting} title=${both(one.text)}><p>${both(one.reason)}</p><p>${both(one.settle)}</p>
+      <${Notice} key=${one.setting} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.settle)}</p>
         <//>`)}`}
     <h3>${t("page.signals")}</h3><${Table} caption=${t("page.signals")} rows=${profile.signals}
       keyOf=${(one) => one.name} columns=${[
-      [t("page.signal"), (one) => both(one.text) || one.name, "wide"], [t("page.notation"), (one) => html`<code>
+      [t("page.signal"), (one) => localized(one.text) || one.name, "wide"], [t("page.notation"), (one) => html`<code>
         ${one.notation}</code>`],
       [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`], [t("page.unit"), (one) => one.unit],
       [t("page.period"), (one) => `${one.period_s} s`, "right"],

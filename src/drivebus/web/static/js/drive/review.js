@@ -1,15 +1,15 @@
 // Changed parameters: what was, what will be; written to the drive's RAM, and in a step of its own saved to EEPROM.
 import { html, useState } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { numberOf } from "../format.js";
 import { may } from "../session.js";
-import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useAsk } from "../ui.js";
+import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useRequest } from "../ui.js";
 import { rangeOf, shownValue } from "./parameters.js";
 
 const valuesOf = (changes) => Object.fromEntries(changes.map(({ parameter, value }) => [parameter.notation, value]));
-const done = (outcome) => outcome.word === "confirmed" || outcome.word === "acknowledged";
-const PATIENCE_MS = 60_000;
+const isWritten = (outcome) => outcome.word === "confirmed" || outcome.word === "acknowledged";
+const WRITE_TIMEOUT_MS = 60_000;
 
 function Diff({ changes }) {
   const before = ({ parameter, before: was }) => (was === null || was.value === null ? t("page.not_read")
@@ -19,7 +19,7 @@ function Diff({ changes }) {
   return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
     columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
-    [t("page.parameter"), ({ parameter }) => both(parameter.text), "wide"],
+    [t("page.parameter"), ({ parameter }) => localized(parameter.text), "wide"],
     [t("page.before"), before, "right"],
     [t("page.after"), (one) => (one.value === null ? html`<span class="alarmtext">${wrong(one)}</span>`
       : html`<b>${shownValue(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],
@@ -28,11 +28,11 @@ function Diff({ changes }) {
 
 /** `save`: to EEPROM; else to RAM, where it is lost when the drive loses power. */
 function Step({ view, changes, save, text, disabled, onWritten, kind = "main" }) {
-  const [run, busy, error, result] = useAsk();
+  const [run, busy, error, result] = useRequest();
   const write = async () => {
     const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), {
-      values: valuesOf(changes), save }, { patience_ms: PATIENCE_MS }));
-    if (found && done(found.outcome)) onWritten();
+      values: valuesOf(changes), save }, { patience_ms: WRITE_TIMEOUT_MS }));
+    if (found && isWritten(found.outcome)) onWritten();
   };
   return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled}
     onClick=${write}

@@ -2,24 +2,24 @@
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { duration, number, reading, signalName, signalRank } from "../format.js";
-import { trusted } from "../live.js";
+import { isLive } from "../live.js";
 import { Value } from "../ui.js";
 
-const BIG = ["output_frequency", "output_current"];
+const LARGE_SIGNALS = ["output_frequency", "output_current"];
 /** The rest opens by a press: some models tell twenty. */
-const AT_FIRST = 7;
+const DEFAULT_ROW_COUNT = 7;
 
 const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
 /** Why a value is doubtful or absent, for whoever has no mouse to ask; of an old one its word says enough. */
-function Why({ found }) {
+function QualityReason({ found }) {
   if (!found?.reason || (found.quality === "bad" && found.age_s !== null)) return null;
   return html`<small class="why" aria-hidden="true">${t(found.reason)}</small>`;
 }
 
 function Row({ view, name }) {
   const found = reading(view, name);
-  return html`<tr><th scope="row">${signalName(name)}<${Why} found=${found} /></th><td class="right"><${Value} found=${found} /></td>
+  return html`<tr><th scope="row">${signalName(name)}<${QualityReason} found=${found} /></th><td class="right"><${Value} found=${found} /></td>
     <td class="right soft">${duration(found.age_s)}</td></tr>`;
 }
 
@@ -32,17 +32,17 @@ function Rows({ view, names }) {
 
 export function Values({ view }) {
   const names = signalsOf(view);
-  const more = names.slice(AT_FIRST);
+  const more = names.slice(DEFAULT_ROW_COUNT);
   return html`<section class="panel stack values" aria-labelledby="values-title"><h2 id="values-title">
     ${t("page.values")}</h2>
-    <div class="bigvalues">${BIG.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
+    <div class="bigvalues">${LARGE_SIGNALS.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
       <figcaption>${signalName(name)}</figcaption><${Value} found=${reading(view, name)} big /></figure>`)}
       <figure><figcaption>${t("page.commanded")}</figcaption><span
-        class=${`value big ${trusted.value ? "" : "bad"}`}><span class="number">${
+        class=${`value big ${isLive.value ? "" : "bad"}`}><span class="number">${
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
         </span>
       </figure></div>
-    <${Rows} view=${view} names=${names.slice(0, AT_FIRST)} />
+    <${Rows} view=${view} names=${names.slice(0, DEFAULT_ROW_COUNT)} />
     ${more.length > 0 && html`<details><summary>${t("page.more_values", { n: more.length })}</summary>
       <${Rows} view=${view} names=${more} /></details>`}</section>`;
 }

@@ -1,60 +1,60 @@
 // Alarms: what is wrong now, what is put aside, what was wrong before, and what was known when a drive tripped.
 import { html, useMemo, useState } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
-import { now, trusted } from "../live.js";
+import { now, isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
-import { plantNow, topic } from "../store.js";
+import { serviceNow, topic } from "../store.js";
 import { styled } from "../style.js";
-import { Button, ErrorNote, Tabs, useAsk } from "../ui.js";
+import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
 import { PriorityMark } from "../parts/state.js";
-import { AlarmState } from "../parts/alarmstate.js";
-import { CaseList } from "../parts/caselist.js";
+import { AlarmState } from "../parts/alarm-state.js";
+import { IncidentList } from "../parts/incident-list.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
-import { Period, asQuery } from "../parts/period.js";
+import { Period, asQuery } from "../parts/time-range.js";
 import { ShelveDialog } from "../parts/shelve.js";
 import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
 const RANK = { urgent: 0, high: 1, low: 2 };
-const byUrgency = (one, other) => RANK[one.priority] - RANK[other.priority] || other.raised_ms - one.raised_ms;
-const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > plantNow();
+const byPriority = (one, other) => RANK[one.priority] - RANK[other.priority] || other.raised_ms - one.raised_ms;
+const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > serviceNow();
 
 export function Page({ query }) {
   const active = topic("alarms").value?.active ?? [];
   const shelved = active.filter(isShelved);
-  const open = active.filter((alarm) => !isShelved(alarm)).sort(byUrgency);
+  const open = active.filter((alarm) => !isShelved(alarm)).sort(byPriority);
   const tabs = [
-    ["active", t("plantpage.alarms_active", { n: open.length }), () => html`<${Active} alarms=${open} />`],
-    ["shelved", t("plantpage.alarms_shelved", { n: shelved.length }), () => html`<${Shelved}
-      alarms=${shelved.sort(byUrgency)} />`],
-    ["history", t("plantpage.alarms_history"), () => html`<${Past} />`],
-    ["cases", t("plantpage.cases"), () => html`<${CaseList} />`],
+    ["active", t("page.alarms_active", { n: open.length }), () => html`<${Active} alarms=${open} />`],
+    ["shelved", t("page.alarms_shelved", { n: shelved.length }), () => html`<${Shelved}
+      alarms=${shelved.sort(byPriority)} />`],
+    ["history", t("page.alarms_history"), () => html`<${AlarmHistory} />`],
+    ["incidents", t("page.incidents"), () => html`<${IncidentList} />`],
   ];
-  return html`<h1>${t("page.way_alarms")}</h1>
-    <${Tabs} label=${t("page.way_alarms")} tabs=${tabs} value=${query.tab ?? "active"}
+  return html`<h1>${t("page.nav_alarms")}</h1>
+    <${Tabs} label=${t("page.nav_alarms")} tabs=${tabs} value=${query.tab ?? "active"}
       onChange=${(tab) => replaceQuery({ ...query, tab })} />`;
 }
 
 function Active({ alarms }) {
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const unseen = alarms.filter((alarm) => alarm.acknowledged_ms === null);
   const all = () => run(async () => {
     for (const alarm of unseen) await api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`);
   });
   return html`<div class="stack">
-    ${unseen.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!trusted.value}
+    ${unseen.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!isLive.value}
       onClick=${all}>
-      ${t("plantpage.acknowledge_all", { n: unseen.length })}<//></div>`}
+      ${t("page.acknowledge_all", { n: unseen.length })}<//></div>`}
     <${ErrorNote} error=${error} />
-    <${Alarms} alarms=${alarms} empty=${t("plantpage.no_alarms")} /></div>`;
+    <${Alarms} alarms=${alarms} empty=${t("page.no_alarms")} /></div>`;
 }
 
-const Shelved = ({ alarms }) => html`<div class="stack"><p class="help">${t("plantpage.shelved_help")}</p>
-  <${Alarms} alarms=${alarms} empty=${t("plantpage.none_shelved")} /></div>`;
+const Shelved = ({ alarms }) => html`<div class="stack"><p class="help">${t("page.shelved_help")}</p>
+  <${Alarms} alarms=${alarms} empty=${t("page.none_shelved")} /></div>`;
 
 function Alarms({ alarms, empty }) {
   if (alarms.length === 0) return html`<p class="nothing">${empty}</p>`;
@@ -63,29 +63,29 @@ function Alarms({ alarms, empty }) {
 
 function AlarmRow({ alarm }) {
   const [shelving, setShelving] = useState(false);
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const path = `/alarms/${encodeURIComponent(alarm.id)}`;
   const able = may("operate");
-  const off = !trusted.value;
+  const off = !isLive.value;
   const seen = alarm.acknowledged_ms !== null;
   return html`<li class=${`alarmrow ${alarm.priority} ${seen ? "seen" : "unseen"} ${alarm.cleared_ms === null
     ? "" : "over"}`}>
     <${PriorityMark} priority=${alarm.priority} />
-    <div class="what"><strong>${both(alarm.title)}</strong><span><${About} alarm=${alarm} /></span>
-      <p>${both(alarm.text)}</p></div>
+    <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
+      <p>${localized(alarm.text)}</p></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
-      <span>${t("plantpage.raised_ago", { age: duration(Math.max(0, plantNowTicking() - alarm.raised_ms) / 1000),
+      <span>${t("page.raised_ago", { age: duration(Math.max(0, plantNowTicking() - alarm.raised_ms) / 1000),
         time: moment(alarm.raised_ms) })}</span>
       ${isShelved(alarm) && html`
-        <span>${t("plantpage.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>`}</div>
+        <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>`}</div>
     <div class="do">
       ${able && !seen && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
-        onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("plantpage.acknowledge")}<//>`}
+        onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
       ${able && !isShelved(alarm) && html`<${Button} disabled=${off}
-        onClick=${() => setShelving(true)}>${t("plantpage.shelve")}<//>`}
+        onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
       ${able && isShelved(alarm) && html`<${Button} busy=${busy} disabled=${off}
-        onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("plantpage.unshelve")}<//>`}
-      ${alarm.case && html`<a class="button" href=${href("cases", alarm.case)}>${t("plantpage.open_case")}</a>`}</div>
+        onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
+      ${alarm.case && html`<a class="button" href=${href("incidents", alarm.case)}>${t("page.open_incident")}</a>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     ${shelving && html`<${ShelveDialog} alarm=${alarm} onClose=${() => setShelving(false)} />`}</li>`;
 }
@@ -93,17 +93,17 @@ function AlarmRow({ alarm }) {
 /** The plant's time, following the page's tick, so that "3 min ago" grows. */
 function plantNowTicking() {
   now.value;
-  return plantNow();
+  return serviceNow();
 }
 
 /** What it is about: its drive, with the way there, or the bus, interlock or store. */
-function About({ alarm }) {
+function AlarmDetails({ alarm }) {
   if (!alarm.drive) return alarm.about ?? "";
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.about
     ? ` · ${alarm.about}` : ""}`;
 }
 
-function Past() {
+function AlarmHistory() {
   const [period, setPeriod] = useState({ span: "week" });
   const query = useMemo(() => asQuery(period), [period]);
   const list = usePaged("/alarms/history", query);
@@ -111,14 +111,14 @@ function Past() {
     <ul class="alarms past">${list.items.map((alarm) => html`<li key=${alarm.id}
       class=${`alarmrow ${alarm.priority} seen over`}>
       <${PriorityMark} priority=${alarm.priority} />
-      <div class="what"><strong>${both(alarm.title)}</strong><span><${About} alarm=${alarm} /></span>
-        <p>${both(alarm.text)}</p></div>
-      <div class="when"><span>${t("plantpage.raised_at", { time: moment(alarm.raised_ms) })}</span>
-        <span>${alarm.cleared_ms === null ? t("plantpage.not_cleared")
-          : t("plantpage.cleared_after", { after: duration((alarm.cleared_ms - alarm.raised_ms) / 1000) })}</span>
-        <span>${alarm.acknowledged_ms === null ? t("plantpage.not_acknowledged")
-          : t("plantpage.acknowledged_by", { by: alarm.by ?? "", time: moment(alarm.acknowledged_ms) })}</span></div>
+      <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
+        <p>${localized(alarm.text)}</p></div>
+      <div class="when"><span>${t("page.raised_at", { time: moment(alarm.raised_ms) })}</span>
+        <span>${alarm.cleared_ms === null ? t("page.not_cleared")
+          : t("page.cleared_after", { after: duration((alarm.cleared_ms - alarm.raised_ms) / 1000) })}</span>
+        <span>${alarm.acknowledged_ms === null ? t("page.not_acknowledged")
+          : t("page.acknowledged_by", { by: alarm.by ?? "", time: moment(alarm.acknowledged_ms) })}</span></div>
       <div class="do">${alarm.case && html`<a class="button"
-        href=${href("cases", alarm.case)}>${t("plantpage.open_case")}</a>`}</div></li>`)}</ul>
+        href=${href("incidents", alarm.case)}>${t("page.open_incident")}</a>`}</div></li>`)}</ul>
     <${PagedEnd} list=${list} /></div>`;
 }

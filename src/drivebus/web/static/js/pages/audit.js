@@ -1,36 +1,36 @@
 // The audit trail: who did what, when, and what came of it; and whether the chain is whole.
 import { html, useMemo, useState } from "../lib.js";
-import { known, t } from "../i18n.js";
+import { hasKey, t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { may } from "../session.js";
 import { styled } from "../style.js";
-import { Button, ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { Button, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
-import { Period, asQuery } from "../parts/period.js";
+import { Period, asQuery } from "../parts/time-range.js";
 import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
 export function Page() {
-  if (!may("audit")) return html`<h1>${t("page.way_audit")}</h1><${Notice}
-    kind="warning">${t("plantpage.no_right")}<//>`;
-  return html`<h1>${t("page.way_audit")}</h1><${Verify} /><${Trail} />`;
+  if (!may("audit")) return html`<h1>${t("page.nav_audit")}</h1><${Notice}
+    kind="warning">${t("page.no_right")}<//>`;
+  return html`<h1>${t("page.nav_audit")}</h1><${Verify} /><${Trail} />`;
 }
 
 function Verify() {
-  const [run, busy, error, result] = useAsk();
-  return html`<section class="panel stack"><p>${t("plantpage.audit_how")}</p>
+  const [run, busy, error, result] = useRequest();
+  return html`<section class="panel stack"><p>${t("page.audit_how")}</p>
     <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.get("/audit/verify", {},
       { patience_ms: 120_000 }))} data-audit="verify">
-      ${t("plantpage.verify")}<//></div>
+      ${t("page.verify")}<//></div>
     <${ErrorNote} error=${error} />
-    ${result && (result.ok ? html`<${Notice} kind="good" live>${t("plantpage.audit_whole", { n: result.entries })}<//>`
-      : html`<${Notice} kind="bad" live title=${t("plantpage.audit_broken", { n: result.problems.length })}>
+    ${result && (result.ok ? html`<${Notice} kind="good" live>${t("page.audit_whole", { n: result.entries })}<//>`
+      : html`<${Notice} kind="bad" live title=${t("page.audit_chain_broken", { n: result.problems.length })}>
         <ol>${result.problems.map((problem, n) => html`<li key=${n}>${sentence(problem)}</li>`)}</ol><//>`)}</section>`;
 }
 
-const sentence = (problem) => (problem.text ? t("plantpage.both", { text: problem.text }) : JSON.stringify(problem));
+const sentence = (problem) => (problem.text ? t("page.both", { text: problem.text }) : JSON.stringify(problem));
 
 function Trail() {
   const [period, setPeriod] = useState({ span: "week" });
@@ -39,7 +39,7 @@ function Trail() {
   const list = usePaged("/audit", query);
   const shown = list.items.filter((entry) => matches(entry, sought.trim().toLowerCase()));
   return html`<section class="stack"><${Period} value=${period} onChange=${setPeriod}>
-      <${Field} label=${t("plantpage.sought_loaded")}><input type="search" value=${sought}
+      <${Field} label=${t("page.sought_loaded")}><input type="search" value=${sought}
         onInput=${(event) => setSought(event.target.value)} /><//><//>
     <ol class="audit">${shown.map((entry) => html`<${Entry} key=${entry.n} entry=${entry} />`)}</ol>
     <${PagedEnd} list=${list} /></section>`;
@@ -47,49 +47,49 @@ function Trail() {
 
 /** Whatever the row says in the reader's language, and all that the record holds. */
 const matches = (entry, text) => !text || [
-  [moment(entry.time_ms), whoOf(entry), wordOf(entry), targetOf(entry), endOf(entry) ?? ""].join(" "),
+  [moment(entry.time_ms), userOf(entry), outcomeText(entry), targetOf(entry), outcomeOf(entry) ?? ""].join(" "),
   JSON.stringify(entry),
 ].some((words) => words.toLowerCase().includes(text));
 
-const whoOf = (entry) => entry.who?.name ?? entry.who ?? "";
+const userOf = (entry) => entry.who?.name ?? entry.who ?? "";
 
 /** What it was done to, but for whoever did it. */
-const targetOf = (entry) => (entry.target && entry.target !== whoOf(entry) ? driveTitle(entry.target) : "");
+const targetOf = (entry) => (entry.target && entry.target !== userOf(entry) ? driveTitle(entry.target) : "");
 
 /** "drive.run" as a person says it; the operation's own name where the catalogue has none. */
-function wordOf(entry) {
-  const key = `plantpage.did_${entry.what.replaceAll(/[.-]/g, "_")}`;
-  return known(key) ? t(key) : entry.what;
+function outcomeText(entry) {
+  const key = `page.did_${entry.what.replaceAll(/[.-]/g, "_")}`;
+  return hasKey(key) ? t(key) : entry.what;
 }
 
 function Entry({ entry }) {
-  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${whoOf(entry)}</span>
-    <span class="what"><strong>${wordOf(entry)}</strong> ${targetOf(entry)}</span>
-    <${Ended} entry=${entry} />
-    <details class="whole"><summary>${t("plantpage.entry_n", { n: entry.n })}</summary><dl class="facts">
-      <dt>${t("plantpage.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
-      <dt>${t("plantpage.operation")}</dt><dd><code>${entry.what}</code></dd>
-      ${entry.who?.address && html`<dt>${t("plantpage.address_from")}</dt><dd>${entry.who.address}</dd>`}
-      ${entry.of != null && html`<dt>${t("plantpage.answers_entry")}</dt><dd>${entry.of}</dd>`}
-      <dt>${t("plantpage.params")}</dt><dd><code>${JSON.stringify(entry.params)}</code></dd>
-      ${entry.frames?.length > 0 && html`<dt>${t("plantpage.frames")}</dt><dd><ol
+  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${userOf(entry)}</span>
+    <span class="what"><strong>${outcomeText(entry)}</strong> ${targetOf(entry)}</span>
+    <${OutcomeCell} entry=${entry} />
+    <details class="whole"><summary>${t("page.entry_n", { n: entry.n })}</summary><dl class="facts">
+      <dt>${t("page.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
+      <dt>${t("page.operation")}</dt><dd><code>${entry.what}</code></dd>
+      ${entry.who?.address && html`<dt>${t("page.address_from")}</dt><dd>${entry.who.address}</dd>`}
+      ${entry.of != null && html`<dt>${t("page.answers_entry")}</dt><dd>${entry.of}</dd>`}
+      <dt>${t("page.params")}</dt><dd><code>${JSON.stringify(entry.params)}</code></dd>
+      ${entry.frames?.length > 0 && html`<dt>${t("page.frames_title")}</dt><dd><ol
         class="plain">${entry.frames.map((frame, n) => html`<li key=${n}>
         <code>${frame.sent ?? ""} → ${frame.received || frame.error || "–"}</code></li>`)}</ol></dd>`}
-      <dt>${t("plantpage.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
+      <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
 }
 
-const WORDS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
-const GOOD = new Set(["asked", "confirmed", "acknowledged", "done"]);
+const OUTCOME_KEYS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
+const SUCCESS_OUTCOMES = new Set(["asked", "confirmed", "acknowledged", "done"]);
 
 /** The word of an outcome; of an error its sentence, where the record has the numbers that it needs. */
-function endOf({ outcome, params }) {
+function outcomeOf({ outcome, params }) {
   if (outcome === null || outcome === undefined) return null;
-  const told = WORDS.has(outcome) ? t(`plantpage.outcome_${outcome}`) : known(outcome) ? t(outcome, params) : outcome;
-  return /\{\w+\}/.test(told) ? t("plantpage.outcome_error", { code: outcome }) : told;
+  const told = OUTCOME_KEYS.has(outcome) ? t(`page.outcome_${outcome}`) : hasKey(outcome) ? t(outcome, params) : outcome;
+  return /\{\w+\}/.test(told) ? t("page.outcome_error", { code: outcome }) : told;
 }
 
-function Ended({ entry }) {
-  const word = endOf(entry);
+function OutcomeCell({ entry }) {
+  const word = outcomeOf(entry);
   if (word === null) return html`<span></span>`;
-  return html`<span class=${`ended ${GOOD.has(entry.outcome) ? "" : "bad"}`}>${word}</span>`;
+  return html`<span class=${`ended ${SUCCESS_OUTCOMES.has(entry.outcome) ? "" : "bad"}`}>${word}</span>`;
 }

@@ -1,25 +1,25 @@
 // Buses: how loaded each line is, how each station on it answers, in cable order, and the frames as they go by.
 import { html } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { href } from "../router.js";
 import { bus, idsOf } from "../store.js";
 import { Icon } from "../icons.js";
 import { Notice } from "../ui.js";
-import { NOTHING } from "../format.js";
+import { NO_VALUE } from "../format.js";
 import { styled } from "../style.js";
-import { Cable, Stations } from "../parts/cable.js";
-import { FrameLog } from "../parts/framelog.js";
-import { classes, milliseconds, percent } from "../parts/figures.js";
+import { BusTopology, Stations } from "../parts/bus-topology.js";
+import { FrameLog } from "../parts/frame-log.js";
+import { classes, milliseconds, percent } from "../parts/format-numbers.js";
 
 await styled("pages");
 
 export function Page({ id }) {
   const ids = idsOf("buses").value;
   const chosen = id ?? ids[0];
-  return html`<h1>${t("page.way_buses")}</h1>
+  return html`<h1>${t("page.nav_buses")}</h1>
     ${ids.length === 0 && html`<p class="help">${t("page.nothing")}</p>`}
     <div class="buscards">${ids.map((one) => html`<${BusCard} key=${one} id=${one} chosen=${one === chosen} />`)}</div>
-    ${chosen && html`<${OneBus} key=${chosen} id=${chosen} />`}`;
+    ${chosen && html`<${BusDetails} key=${chosen} id=${chosen} />`}`;
 }
 
 function BusCard({ id, chosen }) {
@@ -27,16 +27,16 @@ function BusCard({ id, chosen }) {
   if (!view) return null;
   return html`<a class=${`buscard ${view.is_open ? "" : "closed"}`} href=${href("buses", id)} aria-current=${chosen
     ? "true" : undefined}>
-    <span class="name">${titled(view)}</span>
+    <span class="name">${titleOf(view)}</span>
     <span class=${`state ${view.is_open ? "calm" : "alarm"}`}><${Icon} name=${view.is_open ? "link" : "silent"}
       size=${18} />
-      <span>${t(view.is_open ? "plantpage.bus_open" : "plantpage.bus_closed")}</span></span>
-    <${Meter} label=${t("plantpage.load")} value=${view.occupied_percent ?? view.load_percent} />
-    <span class="small">${t("plantpage.bus_line", { line: view.line ?? "", n: view.stations.length })}</span>
+      <span>${t(view.is_open ? "page.bus_open" : "page.bus_closed")}</span></span>
+    <${Meter} label=${t("page.load")} value=${view.occupied_percent ?? view.load_percent} />
+    <span class="small">${t("page.bus_line", { line: view.line ?? "", n: view.stations.length })}</span>
     ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
-      ${t("plantpage.errors_are", { share: percent(view.error_rate) })}</span>`}
+      ${t("page.errors_are", { share: percent(view.error_rate) })}</span>`}
     ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault"
-      size=${16} /> ${t("plantpage.foreign_master")}</span>`}</a>`;
+      size=${16} /> ${t("page.foreign_master")}</span>`}</a>`;
 }
 
 /** A share of 100 as a bar with its number. */
@@ -48,40 +48,40 @@ function Meter({ label, value }) {
     aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
       ? `${value.toFixed(0)} %` : t("page.no_value")}>
     <span class="bar"><span style=${{ width: `${Math.min(100, known ? value : 0)}%` }}></span></span>
-    <span class="number">${known ? `${value.toFixed(0)} %` : NOTHING}</span></span>`;
+    <span class="number">${known ? `${value.toFixed(0)} %` : NO_VALUE}</span></span>`;
 }
 
-function OneBus({ id }) {
+function BusDetails({ id }) {
   const view = bus(id).value;
-  if (!view) return html`<${Notice} kind="warning">${t("plantpage.no_such_bus", { id })}<//>`;
+  if (!view) return html`<${Notice} kind="warning">${t("page.no_such_bus", { id })}<//>`;
   return html`
     ${view.foreign_master && html`<${Notice} kind="bad"
-      title=${t("plantpage.foreign_master")}>${t("plantpage.foreign_master_why")}<//>`}
+      title=${t("page.foreign_master")}>${t("page.foreign_master_why")}<//>`}
     ${!view.is_open && html`<${Notice} kind="bad"
-      title=${t("plantpage.bus_closed_why", { link: view.link })}>${both(view.problem)}<//>`}
-    <section class="panel stack"><h2>${titled(view)}</h2><${Facts} view=${view} /></section>
-    <section class="panel stack"><h2>${t("plantpage.cable")}</h2><p class="help">${t("plantpage.cable_help")}</p>
-      <${Cable} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
-    <section class="panel stack"><h2>${t("plantpage.frames")}</h2><${FrameLog} bus=${id} stations=${view.stations} />
+      title=${t("page.bus_closed_why", { link: view.link })}>${localized(view.problem)}<//>`}
+    <section class="panel stack"><h2>${titleOf(view)}</h2><${Facts} view=${view} /></section>
+    <section class="panel stack"><h2>${t("page.cable")}</h2><p class="help">${t("page.cable_help")}</p>
+      <${BusTopology} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
+    <section class="panel stack"><h2>${t("page.frames_title")}</h2><${FrameLog} bus=${id} stations=${view.stations} />
       </section>`;
 }
 
 function Facts({ view }) {
   const facts = [
     ["link", html`<code>${view.link}</code> ${view.line ?? ""}`],
-    ["load", t("plantpage.load_is", { load: percentOf(view.load_percent),
+    ["load", t("page.load_is", { load: percentOf(view.load_percent),
       occupied: percentOf(view.occupied_percent) })],
-    ["transactions", view.transactions_per_s === null ? NOTHING : t("plantpage.per_second",
+    ["transactions", view.transactions_per_s === null ? NO_VALUE : t("page.per_second",
       { n: view.transactions_per_s.toFixed(1) })],
     ["reply_times", [view.reply_p50_s, view.reply_p95_s, view.reply_p99_s].map(milliseconds).join(" / ")],
     ["error_rate", percent(view.error_rate)],
-    ["errors", classes(view.errors, "error") || t("plantpage.none")],
-    ["counters", classes(view.counters, "counter") || t("plantpage.none")],
-    ["stop_bound", view.stop_bound_s == null ? NOTHING : t("plantpage.stop_bound_is",
+    ["errors", classes(view.errors, "error") || t("page.none")],
+    ["counters", classes(view.counters, "counter") || t("page.none")],
+    ["stop_bound", view.stop_bound_s == null ? NO_VALUE : t("page.stop_bound_is",
       { time: milliseconds(view.stop_bound_s) })],
   ];
   return html`<dl class="facts wide">${facts.map(([name, value]) => html`<div key=${name}>
-    <dt>${t(`plantpage.bus_${name}`)}</dt><dd>${value}</dd></div>`)}</dl>`;
+    <dt>${t(`page.bus_${name}`)}</dt><dd>${value}</dd></div>`)}</dl>`;
 }
 
-const percentOf = (value) => (typeof value === "number" ? `${value.toFixed(1)} %` : NOTHING);
+const percentOf = (value) => (typeof value === "number" ? `${value.toFixed(1)} %` : NO_VALUE);

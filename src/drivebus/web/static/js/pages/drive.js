@@ -1,28 +1,28 @@
 // One drive: what it does now, control of it, and everything that is known about it.
 import { html } from "../lib.js";
-import { t, titled } from "../i18n.js";
+import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
 import { href, replaceQuery } from "../router.js";
-import { link } from "../live.js";
-import { learnSignals, stateOf } from "../format.js";
+import { connection } from "../live.js";
+import { addSignalNames, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
-import { CommLossView, Limits } from "../drive/allow.js";
+import { CommLoss, Limits } from "../drive/waiver-limits.js";
 import { ControlPanel } from "../drive/control.js";
-import { FaultsTab, FaultNow } from "../drive/faults.js";
+import { FaultsTab, CurrentFault } from "../drive/faults.js";
 import { ParametersTab } from "../drive/parameters.js";
 import { ProfileTab } from "../drive/profile.js";
 import { StatisticsTab } from "../drive/statistics.js";
-import { TrendTab } from "../drive/trendtab.js";
+import { TrendTab } from "../drive/trend-tab.js";
 import { Values } from "../drive/values.js";
 
-function Where({ view }) {
+function BusLocation({ view }) {
   const line = bus(view.bus).value;
   const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${
-    group(id).value ? titled(group(id).value) : id}</a> `);
+    group(id).value ? titleOf(group(id).value) : id}</a> `);
   return html`<p class="soft where"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
-    ${line ? titled(line) : view.bus}</a>
+    ${line ? titleOf(line) : view.bus}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
       </code> · ${t(`page.grade_${view.grade}`)}
     ${groups.length > 0 && html`${" · "}${groups}`}</p>`;
@@ -30,9 +30,9 @@ function Where({ view }) {
 
 function Head({ view }) {
   const known = stateOf(view);
-  return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.way_fleet")}</a></p><h1>
-    ${titled(view)}</h1>
-    <${Where} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
+  return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.nav_fleet")}</a></p><h1>
+    ${titleOf(view)}</h1>
+    <${BusLocation} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
       size=${40} />
     ${view.state === "unknown" && view.state_reason && html`<p class="soft">${t(view.state_reason)}</p>`}
     ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
@@ -41,7 +41,7 @@ function Head({ view }) {
 
 async function profileOf(id) {
   const profile = await api.get(drivePath(id, "/profile"));
-  learnSignals(profile.signals);
+  addSignalNames(profile.signals);
   return profile;
 }
 
@@ -64,12 +64,12 @@ function Details({ view, query }) {
 
 export function Page({ id, query }) {
   const view = drive(id).value;
-  if (!view && link.value === "starting") return html`<${Loading} />`;
+  if (!view && connection.value === "starting") return html`<${Loading} />`;
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
-    ${t("page.way_fleet")}</a><//>`;
-  return html`<${Head} view=${view} />${view.fault && html`<${FaultNow} fault=${view.fault} />`}
+    ${t("page.nav_fleet")}</a><//>`;
+  return html`<${Head} view=${view} />${view.fault && html`<${CurrentFault} fault=${view.fault} />`}
     <div class="drivegrid"><${Values} view=${view} /><div class="stack"><${ControlPanel} view=${view} />
-      <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLossView} view=${view} /><${Limits} view=${view} />
+      <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
       </section></div></div>
     <${Details} view=${view} query=${query} />`;
 }

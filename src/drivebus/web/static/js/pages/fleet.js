@@ -1,18 +1,18 @@
 // Fleet: a tile a drive.
 import { html, signal, useEffect, useMemo, useRef } from "../lib.js";
-import { t, titled } from "../i18n.js";
+import { t, titleOf } from "../i18n.js";
 import { Icon } from "../icons.js";
 import { Button, Choice, Field, Loading } from "../ui.js";
-import { link } from "../live.js";
+import { connection } from "../live.js";
 import { go } from "../router.js";
 import { group, idsOf } from "../store.js";
-import { GroupPanel } from "../parts/grouppanel.js";
+import { GroupPanel } from "../parts/group-panel.js";
 import { Tile } from "../parts/tile.js";
 import {
-  BYS, KINDS, SIZES, SORTS, arrangement, by, counts, keep, kind, search, sectionTitle, size, sort,
-} from "../parts/fleetorder.js";
+  GROUPINGS, KINDS, SIZES, SORTS, arrangement, groupBy, counts, savePreferences, kind, search, sectionTitle, size, sort,
+} from "../parts/fleet-filter.js";
 
-const named = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
+const kindLabel = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
 
 function Kinds() {
   // Most plants have none whose state is unknown: what would always be 0 is left out.
@@ -22,11 +22,11 @@ function Kinds() {
     onChange=${(name) => { kind.value = name; }} />`;
 }
 
-function Pick({ label, from, names, start }) {
+function OptionSelect({ label, from, names, start }) {
   return html`<${Field} label=${label}><select value=${from.value} onChange=${(event) => {
     from.value = event.currentTarget.value;
-    keep();
-  }}>${named(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select>
+    savePreferences();
+  }}>${kindLabel(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select>
     <//>`;
 }
 
@@ -36,16 +36,16 @@ function GroupPick({ chosen }) {
   return html`<${Field} label=${t("page.group")}><select value=${chosen ?? ""}
     onChange=${(event) => go("fleet", null, { group: event.currentTarget.value })}>
     <option value="">${t("page.every_group")}</option>
-    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titled(group(id).value) : id}
+    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titleOf(group(id).value) : id}
       </option>`)}
     </select><//>`;
 }
 
 /** On a phone the drives come first: what filters them opens by a press. */
-const more = signal(false);
+const showsMore = signal(false);
 
 /** "/" goes to the search, as in many programs; never while somebody types. */
-function useSlash(input) {
+function useSearchShortcut(input) {
   useEffect(() => {
     const key = (event) => {
       if (event.key !== "/" || /^(INPUT|TEXTAREA|SELECT)$/.test(document.activeElement?.tagName)) return;
@@ -57,20 +57,20 @@ function useSlash(input) {
   }, []);
 }
 
-function Tools({ chosen }) {
+function Toolbar({ chosen }) {
   const input = useRef(null);
-  useSlash(input);
-  const toggle = () => { more.value = !more.value; };
+  useSearchShortcut(input);
+  const toggle = () => { showsMore.value = !showsMore.value; };
   return html`<section class="fleettools" aria-label=${t("page.fleet_tools")}><${Kinds} />
-    <button type="button" class="button morepicks" aria-expanded=${more.value ? "true" : "false"} onClick=${toggle}>
+    <button type="button" class="button morepicks" aria-expanded=${showsMore.value ? "true" : "false"} onClick=${toggle}>
       ${t("page.fleet_tools")}<${Icon} name="more" /></button>
-    <div class=${`fleetpicks ${more.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input}
+    <div class=${`fleetpicks ${showsMore.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input}
       type="search" value=${search.value}
       onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
     <${GroupPick} chosen=${chosen} />
-    <${Pick} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />
-    <${Pick} label=${t("page.sections")} from=${by} names=${BYS} start="by" />
-    <${Pick} label=${t("page.size")} from=${size} names=${SIZES} start="size" /></div></section>`;
+    <${OptionSelect} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />
+    <${OptionSelect} label=${t("page.sections")} from=${groupBy} names=${GROUPINGS} start="by" />
+    <${OptionSelect} label=${t("page.size")} from=${size} names=${SIZES} start="size" /></div></section>`;
 }
 
 const COLUMN_STEP = { ArrowRight: 1, ArrowLeft: -1 };
@@ -80,13 +80,13 @@ function moveFocus(event) {
   const tiles = [...event.currentTarget.querySelectorAll(".tilelink")];
   const at = tiles.indexOf(document.activeElement);
   if (at < 0) return;
-  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : above(tiles, at, event.key);
+  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : tileAbove(tiles, at, event.key);
   if (!next) return;
   event.preventDefault();
   next.focus();
 }
 
-function above(tiles, at, key) {
+function tileAbove(tiles, at, key) {
   const here = tiles[at].getBoundingClientRect();
   const side = { ArrowDown: 1, ArrowUp: -1 }[key];
   if (!side) return null;
@@ -109,7 +109,7 @@ const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
 function filters(inGroup) {
   return [
     search.value.trim() && t("page.filter_search", { text: search.value.trim() }),
-    inGroup && titled(group(inGroup).value ?? { id: inGroup }),
+    inGroup && titleOf(group(inGroup).value ?? { id: inGroup }),
     kind.value !== "all" && t(`page.kind_${kind.value}`),
   ].filter(Boolean);
 }
@@ -125,14 +125,14 @@ function Filtered({ chosen, shown }) {
 }
 
 function Empty() {
-  if (link.value === "starting") return html`<${Loading} />`;
+  if (connection.value === "starting") return html`<${Loading} />`;
   return html`<p class="loading">${t("page.no_drive_shown")} <${Button} onClick=${clear}>${t("page.show_all")}<//></p>`;
 }
 
 export function Page({ query }) {
   const chosen = query.group ?? null;
   const shown = useMemo(() => arrangement(chosen), [chosen]);
-  return html`<h1 class="sr">${t("page.way_fleet")}</h1><${Tools} chosen=${chosen} />
+  return html`<h1 class="sr">${t("page.nav_fleet")}</h1><${Toolbar} chosen=${chosen} />
     <${Filtered} chosen=${chosen} shown=${shown.value} />
     ${chosen && html`<${GroupPanel} id=${chosen} />`}
     <div class="fleet" onKeyDown=${moveFocus}>${shown.value.map(([name, ids]) => html`

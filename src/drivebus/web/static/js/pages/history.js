@@ -2,7 +2,7 @@
 import { html, useEffect, useMemo, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
-import { recall, remember } from "../memory.js";
+import { loadPreference, savePreference } from "../preferences.js";
 import { replaceQuery } from "../router.js";
 import { styled } from "../style.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
@@ -14,23 +14,23 @@ import { HUES } from "../trend/chart.js";
 await styled("pages");
 
 /** More lines than this tell nobody anything, and the historian takes 50. */
-export const MOST = 16;
-const REST_MS = 500;
+export const MAX_SIGNALS = 16;
+const UPDATE_DELAY_MS = 500;
 
 export function Page({ query }) {
   const [found, error] = useLoaded(() => api.get("/history/tags"), []);
-  if (error && !found) return html`<h1>${t("page.way_history")}</h1><${ErrorNote} error=${error} />`;
-  return html`<h1>${t("page.way_history")}</h1>${found ? html`<${Chosen} tags=${found.tags}
+  if (error && !found) return html`<h1>${t("page.nav_history")}</h1><${ErrorNote} error=${error} />`;
+  return html`<h1>${t("page.nav_history")}</h1>${found ? html`<${SelectedSignals} tags=${found.tags}
     query=${query} />` : html`<${Loading} />`}`;
 }
 
-function Chosen({ tags, query }) {
+function SelectedSignals({ tags, query }) {
   const [picked, setPicked] = useState(() => first(tags, query));
   const shown = useRef(null);
   const resting = useRef(null);
   const known = useMemo(() => new Map(tags.map((tag) => [tag.tag, tag])), [tags]);
   const lines = useLines(picked, known);
-  const change = (next) => { setPicked(next); remember("history", next); };
+  const change = (next) => { setPicked(next); savePreference("history", next); };
   const from = Number(query.from) || null;
   const to = Number(query.to) || null;
   // The address follows when the hand rests: what it shows can be sent to somebody.
@@ -38,14 +38,14 @@ function Chosen({ tags, query }) {
     shown.current = { window, live };
     clearTimeout(resting.current);
     const fixed = live ? {} : { from: Math.round(window.from), to: Math.round(window.to) };
-    resting.current = setTimeout(() => replaceQuery({ tags: picked.join(","), ...fixed }), REST_MS);
+    resting.current = setTimeout(() => replaceQuery({ tags: picked.join(","), ...fixed }), UPDATE_DELAY_MS);
   };
   useEffect(() => {
     if (shown.current) told(shown.current.window, shown.current.live);
     return () => clearTimeout(resting.current);
   }, [picked]);
-  return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MOST} onChange=${change} />
-    ${picked.length === 0 ? html`<${Notice}>${t("plantpage.pick_signals")}<//>` : html`
+  return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MAX_SIGNALS} onChange=${change} />
+    ${picked.length === 0 ? html`<${Notice}>${t("page.pick_signals")}<//>` : html`
       <${Trend} lines=${lines} height=${380} span_s=${3600} window=${from && to > from ? { from, to } : null}
         onWindow=${told} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
       <${Export} tags=${picked} shown=${() => shown.current.window} />`}`;
@@ -55,9 +55,9 @@ function Chosen({ tags, query }) {
 function first(tags, query) {
   const there = new Set(tags.map((tag) => tag.tag));
   const asked = (query.tags ?? "").split(",").filter((tag) => there.has(tag));
-  const last = recall("history", []).filter((tag) => there.has(tag));
+  const last = loadPreference("history", []).filter((tag) => there.has(tag));
   const usual = tags.filter((tag) => tag.signal === "output_frequency").slice(0, 4).map((tag) => tag.tag);
-  return [asked, last, usual].find((some) => some.length > 0)?.slice(0, MOST) ?? [];
+  return [asked, last, usual].find((some) => some.length > 0)?.slice(0, MAX_SIGNALS) ?? [];
 }
 
 /** A line keeps its colour while others come and go. */

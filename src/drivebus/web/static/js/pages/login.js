@@ -1,14 +1,14 @@
 // Log in; at the very first start: set the plant up with the secret that the service printed on its own machine.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
-import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
 import { Preferences } from "../shell.js";
-import { SHORTEST_PASSWORD, passwordHelp } from "../parts/password.js";
+import { MIN_PASSWORD_LENGTH, passwordHelp } from "../parts/password.js";
 
 function Form({ title, note, fields, submit, send }) {
   const [values, setValues] = useState({});
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
   const go = (event) => { event.preventDefault(); run(() => send(values)); };
   return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
@@ -16,7 +16,7 @@ function Form({ title, note, fields, submit, send }) {
       help=${help}>
       <input name=${name} type=${type} autocomplete=${complete} required value=${values[name] ?? ""}
         onInput=${put(name)}
-        minlength=${help ? SHORTEST_PASSWORD : undefined} spellcheck="false" autocapitalize="none" /><//>`)}
+        minlength=${help ? MIN_PASSWORD_LENGTH : undefined} spellcheck="false" autocapitalize="none" /><//>`)}
     <${ErrorNote} error=${error} /><button type="submit" class="button main" disabled=${busy}>${submit}</button>
       </form>`;
 }

@@ -17,30 +17,30 @@ await styled("pages");
 
 export function Page({ query }) {
   const tabs = [
-    ["me", t("plantpage.me"), () => html`<${Me} />`],
-    ["tokens", t("plantpage.tokens"), () => html`<${Tokens} />`],
-    ...(may("administer") ? [["users", t("plantpage.users"), () => html`<${Users} />`]] : []),
-    ...(may("configure") ? [["configuration", t("plantpage.configuration"), () => html`<${Configuration} />`]] : []),
-    ["about", t("plantpage.about"), () => html`<${About} />`],
+    ["me", t("page.me"), () => html`<${OwnAccount} />`],
+    ["tokens", t("page.tokens"), () => html`<${Tokens} />`],
+    ...(may("administer") ? [["users", t("page.users"), () => html`<${Users} />`]] : []),
+    ...(may("configure") ? [["configuration", t("page.configuration"), () => html`<${Configuration} />`]] : []),
+    ["about", t("page.about"), () => html`<${About} />`],
   ];
-  return html`<h1>${t("page.way_settings")}</h1>
-    <${Tabs} label=${t("page.way_settings")} tabs=${tabs} value=${query.tab ?? "me"}
+  return html`<h1>${t("page.nav_settings")}</h1>
+    <${Tabs} label=${t("page.nav_settings")} tabs=${tabs} value=${query.tab ?? "me"}
       onChange=${(tab) => replaceQuery({ tab })} />`;
 }
 
-function Me() {
+function OwnAccount() {
   const { user, role, rights } = session.value;
-  return html`<div class="stack"><section class="panel stack"><h2>${t("plantpage.looks")}</h2>
-      <div class="row"><span>${t("plantpage.language")}</span><${Choice} label=${t("plantpage.language")}
+  return html`<div class="stack"><section class="panel stack"><h2>${t("page.looks")}</h2>
+      <div class="row"><span>${t("page.language")}</span><${Choice} label=${t("page.language")}
         value=${language.value}
         options=${Object.entries(LANGUAGES)} onChange=${chooseLanguage} /></div>
-      <div class="row"><span>${t("plantpage.theme")}</span><${Choice} label=${t("plantpage.theme")}
+      <div class="row"><span>${t("page.theme")}</span><${Choice} label=${t("page.theme")}
         value=${themeChoice.value}
         options=${THEMES.map((name) => [name, t(`page.theme_${name}`)])} onChange=${chooseTheme} /></div></section>
     <section class="panel stack"><h2>${user}</h2><dl class="facts">
-      ${role && html`<dt>${t("plantpage.role")}</dt><dd>${t(`plantpage.role_${role}`)}</dd>`}
-      <dt>${t("plantpage.rights")}</dt>
-        <dd>${rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
+      ${role && html`<dt>${t("page.role")}</dt><dd>${t(`page.role_${role}`)}</dd>`}
+      <dt>${t("page.rights")}</dt>
+        <dd>${rights.map((right) => t(`page.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
     <${Password} /></div>`;
 }
 
@@ -51,6 +51,6 @@ function About() {
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
     ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt
-      key=${name}>${t(`plantpage.about_${name}`)}</dt><dd>${value}</dd>`)}</dl>
-    <p>${t("plantpage.about_safety")}</p></section>`;
+      key=${name}>${t(`page.about_${name}`)}</dt><dd>${value}</dd>`)}</dl>
+    <p>${t("page.about_safety")}</p></section>`;
 }

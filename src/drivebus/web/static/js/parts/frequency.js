@@ -5,7 +5,7 @@ import { numberOf } from "../format.js";
 import { Field } from "../ui.js";
 
 /** What is wrong with a text as a frequency between the limits, or null. */
-export function wrongWith(text, { minimum_hz, maximum_hz }) {
+export function frequencyError(text, { minimum_hz, maximum_hz }) {
   const value = numberOf(text);
   if (value === null) return t("page.not_number");
   if (value < minimum_hz || value > maximum_hz) return t("page.hz_outside", { minimum_hz, maximum_hz });
@@ -16,7 +16,7 @@ export function wrongWith(text, { minimum_hz, maximum_hz }) {
 export function Frequency({ label, value, onChange, limits, disabled }) {
   const { minimum_hz, maximum_hz } = limits;
   const put = (event) => onChange(event.currentTarget.value);
-  const wrong = String(value).trim() === "" ? null : wrongWith(value, limits);
+  const wrong = String(value).trim() === "" ? null : frequencyError(value, limits);
   const help = t("page.hz_limits", { minimum_hz, maximum_hz });
   return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
       <input inputmode="decimal" autocomplete="off" maxlength="12" value=${value} disabled=${disabled} onInput=${put}

@@ -2,7 +2,7 @@
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { api } from "../api.js";
 import { t } from "../i18n.js";
-import { Button, ErrorNote, Loading, useReturn } from "../ui.js";
+import { Button, ErrorNote, Loading, useReloadOnReconnect } from "../ui.js";
 
 const START = { items: [], next: null, busy: true, error: null };
 
@@ -29,15 +29,15 @@ export function usePaged(path, query) {
     return () => asked.current?.abort();
   }, [key]);
   const reload = () => load(null, []);
-  useReturn(state.error, reload);
+  useReloadOnReconnect(state.error, reload);
   return { ...state, more: () => load(state.next, state.items), reload };
 }
 
 /** What stands below such a list: an error, that more is being asked for, or the way to more. */
 export function PagedEnd({ list }) {
   if (list.error) return html`<${ErrorNote} error=${list.error} /><${Button}
-    onClick=${list.reload}>${t("plantpage.try_again")}<//>`;
+    onClick=${list.reload}>${t("page.try_again")}<//>`;
   if (list.busy) return html`<${Loading} />`;
-  if (list.next === null) return html`<p class="help">${t("plantpage.list_end", { n: list.items.length })}</p>`;
-  return html`<${Button} onClick=${list.more}>${t("plantpage.show_more")}<//>`;
+  if (list.next === null) return html`<p class="help">${t("page.list_end", { n: list.items.length })}</p>`;
+  return html`<${Button} onClick=${list.more}>${t("page.show_more")}<//>`;
 }

@@ -3,18 +3,18 @@ import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { session } from "../session.js";
-import { ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
 
-export const SHORTEST_PASSWORD = 10;
+export const MIN_PASSWORD_LENGTH = 10;
 
 /** What a password must be: told before one is chosen, wherever that is. */
-export const passwordHelp = () => t("page.password_help", { n: SHORTEST_PASSWORD });
+export const passwordHelp = () => t("page.password_help", { n: MIN_PASSWORD_LENGTH });
 
 const EMPTY = { old: "", new: "", again: "" };
 
 export function Password() {
   const [given, setGiven] = useState(EMPTY);
-  const [run, busy, error, result] = useAsk();
+  const [run, busy, error, result] = useRequest();
   const set = (name) => (event) => setGiven({ ...given, [name]: event.target.value });
   const differ = given.again !== "" && given.again !== given.new;
   const ready = given.old && given.new && given.again === given.new;
@@ -28,12 +28,12 @@ export function Password() {
   const input = (name, auto, label, more = {}) => html`<${Field} label=${t(label)} ...${more}><input type="password"
     autocomplete=${auto}
     value=${given[name]} onInput=${set(name)} /><//>`;
-  return html`<section class="panel"><h2>${t("plantpage.password")}</h2><form class="stack narrow" onSubmit=${send}>
-    ${input("old", "current-password", "plantpage.password_old")}
-    ${input("new", "new-password", "plantpage.password_new", { help: passwordHelp() })}
-    ${input("again", "new-password", "plantpage.password_again",
-      { wrong: differ && t("plantpage.passwords_differ") })}
-    <${ErrorNote} error=${error} />${result && html`<${Notice} kind="good" live>${t("plantpage.password_changed")}<//>`}
+  return html`<section class="panel"><h2>${t("page.password")}</h2><form class="stack narrow" onSubmit=${send}>
+    ${input("old", "current-password", "page.password_old")}
+    ${input("new", "new-password", "page.password_new", { help: passwordHelp() })}
+    ${input("again", "new-password", "page.password_again",
+      { wrong: differ && t("page.passwords_differ") })}
+    <${ErrorNote} error=${error} />${result && html`<${Notice} kind="good" live>${t("page.password_changed")}<//>`}
     <div class="row"><button class="button main" type="submit" disabled=${busy
-      || !ready}>${t("plantpage.change_password")}</button></div></form></section>`;
+      || !ready}>${t("page.change_password")}</button></div></form></section>`;
 }

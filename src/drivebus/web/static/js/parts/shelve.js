@@ -1,32 +1,32 @@
 // To put an alarm aside for a while, with the reason: the next shift must be able to read why.
 import { html, useState } from "../lib.js";
-import { both, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { Button, Choice, Dialog, ErrorNote, Field, useAsk } from "../ui.js";
+import { Button, Choice, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
-const SHORTEST_REASON = 3;
+const MIN_REASON_LENGTH = 3;
 
 export function ShelveDialog({ alarm, onClose }) {
   const [minutes, setMinutes] = useState(60);
   const [reason, setReason] = useState("");
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
     if (await run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes,
       reason: reason.trim() }))) onClose();
   };
-  return html`<${Dialog} title=${t("plantpage.shelve_title")} onClose=${onClose}>
-    <p><strong>${both(alarm.title)}</strong></p><p>${t("plantpage.shelve_how")}</p>
+  return html`<${Dialog} title=${t("page.shelve_title")} onClose=${onClose}>
+    <p><strong>${localized(alarm.title)}</strong></p><p>${t("page.shelve_how")}</p>
     <form class="stack" onSubmit=${send}>
-      <${Choice} label=${t("plantpage.shelve_for")} value=${minutes} onChange=${setMinutes}
-        options=${MINUTES.map((one) => [one, t(`plantpage.minutes_${one}`)])} />
-      <${Field} label=${t("plantpage.reason")} help=${t("plantpage.reason_help")}><input value=${reason}
+      <${Choice} label=${t("page.shelve_for")} value=${minutes} onChange=${setMinutes}
+        options=${MINUTES.map((one) => [one, t(`page.minutes_${one}`)])} />
+      <${Field} label=${t("page.reason")} help=${t("page.reason_help")}><input value=${reason}
         maxlength="500" data-first
         onInput=${(event) => setReason(event.target.value)} /><//>
       <${ErrorNote} error=${error} />
-      <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
+      <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
         <button class="button main" type="submit" disabled=${busy
-          || reason.trim().length < SHORTEST_REASON}>${t("plantpage.shelve")}</button></div>
+          || reason.trim().length < MIN_REASON_LENGTH}>${t("page.shelve")}</button></div>
     </form><//>`;
 }

@@ -1,12 +1,12 @@
 // To choose signals: by drive, by name, and whole kinds at once.
 import { html, useState } from "../lib.js";
-import { both, known, t } from "../i18n.js";
+import { localized, hasKey, t } from "../i18n.js";
 import { signalName } from "../format.js";
 import { Button, Field } from "../ui.js";
 import { driveTitle } from "./titles.js";
 
 /** A signal as the catalogue calls it, else as its profile does. */
-export const nameOf = (tag) => (known(`signal.${tag.signal}`) ? signalName(tag.signal) : both(tag.text)
+export const nameOf = (tag) => (hasKey(`signal.${tag.signal}`) ? signalName(tag.signal) : localized(tag.text)
   || signalName(tag.signal));
 
 /** "Fan 1 · output frequency". */
@@ -27,11 +27,11 @@ export function SignalPicker({ tags, picked, most, onChange }) {
   const full = picked.length >= most;
   const toggle = (tag) => onChange(picked.includes(tag) ? picked.filter((one) => one !== tag) : [...picked, tag]);
   return html`<details class="panel picker" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}>
-    <summary>${t("plantpage.signals_chosen", { n: picked.length })}</summary>
-    <div class="filters"><${Field} label=${t("plantpage.sought")}><input type="search" value=${sought}
+    <summary>${t("page.signals_chosen", { n: picked.length })}</summary>
+    <div class="filters"><${Field} label=${t("page.sought")}><input type="search" value=${sought}
         onInput=${(event) => setSought(event.target.value)} /><//>
-      <${Button} disabled=${picked.length === 0} onClick=${() => onChange([])}>${t("plantpage.pick_none")}<//></div>
-    ${full && html`<p class="help" role="status">${t("plantpage.pick_full", { n: most })}</p>`}
+      <${Button} disabled=${picked.length === 0} onClick=${() => onChange([])}>${t("page.pick_none")}<//></div>
+    ${full && html`<p class="help" role="status">${t("page.pick_full", { n: most })}</p>`}
     ${isOpen && html`<div class="pickdrives">${[...byDrive].slice(0, DRIVES).map(([id, some]) => html`<fieldset
       key=${id}><legend>${driveTitle(id)}</legend>
       ${some.map((tag) => html`<label class="check" key=${tag.tag}><input type="checkbox"
@@ -39,7 +39,7 @@ export function SignalPicker({ tags, picked, most, onChange }) {
         disabled=${full && !picked.includes(tag.tag)} onChange=${() => toggle(tag.tag)} />
         <span>${nameOf(tag)} ${tag.unit && html`<span class="unit">${tag.unit}</span>`}</span>
           </label>`)}</fieldset>`)}</div>`}
-    ${byDrive.size > DRIVES && html`<p class="help">${t("plantpage.pick_more", { n: byDrive.size - DRIVES })}</p>`}
+    ${byDrive.size > DRIVES && html`<p class="help">${t("page.pick_more", { n: byDrive.size - DRIVES })}</p>`}
     ${byDrive.size === 0 && html`<p class="help">${t("page.nothing")}</p>`}</details>`;
 }
 

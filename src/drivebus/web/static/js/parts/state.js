@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { Icon } from "../icons.js";
 
 /** State → [icon, tone]. Tones: calm, active, alarm, warn, doubt. */
-const LOOKS = {
+const APPEARANCES = {
   stopped: ["standing", "calm"], running: ["turning", "active"], accelerating: ["ramp_up", "active"],
   decelerating: ["ramp_down", "active"], braking: ["ramp_down", "active"], jogging: ["turning", "active"],
   paused: ["pause", "warn"], restarting: ["warning", "warn"], not_ready: ["warning", "warn"], fault: ["fault", "alarm"],
@@ -12,16 +12,16 @@ const LOOKS = {
 };
 
 /** [icon, tone, word] for what `format.stateOf` gave. */
-export function lookOf({ state, presence, lost }) {
+export function appearanceOf({ state, presence, lost }) {
   if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen")];
   if (presence === "offline") return ["silent", "alarm", t("page.presence_offline")];
-  const [icon, tone] = LOOKS[state] ?? LOOKS.unknown;
+  const [icon, tone] = APPEARANCES[state] ?? APPEARANCES.unknown;
   return lost ? [icon, "doubt", t(`drives.state_${state}`)] : [icon, tone, t(`drives.state_${state}`)];
 }
 
 /** `known` is what format.stateOf gave; a stale state says so. */
 export function StateMark({ known, direction, size = 22 }) {
-  const [icon, tone, word] = lookOf(known);
+  const [icon, tone, word] = appearanceOf(known);
   const turning = tone === "active" && direction;
   return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word">${word}</span>
     ${turning && html`<${Icon} name=${direction} size=${size - 4} />
@@ -29,18 +29,18 @@ export function StateMark({ known, direction, size = 22 }) {
     ${known.lost && html`<span class="was">${t("page.state_was")}</span>`}</span>`;
 }
 
-const PRIORITIES = { urgent: "fault", high: "warning", low: "low" };
+const PRIORITY_ICONS = { urgent: "fault", high: "warning", low: "low" };
 
 /** An alarm's priority by shape, word and colour. */
 export function PriorityMark({ priority, word = true, size = 18 }) {
-  return html`<span class=${`priority ${priority}`}><${Icon} name=${PRIORITIES[priority] ?? "warning"} size=${size} />
+  return html`<span class=${`priority ${priority}`}><${Icon} name=${PRIORITY_ICONS[priority] ?? "warning"} size=${size} />
     <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span></span>`;
 }
 
 /** The badge: what the drive does when this host dies. */
-export function HostDiesBadge({ badge }) {
+export function CommLossBadge({ badge }) {
   const calm = badge.kind === "trips";
-  const words = t(`page.host_dies_${badge.kind}`, { after: badge.after_s ?? "?" });
+  const words = t(`page.comm_loss_${badge.kind}`, { after: badge.after_s ?? "?" });
   return html`<span class=${`badge ${calm ? "calm" : "warn"}`}><${Icon} name=${calm ? "check" : "warning"} size=${16} />
     ${words}${badge.waiver && html`<span> · ${t("page.waived")}</span>`}</span>`;
 }

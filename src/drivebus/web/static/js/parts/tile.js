@@ -1,19 +1,19 @@
 // One drive of the fleet. Each tile listens to its own drive only.
 import { html, useComputed } from "../lib.js";
-import { t, titled } from "../i18n.js";
-import { ageOf, readingStill, stateOf } from "../format.js";
-import { trusted } from "../live.js";
+import { t, titleOf } from "../i18n.js";
+import { ageOf, readingWithoutAge, stateOf } from "../format.js";
+import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
 import { stop } from "../stops.js";
-import { faultWords } from "../drive/faults.js";
-import { PriorityMark, StateMark, lookOf } from "./state.js";
+import { faultText } from "../drive/faults.js";
+import { PriorityMark, StateMark, appearanceOf } from "./state.js";
 
 /** "< 1 s", "3 s"…: coarse, so that a hundred tiles have a new text only where it tells something. */
-function coarse(seconds) {
+function coarseAge(seconds) {
   if (seconds === null) return t("page.never_read");
   if (seconds < 1.5) return t("page.age_now");
   if (seconds < 100) return t("page.seconds", { n: Math.floor(seconds) });
@@ -24,7 +24,7 @@ function coarse(seconds) {
 function ageText(view) {
   const all = view?.signals ?? {};
   const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.age_s !== null);
-  return found ? coarse(ageOf(found)) : t("page.never_read");
+  return found ? coarseAge(ageOf(found)) : t("page.never_read");
 }
 
 function Worst({ alarms }) {
@@ -33,12 +33,12 @@ function Worst({ alarms }) {
 }
 
 function Fault({ fault }) {
-  return html`<p class="tilefault">${faultWords(fault)}</p>`;
+  return html`<p class="tilefault">${faultText(fault)}</p>`;
 }
 
 /** The current, where the model tells one in a unit that is known: a bare number would be taken for anything. */
 function current(view) {
-  const found = readingStill(view, "output_current");
+  const found = readingWithoutAge(view, "output_current");
   return found === null || found.value === null || !found.unit ? null : html`<${Value} found=${found} />`;
 }
 
@@ -48,14 +48,14 @@ export function Tile({ id }) {
   const view = topic.value;
   if (!view) return null;
   const known = stateOf(view);
-  const [, tone] = lookOf(known);
-  const name = titled(view);
-  return html`<article class=${`tile tone-${tone} ${trusted.value ? "" : "old"}`}>
+  const [, tone] = appearanceOf(known);
+  const name = titleOf(view);
+  return html`<article class=${`tile tone-${tone} ${isLive.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename" title=${name}>${name}</span>
         <${Worst} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
-      <span class="tilehz"><${Value} found=${readingStill(view, "output_frequency")} big brief /></span>
+      <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief /></span>
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
         ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
         <span class="tileage">${age}</span></span>

@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, Notice, Table, useAsk, useLoaded } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, Loading, Notice, Table, useRequest, useLoaded } from "../ui.js";
 
 const DAYS = [7, 30, 90, 365];
 
@@ -15,35 +15,35 @@ export function Tokens() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const close = (secret = null) => { setOpen(false); setMade(secret); reload(); };
   const columns = [
-    [t("plantpage.name"), (token) => html`<strong>${token.name}</strong>`, "name"],
-    [t("plantpage.user"), (token) => token.user],
-    [t("plantpage.rights"),
-      (token) => token.rights.map((right) => t(`plantpage.right_${right}`)).join(t("page.comma"))],
-    [t("plantpage.expires"), (token) => moment(token.expires_ms)],
-    [t("plantpage.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`, "act"],
+    [t("page.name"), (token) => html`<strong>${token.name}</strong>`, "name"],
+    [t("page.user"), (token) => token.user],
+    [t("page.rights"),
+      (token) => token.rights.map((right) => t(`page.right_${right}`)).join(t("page.comma"))],
+    [t("page.expires"), (token) => moment(token.expires_ms)],
+    [t("page.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`, "act"],
   ];
-  return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.tokens")}</h2>
-      <${Button} kind="main" onClick=${() => setOpen(true)}>${t("plantpage.add_token")}<//></div>
-    <p class="help">${t("plantpage.tokens_help")}</p>
-    ${made && html`<${Notice} kind="good" live title=${t("plantpage.token_made")}><code class="secret">${made}</code>
+  return html`<section class="panel stack"><div class="row between"><h2>${t("page.tokens")}</h2>
+      <${Button} kind="main" onClick=${() => setOpen(true)}>${t("page.add_token")}<//></div>
+    <p class="help">${t("page.tokens_help")}</p>
+    ${made && html`<${Notice} kind="good" live title=${t("page.token_made")}><code class="secret">${made}</code>
       <//>`}
-    <${Table} caption=${t("plantpage.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
+    <${Table} caption=${t("page.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
     ${open && html`<${NewTokenBody} onClose=${close} />`}</section>`;
 }
 
 function Remove({ token, onDone }) {
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const [sure, setSure] = useState(false);
   const remove = async () => { if (await run(() => api.remove(`/tokens/${encodeURIComponent(token.id)}`))) onDone(); };
   return html`<${Button} kind=${sure ? "danger" : "plain"} busy=${busy} onClick=${() => (sure
     ? remove() : setSure(true))}
-      onBlur=${() => setSure(false)} aria-label=${t("plantpage.remove_token", { name: token.name })}>
-    ${t(sure ? "plantpage.remove_sure" : "plantpage.remove")}<//><${ErrorNote} error=${error} />`;
+      onBlur=${() => setSure(false)} aria-label=${t("page.remove_token", { name: token.name })}>
+    ${t(sure ? "page.remove_sure" : "page.remove")}<//><${ErrorNote} error=${error} />`;
 }
 
 function NewTokenBody({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const toggle = (right) => setGiven({
     ...given, rights: given.rights.includes(right) ? given.rights.filter((one) => one !== right) : [...given.rights,
       right],
@@ -53,20 +53,20 @@ function NewTokenBody({ onClose }) {
     const found = await run(() => api.post("/tokens", given));
     if (found) onClose(found.secret);
   };
-  return html`<${Dialog} title=${t("plantpage.add_token")} onClose=${() => onClose()}><form class="stack"
+  return html`<${Dialog} title=${t("page.add_token")} onClose=${() => onClose()}><form class="stack"
     onSubmit=${send}>
-    <${Field} label=${t("plantpage.name")}><input value=${given.name} maxlength="64" autocomplete="off" data-first
+    <${Field} label=${t("page.name")}><input value=${given.name} maxlength="64" autocomplete="off" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
-    <fieldset class="checks"><legend>${t("plantpage.rights")}</legend>${session.value.rights.map((right) => html`<label
+    <fieldset class="checks"><legend>${t("page.rights")}</legend>${session.value.rights.map((right) => html`<label
       class="check" key=${right}>
       <input type="checkbox" checked=${given.rights.includes(right)}
-        onChange=${() => toggle(right)} />${t(`plantpage.right_${right}`)}</label>`)}</fieldset>
-    <${Field} label=${t("plantpage.expires_after")}><select value=${given.days}
+        onChange=${() => toggle(right)} />${t(`page.right_${right}`)}</label>`)}</fieldset>
+    <${Field} label=${t("page.expires_after")}><select value=${given.days}
       onChange=${(event) => setGiven({ ...given, days: Number(event.target.value) })}>
       ${DAYS.map((days) => html`<option key=${days} value=${days}>${t("page.days", { n: days })}</option>`)}</select>
         <//>
     <${ErrorNote} error=${error} />
-    <div class="row end"><${Button} onClick=${() => onClose()}>${t("plantpage.cancel")}<//>
+    <div class="row end"><${Button} onClick=${() => onClose()}>${t("page.cancel")}<//>
       <button class="button main" type="submit" disabled=${busy || !given.name
-        || given.rights.length === 0}>${t("plantpage.add_token")}</button></div></form><//>`;
+        || given.rights.length === 0}>${t("page.add_token")}</button></div></form><//>`;
 }

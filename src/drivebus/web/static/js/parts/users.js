@@ -5,7 +5,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, Table, useAsk, useLoaded } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, Loading, Table, useRequest, useLoaded } from "../ui.js";
 import { passwordHelp } from "./password.js";
 
 const ROLES = ["viewer", "operator", "engineer", "administrator"];
@@ -17,75 +17,75 @@ export function Users() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const close = () => { setOpen(null); reload(); };
   const columns = [
-    [t("plantpage.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user
-      ? ` ${t("plantpage.you")}` : ""}`, "name"],
-    [t("plantpage.role"), (user) => t(`plantpage.role_${user.role}`)],
-    [t("plantpage.state"), (user) => t(user.disabled ? "plantpage.user_disabled" : "plantpage.user_enabled")],
-    [t("plantpage.sessions"), (user) => user.sessions, "right"],
-    [t("plantpage.tokens"), (user) => user.tokens, "right"],
-    [t("plantpage.created"), (user) => moment(user.created_ms)],
-    [t("plantpage.change"), (user) => html`<${Button} onClick=${() => setOpen(user)}
-      aria-label=${t("plantpage.change_user", { name: user.name })}>${t("plantpage.change")}<//>`, "act"],
+    [t("page.name"), (user) => html`<strong>${user.name}</strong>${user.name === session.value.user
+      ? ` ${t("page.you")}` : ""}`, "name"],
+    [t("page.role"), (user) => t(`page.role_${user.role}`)],
+    [t("page.state"), (user) => t(user.disabled ? "page.user_disabled" : "page.user_enabled")],
+    [t("page.sessions"), (user) => user.sessions, "right"],
+    [t("page.tokens"), (user) => user.tokens, "right"],
+    [t("page.created"), (user) => moment(user.created_ms)],
+    [t("page.change"), (user) => html`<${Button} onClick=${() => setOpen(user)}
+      aria-label=${t("page.change_user", { name: user.name })}>${t("page.change")}<//>`, "act"],
   ];
-  return html`<section class="panel stack"><div class="row between"><h2>${t("plantpage.users")}</h2>
-      <${Button} kind="main" onClick=${() => setOpen("new")}>${t("plantpage.add_user")}<//></div>
-    <${Table} caption=${t("plantpage.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
+  return html`<section class="panel stack"><div class="row between"><h2>${t("page.users")}</h2>
+      <${Button} kind="main" onClick=${() => setOpen("new")}>${t("page.add_user")}<//></div>
+    <${Table} caption=${t("page.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
     ${open === "new" && html`<${NewUserBody} onClose=${close} />`}
     ${open && open !== "new" && html`<${ChangeUser} user=${open} onClose=${close} />`}</section>`;
 }
 
-const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("plantpage.role")}
-  help=${t(`plantpage.role_${value}_may`)}>
+const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("page.role")}
+  help=${t(`page.role_${value}_may`)}>
   <select value=${value} disabled=${disabled} onChange=${(event) => onChange(event.target.value)}>
-    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`plantpage.role_${role}`)}</option>`)}</select>
+    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select>
       <//>`;
 
 function NewUserBody({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
     if (await run(() => api.post("/users", given))) onClose();
   };
-  return html`<${Dialog} title=${t("plantpage.add_user")} onClose=${onClose}><form class="stack" onSubmit=${send}>
-    <${Field} label=${t("plantpage.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
+  return html`<${Dialog} title=${t("page.add_user")} onClose=${onClose}><form class="stack" onSubmit=${send}>
+    <${Field} label=${t("page.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <${RoleChoice} value=${given.role} onChange=${(role) => setGiven({ ...given, role })} />
-    <${Field} label=${t("plantpage.first_password")} help=${html`${passwordHelp()}${" "}
-      ${t("plantpage.first_password_help")}`}><input type="password" autocomplete="new-password"
+    <${Field} label=${t("page.first_password")} help=${html`${passwordHelp()}${" "}
+      ${t("page.first_password_help")}`}><input type="password" autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} /><//>
     <${ErrorNote} error=${error} />
-    <div class="row end"><${Button} onClick=${onClose}>${t("plantpage.cancel")}<//>
+    <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button class="button main" type="submit" disabled=${busy || !given.name
-        || !given.password}>${t("plantpage.add_user")}</button></div></form><//>`;
+        || !given.password}>${t("page.add_user")}</button></div></form><//>`;
 }
 
 function ChangeUser({ user, onClose }) {
   const [role, setRole] = useState(user.role);
   const [password, setPassword] = useState("");
   const [sure, setSure] = useState(false);
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const me = user.name === session.value.user;
   const change = async (body) => { if (await run(() => api.patch(pathOf(user), body))) onClose(); };
   const remove = async () => { if (await run(() => api.remove(pathOf(user)))) onClose(); };
-  return html`<${Dialog} title=${t("plantpage.change_user", { name: user.name })} onClose=${onClose}><div class="stack">
+  return html`<${Dialog} title=${t("page.change_user", { name: user.name })} onClose=${onClose}><div class="stack">
     <${RoleChoice} value=${role} onChange=${setRole} disabled=${me} />
-    ${me && html`<p class="help">${t("plantpage.not_oneself")}</p>`}
+    ${me && html`<p class="help">${t("page.not_oneself")}</p>`}
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${role === user.role}
-      onClick=${() => change({ role })}>${t("plantpage.save_role")}<//>
+      onClick=${() => change({ role })}>${t("page.save_role")}<//>
       ${!me && html`<${Button} busy=${busy} onClick=${() => change({ disabled: !user.disabled })}>
-        ${t(user.disabled ? "plantpage.enable_user" : "plantpage.disable_user")}<//>`}
+        ${t(user.disabled ? "page.enable_user" : "page.disable_user")}<//>`}
       <${Button} busy=${busy} disabled=${user.sessions === 0}
-        onClick=${() => change({ end_sessions: true })}>${t("plantpage.end_sessions")}<//></div>
-    ${!me && html`<${Field} label=${t("plantpage.password_new")} help=${passwordHelp()}><input type="password"
+        onClick=${() => change({ end_sessions: true })}>${t("page.end_sessions")}<//></div>
+    ${!me && html`<${Field} label=${t("page.password_new")} help=${passwordHelp()}><input type="password"
       autocomplete="new-password"
       value=${password}
         onInput=${(event) => setPassword(event.target.value)} /><//>
       <div class="row"><${Button} busy=${busy} disabled=${!password}
-        onClick=${() => change({ password })}>${t("plantpage.set_password")}<//></div>
+        onClick=${() => change({ password })}>${t("page.set_password")}<//></div>
       <label class="check"><input type="checkbox" checked=${sure}
-        onChange=${(event) => setSure(event.target.checked)} />${t("plantpage.remove_user_sure")}</label>
+        onChange=${(event) => setSure(event.target.checked)} />${t("page.remove_user_sure")}</label>
       <div class="row"><${Button} kind="danger" busy=${busy} disabled=${!sure}
-        onClick=${remove}>${t("plantpage.remove_user")}<//></div>`}
+        onClick=${remove}>${t("page.remove_user")}<//></div>`}
     <${ErrorNote} error=${error} /></div><//>`;
 }

@@ -2,10 +2,10 @@
 // nothing where it is not known, and strips, markers and rulers that `paint` draws.
 
 import uPlot from "../../../vendor/uplot.js";
-import { paintBands } from "./bands.js";
+import { drawBands } from "./draw-bands.js";
 import { COLUMNS, indexAt } from "./columns.js";
 import { dayLine, timeLabel } from "./labels.js";
-import { paint } from "./paint.js";
+import { drawEvents } from "./draw-events.js";
 
 /** So many colours of lines; more lines than these share them. */
 export const HUES = 8;
@@ -71,7 +71,7 @@ export class Chart {
 
   _bands(plot) {
     const isShown = (line) => plot.series[1 + this.lines.indexOf(line) * COLUMNS].show;
-    paintBands(plot, this.lines, isShown, (line) => faint(this._hue(line)));
+    drawBands(plot, this.lines, isShown, (line) => translucent(this._hue(line)));
   }
 
   /** Shows all lines but the tags in `hidden`. */
@@ -112,7 +112,7 @@ export class Chart {
       series: [{}, ...lines.flatMap((line) => this._series(line))],
       hooks: {
         drawAxes: [(plot) => this._bands(plot)],
-        draw: [(plot) => { paint(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
+        draw: [(plot) => { drawEvents(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
         setSelect: [(plot) => this._selected(plot)],
         setCursor: [(plot) => this.hooks.pointed?.(pointed(plot))],
       },
@@ -130,7 +130,7 @@ export class Chart {
     const stroke = this._hue(line);
     return [
       edge, edge,
-      { ...plain, stroke, width: THICK, points: { size: 5, filter: lonely } },
+      { ...plain, stroke, width: THICK, points: { size: 5, filter: isolatedPoints } },
       { ...plain, stroke, width: THICK, dash: [5, 4], points: { show: false } },
     ];
   }
@@ -187,7 +187,7 @@ function tick(value, splits) {
 /** The left edge of an empty chart has no axis: uPlot leaves it away where no value is known. */
 const edge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
 const scale = (unit) => `y ${unit}`;
-const faint = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
+const translucent = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
 const pointed = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
 
 /** The point under the cursor of a column: the nearest known one, since tags were not read at the same moments. */
@@ -201,7 +201,7 @@ function nearest(plot, column, at) {
 }
 
 /** A sample between two gaps has no line: it is drawn as a point, so that it is not lost. */
-function lonely(plot, column, show) {
+function isolatedPoints(plot, column, show) {
   if (show) return null;
   const values = plot.data[column];
   const uncertain = plot.data[column + 1];

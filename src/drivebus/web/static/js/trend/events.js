@@ -1,35 +1,35 @@
 // What happened in the window of a trend: the markers of the chart as a list, for whoever can't see or hit them.
 import { html, useState } from "../lib.js";
-import { both, language, t } from "../i18n.js";
+import { localized, language, t } from "../i18n.js";
 import { driveTitle } from "../parts/titles.js";
 import { moment } from "./labels.js";
 import { localeOf } from "./locale.js";
 
-const SHOWN = 50;
-const SIGNS = { command: "▼", stop: "■", fault: "✕", alarm: "◆" };
+const MAX_EVENTS = 50;
+const EVENT_ICONS = { command: "▼", stop: "■", fault: "✕", alarm: "◆" };
 
 export function Events({ view, source }) {
   const [isOpen, setOpen] = useState(false);
   const { items, isCut } = source.markers.value;
   const { from, to } = view.window.value;
   const inside = items.filter((event) => event.time_ms >= from && event.time_ms <= to);
-  const newest = inside.slice(-SHOWN).reverse();
+  const newest = inside.slice(-MAX_EVENTS).reverse();
   return html`<details class="trend-events" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}>
-    <summary>${t("plantpage.events_in_view", { n: inside.length })}</summary>
-    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${Happened} event=${event} view=${view} />
+    <summary>${t("page.events_in_view", { n: inside.length })}</summary>
+    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${EventRow} event=${event} view=${view} />
       </li>`)}</ol>`}
-    ${isOpen && inside.length > SHOWN && html`<p class="help">${t("plantpage.events_newest", { n: SHOWN })}</p>`}
-    ${isCut && html`<p class="help">${t("plantpage.events_cut")}</p>`}</details>`;
+    ${isOpen && inside.length > MAX_EVENTS && html`<p class="help">${t("page.events_newest", { n: MAX_EVENTS })}</p>`}
+    ${isCut && html`<p class="help">${t("page.events_cut")}</p>`}</details>`;
 }
 
 /** One event; pressing it puts it in the middle of the chart. */
-function Happened({ event, view }) {
+function EventRow({ event, view }) {
   const centre = () => view.show({ from: event.time_ms - view.span / 2, to: event.time_ms + view.span / 2 },
     { isStep: true });
   return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
-    <span class="sign" aria-hidden="true">${SIGNS[event.kind]}</span>
+    <span class="sign" aria-hidden="true">${EVENT_ICONS[event.kind]}</span>
     <time>${moment(event.time_ms, localeOf(language.value))}</time>
-    <span class="sr">${t(`plantpage.event_${event.kind}`)}</span>
-    <span class="what">${event.drive ? driveTitle(event.drive) : ""}${" "}${both(event.text)}</span>
+    <span class="sr">${t(`page.event_${event.kind}`)}</span>
+    <span class="what">${event.drive ? driveTitle(event.drive) : ""}${" "}${localized(event.text)}</span>
     ${event.actor && html`<span class="who">${event.actor}</span>`}</button>`;
 }

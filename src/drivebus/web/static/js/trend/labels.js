@@ -1,11 +1,11 @@
 // Times as a chart and its table write them. Pure; one formatter a shape and language, since making one is slow.
 
-const made = new Map();
+const cachedFormats = new Map();
 
 function formatter(locale, shape) {
   const key = `${locale} ${JSON.stringify(shape)}`;
-  if (!made.has(key)) made.set(key, new Intl.DateTimeFormat(locale, shape));
-  return made.get(key);
+  if (!cachedFormats.has(key)) cachedFormats.set(key, new Intl.DateTimeFormat(locale, shape));
+  return cachedFormats.get(key);
 }
 
 const CLOCK = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };

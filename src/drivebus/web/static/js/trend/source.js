@@ -1,14 +1,14 @@
 // Where a trend's samples come from: the historian in windows, and what came live since.
 import { api } from "../api.js";
 import { signal } from "../lib.js";
-import { nowMs, plantNow, drive as driveTopic, topic } from "../store.js";
-import { subscribe, trusted } from "../live.js";
+import { nowMs, serviceNow, drive as driveTopic, topic } from "../store.js";
+import { subscribe, isLive } from "../live.js";
 import { BAD, GOOD, UNCERTAIN, extended } from "./columns.js";
 import { covers, padded } from "./window.js";
 
 const POINTS = 1000;
-const REST_MS = 70;
-const KEPT_WINDOWS = 12;
+const FETCH_DELAY_MS = 70;
+const MAX_CACHED_WINDOWS = 12;
 const LIVE_MS = 15 * 60_000;
 const EVENTS = 300;
 /** Kinds of events that a trend marks, and the shape of each. */
@@ -48,11 +48,11 @@ export class Source {
    * for the same one anew: its samples only, since what happens meanwhile is told live. */
   want(window, { again = false } = {}) {
     if (!this.tags.length) return;
-    if (!again && this.fetched && covers(this.fetched, window, plantNow())) return;
+    if (!again && this.fetched && covers(this.fetched, window, serviceNow())) return;
     const kept = again ? null : this._kept(window);
     if (kept) { this._show(kept); return; }
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this._fetch(window, again), REST_MS);
+    this.timer = setTimeout(() => this._fetch(window, again), FETCH_DELAY_MS);
   }
 
   /** The drives' newest values as samples of their own, where they changed. */
@@ -72,7 +72,7 @@ export class Source {
   }
 
   _join() {
-    const now = plantNow();
+    const now = serviceNow();
     return Object.fromEntries(this.tags.map((tag) => {
       const series = this.series.peek()[tag] ?? EMPTY;
       // What is fetched of the past ends long before what is live: nothing joins them.
@@ -90,15 +90,15 @@ export class Source {
 
   _note(tag, found) {
     const samples = this.live.get(tag) ?? [];
-    const isKnown = trusted.peek() && found && typeof found.value === "number";
+    const isKnown = isLive.peek() && found && typeof found.value === "number";
     const sample = isKnown
-      ? { t: Math.round(plantNow() - (nowMs() - found.at) - found.age_s * 1000), v: found.value,
+      ? { t: Math.round(serviceNow() - (nowMs() - found.at) - found.age_s * 1000), v: found.value,
         q: QUALITIES[found.quality] }
-      : { t: Math.round(plantNow()), v: null, q: BAD };
+      : { t: Math.round(serviceNow()), v: null, q: BAD };
     const last = samples.at(-1);
     // A value that was not read anew keeps its moment within the jitter of the line, unless its quality changed.
     if (last && last.q === sample.q && (sample.q === BAD || sample.t - last.t < 40)) return;
-    if (last && sample.t <= last.t) sample.t = last.q === sample.q ? last.t : Math.round(plantNow());
+    if (last && sample.t <= last.t) sample.t = last.q === sample.q ? last.t : Math.round(serviceNow());
     samples.push(sample);
     while (samples.length && samples[0].t < sample.t - LIVE_MS) samples.shift();
     this.live.set(tag, samples);
@@ -118,21 +118,21 @@ export class Source {
   }
 
   _kept(window) {
-    const found = [...this.kept.values()].reverse().find((answer) => covers(answer.span, window, plantNow()));
+    const found = [...this.kept.values()].reverse().find((answer) => covers(answer.span, window, serviceNow()));
     return found && found.span.isPast ? found : null;
   }
 
   async _fetch(window, again) {
     this.asked?.abort();
     const asked = this.asked = new AbortController();
-    const span = padded(window, plantNow());
+    const span = padded(window, serviceNow());
     this.state.value = "asking";
     try {
       const [answer, markers] = await Promise.all([
         this._trend(span, asked.signal), again ? this.markers.peek() : this._events(span, asked.signal),
       ]);
       if (asked.signal.aborted) return;
-      this._keep({ span: { ...span, isPast: span.to < plantNow() - 60_000 }, answer, markers });
+      this._keep({ span: { ...span, isPast: span.to < serviceNow() - 60_000 }, answer, markers });
       this.error.value = null;
     } catch (error) {
       if (asked.signal.aborted) return;
@@ -160,7 +160,7 @@ export class Source {
 
   _keep(found) {
     this.kept.set(`${found.span.from} ${found.span.to}`, found);
-    if (this.kept.size > KEPT_WINDOWS) this.kept.delete(this.kept.keys().next().value);
+    if (this.kept.size > MAX_CACHED_WINDOWS) this.kept.delete(this.kept.keys().next().value);
     this._show(found);
   }
 

@@ -6,28 +6,28 @@ import { duration, moment } from "./labels.js";
 import { localeOf } from "./locale.js";
 import { SPANS_S, panned } from "./window.js";
 
-const nameOf = (seconds) => t(`plantpage.span_${seconds}`);
+const nameOf = (seconds) => t(`page.span_${seconds}`);
 
 export function Toolbar({ view, source }) {
   const { from, to } = view.window.value;
   const span = to - from;
   const chosen = SPANS_S.find((seconds) => Math.abs(seconds * 1000 - span) < 50) ?? null;
   return html`<div class="trend-tools">
-    ${!source.isFixed && html`<${Choice} label=${t("plantpage.span")} value=${chosen}
+    ${!source.isFixed && html`<${Choice} label=${t("page.span")} value=${chosen}
       options=${SPANS_S.map((one) => [one, nameOf(one)])}
       onChange=${(seconds) => view.span_s(seconds)} />`}
-    <div class="trend-ways" role="group" aria-label=${t("plantpage.trend_ways")}>
-      ${tool("plantpage.earlier", "◀", () => view.show(panned(view.window.peek(), -0.5)))}
-      ${tool("plantpage.zoom_in", "+", () => view.zoom(0.5))}
-      ${tool("plantpage.zoom_out", "−", () => view.zoom(2))}
-      ${tool("plantpage.later", "▶", () => view.show(panned(view.window.peek(), 0.5)), view.isLive.value)}
+    <div class="trend-ways" role="group" aria-label=${t("page.trend_ways")}>
+      ${tool("page.earlier", "◀", () => view.show(panned(view.window.peek(), -0.5)))}
+      ${tool("page.zoom_in", "+", () => view.zoom(0.5))}
+      ${tool("page.zoom_out", "−", () => view.zoom(2))}
+      ${tool("page.later", "▶", () => view.show(panned(view.window.peek(), 0.5)), view.isLive.value)}
       ${source.isFixed ? html`<${Button}
-        onClick=${() => view.show(source.window, { isStep: true })}>${t("plantpage.whole")}<//>` : html`
+        onClick=${() => view.show(source.window, { isStep: true })}>${t("page.whole")}<//>` : html`
         <${Button} aria-pressed=${view.isLive.value ? "true" : "false"} class="toggle" data-trend="live"
-          onClick=${() => (view.isLive.peek() ? view.pause() : view.follow())}>${t("plantpage.live")}<//>`}
+          onClick=${() => (view.isLive.peek() ? view.pause() : view.follow())}>${t("page.live")}<//>`}
       <${Button} aria-pressed=${view.rulers.value ? "true" : "false"} class="toggle" data-trend="rulers"
-        title=${t("plantpage.rulers_title")} aria-label=${t("plantpage.rulers_title")}
-        onClick=${() => view.toggleRulers()}>${t("plantpage.rulers")}<//>
+        title=${t("page.rulers_title")} aria-label=${t("page.rulers_title")}
+        onClick=${() => view.toggleRulers()}>${t("page.rulers")}<//>
     </div>
     <p class="trend-said"><${Shown} view=${view} source=${source} /></p></div>`;
 }
@@ -40,10 +40,10 @@ function Shown({ view, source }) {
   const locale = localeOf(language.value);
   const { from, to } = view.window.value;
   const resolution = source.resolution.value;
-  const length = duration(to - from, (unit) => t(`plantpage.unit_${unit}`));
+  const length = duration(to - from, (unit) => t(`page.unit_${unit}`));
   return html`<span class="trend-window">${moment(from, locale)} – ${moment(to, locale)} · ${length}</span>
-    ${resolution && html` <span>${t(`plantpage.points_${resolution}`)}</span>`}
+    ${resolution && html` <span>${t(`page.points_${resolution}`)}</span>`}
     ${" "}<span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
-      ? t("page.loading") : ""}${source.error.value ? t("plantpage.trend_failed",
+      ? t("page.loading") : ""}${source.error.value ? t("page.trend_failed",
         { why: source.error.value.sentence }) : ""}</span>`;
 }

@@ -3,20 +3,20 @@
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
 import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { language, t } from "../i18n.js";
-import { trusted } from "../live.js";
+import { isLive } from "../live.js";
 import { theme } from "../theme.js";
-import { plantNow } from "../store.js";
+import { serviceNow } from "../store.js";
 import { Chart } from "./chart.js";
 import { GOOD, stretches, table } from "./columns.js";
 import { Events } from "./events.js";
-import { lend } from "./hands.js";
-import { Readout } from "./readout.js";
+import { attachGestures } from "./gestures.js";
+import { CursorTable } from "./cursor-table.js";
 import { localeOf } from "./locale.js";
-import { rulers } from "./rulers.js";
+import { cursors } from "./cursors.js";
 import { SHAPES, Source } from "./source.js";
 import { styled } from "../style.js";
 import { Toolbar } from "./toolbar.js";
-import { View } from "./view.js";
+import { TrendState } from "./trend-state.js";
 import { drawEvery, fetchEvery } from "./window.js";
 
 await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);
@@ -32,7 +32,7 @@ const LISTEN_MS = 250;
  * @param onRemove a line's × was pressed (tag); no × where left out
  */
 export function Trend({ lines, span_s = 600, window = null, source: given, onWindow, onRemove, height = 300 }) {
-  const view = useMemo(() => new View(span_s, window), []);
+  const view = useMemo(() => new TrendState(span_s, window), []);
   const source = useMemo(() => given ?? new Source(), []);
   const host = useRef(null);
   const scene = useMemo(() => new Scene(view, source), []);
@@ -47,8 +47,8 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   useEffect(() => scene.run(), []);
   // What was asked for in vain, or came unseen, while the line was away.
   useEffect(() => {
-    if (trusted.value) source.want(view.window.peek(), { again: source.fetched !== null });
-  }, [trusted.value]);
+    if (isLive.value) source.want(view.window.peek(), { again: source.fetched !== null });
+  }, [isLive.value]);
   useSignalEffect(() => {
     onWindow?.(view.window.value, view.isLive.value);
     source.want(view.window.value);
@@ -57,11 +57,11 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   useSignalEffect(() => { source.series.value; source.markers.value; scene.renewed(); });
   useSignalEffect(() => { view.rulers.value; view.hidden.value; scene.soon(); });
 
-  return html`<section class="trend" aria-label=${t("plantpage.trend")}>
+  return html`<section class="trend" aria-label=${t("page.trend")}>
     <${Toolbar} view=${view} source=${source} />
-    <div class="trend-plot" ref=${host} tabindex="0" role="group" aria-label=${t("plantpage.trend_keys")}></div>
-    ${doubtful.value && html`<p class="help">${t("plantpage.legend")}</p>`}
-    <${Readout} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
+    <div class="trend-plot" ref=${host} tabindex="0" role="group" aria-label=${t("page.trend_keys")}></div>
+    ${doubtful.value && html`<p class="help">${t("page.legend")}</p>`}
+    <${CursorTable} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
     <${Events} view=${view} source=${source} />
   </section>`;
 }
@@ -87,11 +87,11 @@ class Scene {
       drawn: () => this.rulers?.place(),
     });
     const plot = this.chart.build(lines, { height, locale });
-    this.rulers = rulers(plot.over, {
+    this.rulers = cursors(plot.over, {
       window: () => view.window.peek(), rulers: () => view.rulers.peek(), locale,
       moved: (next) => { view.rulers.value = next; },
     });
-    const hands = lend(plot.over, host, {
+    const hands = attachGestures(plot.over, host, {
       window: () => view.window.peek(), show: (next) => view.show(next),
       out: () => view.out(), live: () => view.follow(),
     });
@@ -108,11 +108,11 @@ class Scene {
 
   /** Follows the present: listens often, draws as often as a pixel moves, asks the historian now and then. */
   run() {
-    let [drawn, asked] = [plantNow(), plantNow()];
+    let [drawn, asked] = [serviceNow(), serviceNow()];
     const timer = setInterval(() => {
       this.source.listen();
       if (!this.view.isLive.peek() || document.hidden) return;
-      const [now, span] = [plantNow(), this.view.span];
+      const [now, span] = [serviceNow(), this.view.span];
       if (now - drawn < drawEvery(span)) return;
       drawn = now;
       this.data = null;

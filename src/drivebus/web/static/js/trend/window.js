@@ -12,7 +12,7 @@ const MARGIN = 0.25;
 export const clamped = (span) => Math.min(LARGEST_MS, Math.max(SMALLEST_MS, span));
 
 /** A window that is neither absurd nor turned round. */
-export function lawful({ from, to }) {
+export function validWindow({ from, to }) {
   const span = clamped(to - from);
   const middle = (from + to) / 2;
   return span === to - from ? { from, to } : { from: middle - span / 2, to: middle + span / 2 };

@@ -1,8 +1,8 @@
 // The frames of a line, decoded, as they go by: newest last, with pause and filter.
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
-import { both, language, t } from "../i18n.js";
+import { localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
-import { NOTHING } from "../format.js";
+import { NO_VALUE } from "../format.js";
 import { subscribe } from "../live.js";
 import { topic } from "../store.js";
 import { Button, Choice, Field } from "../ui.js";
@@ -11,11 +11,11 @@ import { driveTitle } from "./titles.js";
 import { stamp } from "../trend/labels.js";
 import { localeOf } from "../trend/locale.js";
 
-const SHOWN = 300;
-const FIRST = 100;
-const SIGNS = { sent: "→", reply: "←", void: "✕", silence: "…" };
+const MAX_ROWS = 300;
+const INITIAL_ROWS = 100;
+const KIND_ICONS = { sent: "→", reply: "←", void: "✕", silence: "…" };
 /** Filters of kind: what each lets through. */
-const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", heard: (frame) => frame.kind !== "sent",
+const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", received: (frame) => frame.kind !== "sent",
   errors: (frame) => frame.error !== null };
 
 /** Live frames from when the log is opened, and the last ones before. */
@@ -23,7 +23,7 @@ function useFrames(bus) {
   const [before, setBefore] = useState([]);
   useEffect(() => subscribe(`frames/${bus}`), [bus]);
   useEffect(() => {
-    api.get(`/buses/${encodeURIComponent(bus)}/frames`, { limit: FIRST }).then((found) => setBefore(found.frames),
+    api.get(`/buses/${encodeURIComponent(bus)}/frames`, { limit: INITIAL_ROWS }).then((found) => setBefore(found.frames),
       () => {});
   }, [bus]);
   const feed = topic(`frames/${bus}`).value ?? { items: [], dropped: 0 };
@@ -33,12 +33,12 @@ function useFrames(bus) {
 }
 
 /** Does a frame pass the filter? Text is sought in the bytes, with or without blanks, and in what they say. */
-function passes(frame, { kind, station, sought }) {
+function matchesFilter(frame, { kind, station, sought }) {
   if (!KINDS[kind](frame) || (station !== null && frame.station !== station)) return false;
   const text = sought.trim().toLowerCase();
   if (!text) return true;
   const hex = (frame.hex ?? "").toLowerCase();
-  const said = `${both(frame.text)} ${both(frame.error?.text)}`.toLowerCase();
+  const said = `${localized(frame.text)} ${localized(frame.error?.text)}`.toLowerCase();
   return hex.includes(text) || hex.replaceAll(" ", "").includes(text.replaceAll(" ", "")) || said.includes(text);
 }
 
@@ -47,32 +47,32 @@ export function FrameLog({ bus, stations }) {
   const [filter, setFilter] = useState({ kind: "all", station: null, sought: "" });
   const [held, setHeld] = useState(null);
   const base = held ?? frames;
-  const shown = base.filter((frame) => passes(frame, filter)).slice(-SHOWN);
+  const shown = base.filter((frame) => matchesFilter(frame, filter)).slice(-MAX_ROWS);
   const newer = held ? frames.filter((frame) => frame.n > (held.at(-1)?.n ?? -1)).length : 0;
   return html`<div class="framelog"><${Filters} filter=${filter} onChange=${setFilter} stations=${stations} />
     <div class="row">
       <${Button} icon=${held ? "play" : "pause"} aria-pressed=${held ? "true" : "false"} data-frames="pause"
-        onClick=${() => setHeld(held ? null : frames)}>${t(held ? "plantpage.go_on" : "plantpage.pause")}<//>
+        onClick=${() => setHeld(held ? null : frames)}>${t(held ? "page.go_on" : "page.pause")}<//>
       <${Button} icon="download" disabled=${shown.length === 0} onClick=${() => saveText(`frames-${bus}.txt`,
         asText(shown))}>
-        ${t("plantpage.save_shown")}<//>
-      <span class="help" role="status">${held ? t("plantpage.paused", { n: newer }) : ""}
-        ${dropped > 0 ? ` ${t("plantpage.dropped", { n: dropped })}` : ""}</span></div>
+        ${t("page.save_shown")}<//>
+      <span class="help" role="status">${held ? t("page.paused", { n: newer }) : ""}
+        ${dropped > 0 ? ` ${t("page.dropped", { n: dropped })}` : ""}</span></div>
     <${Rows} frames=${shown} following=${held === null} /></div>`;
 }
 
 function Filters({ filter, onChange, stations }) {
   const set = (change) => onChange({ ...filter, ...change });
-  const kinds = Object.keys(KINDS).map((name) => [name, t(`plantpage.frames_${name}`)]);
-  return html`<div class="filters"><${Choice} label=${t("plantpage.frames_which")} value=${filter.kind} options=${kinds}
+  const kinds = Object.keys(KINDS).map((name) => [name, t(`page.frames_${name}`)]);
+  return html`<div class="filters"><${Choice} label=${t("page.frames_which")} value=${filter.kind} options=${kinds}
       onChange=${(kind) => set({ kind })} />
-    <${Field} label=${t("plantpage.station")}><select value=${filter.station ?? ""} onChange=${(event) =>
+    <${Field} label=${t("page.station_title")}><select value=${filter.station ?? ""} onChange=${(event) =>
       set({ station: event.target.value === "" ? null : Number(event.target.value) })}>
-      <option value="">${t("plantpage.every_station")}</option>
+      <option value="">${t("page.every_station")}</option>
       ${stations.map((one) => html`<option key=${one.address}
         value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}
     </select><//>
-    <${Field} label=${t("plantpage.sought")}><input type="search" value=${filter.sought} spellcheck="false"
+    <${Field} label=${t("page.sought")}><input type="search" value=${filter.sought} spellcheck="false"
       onInput=${(event) => set({ sought: event.target.value })} /><//></div>`;
 }
 
@@ -88,8 +88,8 @@ function Rows({ frames, following }) {
     atEnd.current = scrollHeight - scrollTop - clientHeight < 40;
   };
   return html`<div class="frames-box" ref=${box} onScroll=${scrolled} tabindex="0" role="log" aria-live="off"
-    aria-label=${t("plantpage.frames")}>
-    ${frames.length === 0 && html`<p class="help">${t("plantpage.no_frames")}</p>`}
+    aria-label=${t("page.frames_title")}>
+    ${frames.length === 0 && html`<p class="help">${t("page.no_frames")}</p>`}
     ${frames.map((frame, at) => html`<${FrameRow} key=${frame.n} frame=${frame} before=${frames[at - 1]} />`)}</div>`;
 }
 
@@ -104,18 +104,18 @@ function row(frame, gap) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
     <time>${stamp(frame.time_ms, localeOf(language.value))}</time>
     <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
-    <span class="sign" aria-hidden="true">${SIGNS[frame.kind] ?? "·"}</span><span
-      class="sr">${t(`plantpage.frame_${frame.kind}`)}</span>
+    <span class="sign" aria-hidden="true">${KIND_ICONS[frame.kind] ?? "·"}</span><span
+      class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>
     <span class="station">${frame.station ?? ""}</span>
-    <code class="hex">${frame.hex || NOTHING}</code>
-    <span class="said">${both(frame.text)}${frame.error && html` <strong>${both(frame.error.text)}</strong>`}</span>
+    <code class="hex">${frame.hex || NO_VALUE}</code>
+    <span class="said">${localized(frame.text)}${frame.error && html` <strong>${localized(frame.error.text)}</strong>`}</span>
       </div>`;
 }
 
 /** One line a frame, for a mail to whoever knows the line. */
 function asText(frames) {
   return frames.map((frame) => [
-    new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", both(frame.text),
-      both(frame.error?.text),
+    new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", localized(frame.text),
+      localized(frame.error?.text),
   ].join("\t")).join("\n");
 }

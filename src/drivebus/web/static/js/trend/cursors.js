@@ -5,7 +5,7 @@ import { moment } from "./labels.js";
 const NAMES = ["a", "b"];
 
 /** Puts the rulers above a plot. `place()` puts them where they belong; `moved({a, b})` tells of a hand. */
-export function rulers(over, { window, rulers: found, moved, locale }) {
+export function cursors(over, { window, rulers: found, moved, locale }) {
   const lines = Object.fromEntries(NAMES.map((name) => [name, made(name)]));
   const at = (x) => {
     const { from, to } = window();
@@ -56,7 +56,7 @@ function made(name) {
   line.className = "trend-ruler";
   line.tabIndex = 0;
   line.setAttribute("role", "slider");
-  line.setAttribute("aria-label", t(`plantpage.ruler_${name}`));
+  line.setAttribute("aria-label", t(`page.ruler_${name}`));
   line.dataset.name = name.toUpperCase();
   line.hidden = true;
   return line;

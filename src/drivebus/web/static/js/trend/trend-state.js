@@ -1,14 +1,14 @@
 // The state of one trend: its window, whether it follows the present, what is pointed at, and its two rulers.
 import { signal } from "../lib.js";
-import { plantNow } from "../store.js";
-import { clamped, lawful, zoomed } from "./window.js";
+import { serviceNow } from "../store.js";
+import { clamped, validWindow, zoomed } from "./window.js";
 
-const REMEMBERED = 50;
+const MAX_UNDO = 50;
 
-export class View {
+export class TrendState {
   /** Follows the last `span_s` seconds, or shows a given window. */
   constructor(span_s, window = null) {
-    const now = plantNow();
+    const now = serviceNow();
     this.window = signal(window ?? { from: now - span_s * 1000, to: now });
     this.isLive = signal(window === null);
     /** The moment under the pointer, null outside. */
@@ -27,8 +27,8 @@ export class View {
   /** Another window. Nothing of the future can be shown: at its edge a window follows the present. */
   show(window, { isStep = false } = {}) {
     if (isStep) this._remember();
-    const { from, to } = lawful(window);
-    const now = plantNow();
+    const { from, to } = validWindow(window);
+    const now = serviceNow();
     this.isLive.value = to >= now;
     this.window.value = to >= now ? { from: now - (to - from), to: now } : { from, to };
   }
@@ -47,7 +47,7 @@ export class View {
   }
 
   follow(span = this.span) {
-    const now = plantNow();
+    const now = serviceNow();
     this.isLive.value = true;
     this.window.value = { from: now - span, to: now };
   }
@@ -77,6 +77,6 @@ export class View {
 
   _remember() {
     this.before.push({ window: this.window.peek(), isLive: this.isLive.peek(), span: this.span });
-    if (this.before.length > REMEMBERED) this.before.shift();
+    if (this.before.length > MAX_UNDO) this.before.shift();
   }
 }

@@ -12,7 +12,7 @@ const PAN_STEP = 0.1;
  * @param to `{window(), show(window), out(), live()}`
  * @returns a function that takes all of it away again
  */
-export function lend(over, host, to) {
+export function attachGestures(over, host, to) {
   const gone = new AbortController();
   const on = (element, name, heard, options = {}) =>
     element.addEventListener(name, heard, { signal: gone.signal, ...options });

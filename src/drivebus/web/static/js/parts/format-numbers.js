@@ -1,17 +1,17 @@
 // Shares, times and counts of the lines, as a reader wants them.
-import { known, t } from "../i18n.js";
-import { NOTHING } from "../format.js";
+import { hasKey, t } from "../i18n.js";
+import { NO_VALUE } from "../format.js";
 
 /** A share of 1: "0.3 %"; small ones keep a digit that tells them from none. */
 export function percent(share) {
-  if (typeof share !== "number") return NOTHING;
+  if (typeof share !== "number") return NO_VALUE;
   const value = share * 100;
   return `${value === 0 ? "0" : value < 0.1 ? "< 0.1" : value.toFixed(1)} %`;
 }
 
 /** Seconds as milliseconds, or as seconds from 10 s on. */
 export function milliseconds(seconds) {
-  if (typeof seconds !== "number") return NOTHING;
+  if (typeof seconds !== "number") return NO_VALUE;
   if (seconds >= 10) return `${seconds.toFixed(0)} s`;
   const value = seconds * 1000;
   return `${value < 10 ? value.toFixed(1) : value.toFixed(0)} ms`;
@@ -24,6 +24,6 @@ export function classes(counts, what) {
 }
 
 function wordOf(name, what) {
-  const key = `plantpage.${what}_${name.replace(/(?<=[a-z])(?=[A-Z])/g, "_").toLowerCase()}`;
-  return known(key) ? t(key) : name;
+  const key = `page.${what}_${name.replace(/(?<=[a-z])(?=[A-Z])/g, "_").toLowerCase()}`;
+  return hasKey(key) ? t(key) : name;
 }

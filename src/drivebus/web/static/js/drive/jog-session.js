@@ -5,20 +5,20 @@ import { nowMs } from "../store.js";
 
 const RENEW_EVERY_MS = 150;
 /** The drive's lease is 500 ms; an answer that takes longer than this comes too late to rely on. */
-const RENEW_PATIENCE_MS = 400;
+const RENEW_TIMEOUT_MS = 400;
 
-const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0, ms)); });
+const sleep = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0, ms)); });
 
 /** One jog from press to release. `tell(phase, detail)`: "asking", "turning", "ending", "ended", "lost". */
-export class Jog {
-  constructor(drive, body, tell) {
+export class JogSession {
+  constructor(drive, body, notify) {
     this.drive = drive;
     this.path = (rest) => drivePath(drive, rest);
     this.body = body;
-    this.tell = tell;
+    this.tell = notify;
     this.isHeld = true;
     this.word = null;
-    this.gone = new Promise((resolve) => { this.letGo = resolve; });
+    this.gone = new Promise((resolve) => { this.resolveRelease = resolve; });
   }
 
   /** Begins, and renews while it is held. Never raises. */
@@ -41,8 +41,8 @@ export class Jog {
   async renewWhileHeld() {
     while (this.isHeld) {
       const begun = nowMs();
-      await api.post(this.path("/jog/renew"), { jog: this.word }, { patience_ms: RENEW_PATIENCE_MS });
-      await Promise.race([pause(RENEW_EVERY_MS - (nowMs() - begun)), this.gone]);
+      await api.post(this.path("/jog/renew"), { jog: this.word }, { patience_ms: RENEW_TIMEOUT_MS });
+      await Promise.race([sleep(RENEW_EVERY_MS - (nowMs() - begun)), this.gone]);
     }
   }
 
@@ -55,6 +55,6 @@ export class Jog {
   /** The hand is gone. Safe to call again and again. */
   release() {
     this.isHeld = false;
-    this.letGo();
+    this.resolveRelease();
   }
 }

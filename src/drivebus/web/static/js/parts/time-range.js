@@ -1,7 +1,7 @@
 // From when to when, and about which drive: what the lists of the past are narrowed by.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
-import { idsOf, plantNow } from "../store.js";
+import { idsOf, serviceNow } from "../store.js";
 import { Field } from "../ui.js";
 import { forInput } from "../trend/labels.js";
 import { driveTitle } from "./titles.js";
@@ -14,24 +14,24 @@ const SPANS = { hour: HOUR_MS, shift: 8 * HOUR_MS, day: 24 * HOUR_MS, week: 168 
 /** What a choice means for a request now: `{from_ms, to_ms, drive}`, without what is not narrowed. */
 export function asQuery({ span = "all", from = null, to = null, drive: id = "" }) {
   const since = SPANS[span];
-  const begin = span === "own" ? from : since == null ? null : Math.floor(plantNow() - since);
+  const begin = span === "own" ? from : since == null ? null : Math.floor(serviceNow() - since);
   return { from_ms: begin, to_ms: span === "own" ? to : null, drive: id || null };
 }
 
 /** `value` is what `asQuery` takes; `onChange` gets it changed. */
 export function Period({ value, onChange, withDrive = true, children }) {
   const set = (change) => onChange({ ...value, ...change });
-  const begin = (span) => set(span === "own" ? { span, from: plantNow() - HOUR_MS, to: plantNow() } : { span,
+  const begin = (span) => set(span === "own" ? { span, from: serviceNow() - HOUR_MS, to: serviceNow() } : { span,
     from: null, to: null });
   return html`<div class="filters">
-    <${Field} label=${t("plantpage.period")}><select value=${value.span ?? "all"}
+    <${Field} label=${t("page.time_range")}><select value=${value.span ?? "all"}
       onChange=${(event) => begin(event.target.value)}>
       ${[...Object.keys(SPANS), "own"].map((name) => html`<option key=${name}
-        value=${name}>${t(`plantpage.period_${name}`)}</option>`)}
+        value=${name}>${t(`page.period_${name}`)}</option>`)}
     </select><//>
-    ${value.span === "own" && html`<${Moment} label=${t("plantpage.from")} value=${value.from}
+    ${value.span === "own" && html`<${Moment} label=${t("page.from")} value=${value.from}
       onChange=${(from) => set({ from })} />
-      <${Moment} label=${t("plantpage.to")} value=${value.to} onChange=${(to) => set({ to })} />`}
+      <${Moment} label=${t("page.to")} value=${value.to} onChange=${(to) => set({ to })} />`}
     ${withDrive && html`<${DriveChoice} value=${value.drive ?? ""} onChange=${(id) => set({ drive: id })} />`}
     ${children}</div>`;
 }
@@ -47,9 +47,9 @@ function Moment({ label, value, onChange }) {
 }
 
 function DriveChoice({ value, onChange }) {
-  return html`<${Field} label=${t("plantpage.drive")}><select value=${value}
+  return html`<${Field} label=${t("page.drive")}><select value=${value}
     onChange=${(event) => onChange(event.target.value)}>
-    <option value="">${t("plantpage.every_drive")}</option>
+    <option value="">${t("page.every_drive")}</option>
     ${idsOf("drives").value.map((id) => html`<option key=${id} value=${id}>${driveTitle(id)}</option>`)}
   </select><//>`;
 }

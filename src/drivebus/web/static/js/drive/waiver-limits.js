@@ -1,44 +1,44 @@
 // What an engineer allows: a start although the host's death would not stop the drive, and narrower limits.
 import { html, useState } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { Button, Dialog, ErrorNote, Field, Notice, useAsk } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { numberOf } from "../format.js";
 import { may } from "../session.js";
-import { trusted } from "../live.js";
-import { HostDiesBadge } from "../parts/state.js";
+import { isLive } from "../live.js";
+import { CommLossBadge } from "../parts/state.js";
 
-const SHORTEST_REASON = 3;
+const MIN_REASON_LENGTH = 3;
 
 function WaiverForm({ view, onClose }) {
   const [reason, setReason] = useState("");
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
     if (await run(() => api.post(drivePath(view.id, "/waiver"), { reason: reason.trim() }))) onClose();
   };
   return html`<${Dialog} title=${t("page.waiver")} onClose=${onClose}><form class="stack" onSubmit=${send}>
-    <p>${t("page.waiver_ask", { name: titled(view) })}</p>
+    <p>${t("page.waiver_ask", { name: titleOf(view) })}</p>
     <${Field} label=${t("page.waiver_reason")}><input data-first value=${reason} maxlength="500" required
-      minlength=${SHORTEST_REASON}
+      minlength=${MIN_REASON_LENGTH}
       onInput=${(event) => setReason(event.currentTarget.value)} /><//><${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button type="submit" class="button main" disabled=${busy}>${t("page.waiver_record")}</button></div></form><//>`;
 }
 
 /** The badge with what it means, and the waiver. */
-export function CommLossView({ view }) {
+export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const badge = view.host_dies;
   const needs = badge.kind !== "trips";
-  return html`<div class="stack hostdies"><div><${HostDiesBadge} badge=${badge} /></div><p class="soft">
-    ${both(badge.text)}</p>
+  return html`<div class="stack hostdies"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
+    ${localized(badge.text)}</p>
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
       ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
         onClick=${() => run(() => api.remove(drivePath(view.id, "/waiver")))}>
         ${t("page.waiver_withdraw")}<//>`}<//>`}
-    ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!trusted.value}
+    ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!isLive.value}
       onClick=${() => setAsking(true)}
       data-do="waive">${t("page.waiver_record")}…<//></div>`}
     <${ErrorNote} error=${error} />${asking && html`<${WaiverForm} view=${view} onClose=${() => setAsking(false)} />`}
@@ -51,7 +51,7 @@ export function Limits({ view }) {
   const [only, ...more] = view.directions;
   return html`<div class="row"><span>${t("page.limits_now", view)}${view.capabilities.includes("reverse")
     && more.length === 0 && t("page.limits_only", { way: t(`drives.way_${only}`) })}</span>
-    ${may("limit") && html`<${Button} kind="quiet" disabled=${!trusted.value} onClick=${() => setOpen(true)}>
+    ${may("limit") && html`<${Button} kind="quiet" disabled=${!isLive.value} onClick=${() => setOpen(true)}>
       ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;
 }
@@ -62,7 +62,7 @@ function LimitsForm({ view, onClose }) {
   const [values, setValues] = useState({
     minimum_hz: String(minimum_hz), maximum_hz: String(maximum_hz), forward: has("forward"), reverse: has("reverse"),
   });
-  const [run, busy, error] = useAsk();
+  const [run, busy, error] = useRequest();
   const put = (name, value) => setValues({ ...values, [name]: value });
   const limits = Object.fromEntries(["minimum_hz", "maximum_hz"].map((name) => [name, numberOf(values[name])]));
   const isWrong = Object.values(limits).includes(null) || !(values.forward || values.reverse);

@@ -1,38 +1,38 @@
 // A group: how far it is, its start in two steps, its setpoint. Its stop is in the stop bar.
 import { html, useState } from "../lib.js";
-import { both, t, titled } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { number, numberOf } from "../format.js";
-import { trusted } from "../live.js";
-import { inHand, take } from "../leases.js";
+import { isLive } from "../live.js";
+import { hasControl, takeControl } from "../control-leases.js";
 import { may } from "../session.js";
 import { drive, group } from "../store.js";
-import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
-import { Frequency, wrongWith } from "./frequency.js";
-import { TwoStep } from "./twostep.js";
+import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
+import { Frequency, frequencyError } from "./frequency.js";
+import { TwoStep } from "./arm-start.js";
 
 const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
-const PATIENCE_MS = 300_000;
+const GROUP_TIMEOUT_MS = 300_000;
 
-function narrowest(views) {
+function commonLimits(views) {
   return {
     minimum_hz: Math.max(0, ...views.map((view) => view.minimum_hz)),
     maximum_hz: views.length ? Math.min(...views.map((view) => view.maximum_hz)) : 0,
   };
 }
 
-const nameOf = (id) => (drive(id).value ? titled(drive(id).value) : id);
+const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 
 /** What became of each drive of a group. */
 function Outcomes({ outcomes }) {
   return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
-    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.word_${one.word}`) + t("page.colon") : ""}${both(one.text)}</li>`)}
+    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.outcome_${one.word}`) + t("page.colon") : ""}${localized(one.text)}</li>`)}
     </ul><//>`;
 }
 
 /** The same for several drives, one after the other. */
-function Each({ views, act, text, ...rest }) {
-  const [run, busy, error] = useAsk();
+function DriveOutcome({ views, act, text, ...rest }) {
+  const [run, busy, error] = useRequest();
   if (views.length === 0) return null;
   const all = () => run(async () => { for (const view of views) await act(view.id); });
   return html`<div><${Button} busy=${busy} onClick=${all} ...${rest}>${t(text, { n: views.length })}<//>
@@ -45,30 +45,30 @@ function Blocked({ views }) {
   const blocked = views.filter((view) => view.blocked.length > 0);
   if (blocked.length === 0) return null;
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${blocked.map((view) => html`
-    <li key=${view.id}><b>${titled(view)}</b>${t("page.colon")}${view.blocked.map((one) => both(one.text)).join("; ")}
+    <li key=${view.id}><b>${titleOf(view)}</b>${t("page.colon")}${view.blocked.map((one) => localized(one.text)).join("; ")}
       </li>`)}
     </ul><//>`;
 }
 
 function Controls({ id, views }) {
   const [hertz, setHertz] = useState("");
-  const [run, busy, error, result] = useAsk();
+  const [run, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
-  const limits = narrowest(views);
-  const others = views.filter((view) => !inHand(view)).length;
-  const off = !trusted.value || others > 0 || wrongWith(hertz, limits) !== null;
+  const limits = commonLimits(views);
+  const others = views.filter((view) => !hasControl(view)).length;
+  const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
   const frequency_hz = numberOf(hertz);
-  const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: PATIENCE_MS });
+  const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: GROUP_TIMEOUT_MS });
   const set = () => run(() => ask("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_in_hand", { n: others })}</span>
-      <${Each} views=${views.filter((view) => !view.lease)} act=${take} text="page.lease_take_all" kind="main" />
+      <${DriveOutcome} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
         </div>`}
-    <${Each} views=${views.filter((view) => view.latched && inHand(view))} act=${release} text="page.release_all" />
+    <${DriveOutcome} views=${views.filter((view) => view.latched && hasControl(view))} act=${release} text="page.release_all" />
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits}
-        disabled=${!trusted.value} />
+        disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${TwoStep} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
       arm=${() => ask("/arm", {})} act=${(arm) => ask("/start", { frequency_hz, arm })}>
@@ -86,9 +86,9 @@ export function GroupPanel({ id }) {
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${nameOf(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titled(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}
-        ${!trusted.value && t("page.state_was")}</span></div>
-    ${leader && html`<p class="soft">${t("page.group_leader", { name: titled(leader) })}${ratios}</p>`}
+      <h2 id="group-title">${titleOf(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}
+        ${!isLive.value && t("page.state_was")}</span></div>
+    ${leader && html`<p class="soft">${t("page.group_leader", { name: titleOf(leader) })}${ratios}</p>`}
     ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>
       <${Controls} id=${id} views=${views} /></details>`}</section>`;
 }

@@ -1,7 +1,7 @@
 // The table below a chart: what each line is worth where the pointer or a ruler stands, and within the window.
 import { html, useComputed } from "../lib.js";
 import { language, t } from "../i18n.js";
-import { NOTHING, number, reading } from "../format.js";
+import { NO_VALUE, number, reading } from "../format.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
 import { Icon } from "../icons.js";
@@ -10,35 +10,35 @@ import { duration, moment } from "./labels.js";
 import { localeOf } from "./locale.js";
 
 /** How far a sample may be from a moment and still be its value, in typical distances of two samples. */
-const REACH_STEPS = 3;
+const MAX_REACH_STEPS = 3;
 
-const WITHIN = ["plantpage.lowest", "plantpage.mean", "plantpage.highest"];
-const BETWEEN = ["plantpage.at_a", "plantpage.at_b", "plantpage.difference"];
+const WITHIN = ["page.lowest", "page.mean", "page.highest"];
+const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];
 
-export function Readout({ view, source, lines, onRemove }) {
+export function CursorTable({ view, source, lines, onRemove }) {
   const { a, b } = view.rulers.value ?? {};
   const rulers = view.rulers.value !== null;
   const heads = rulers ? BETWEEN : WITHIN;
   return html`<div class="trend-readout"><table class="data">
-    <caption>${rulers ? rulersText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
-    <thead><tr><th scope="col">${t("plantpage.signal")}</th><th scope="col" class="right">${t("plantpage.value")}</th>
+    <caption>${rulers ? cursorsText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
+    <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
       ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !rulers
         ? "mid" : ""}`}>${t(head)}</th>`)}
-      ${onRemove && html`<th><span class="sr">${t("plantpage.remove")}</span></th>`}</tr></thead>
+      ${onRemove && html`<th><span class="sr">${t("page.remove")}</span></th>`}</tr></thead>
     <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
       onRemove=${onRemove} />`)}</tbody></table></div>`;
 }
 
 function Where({ view, isFixed }) {
   const at = view.pointed.value;
-  if (at === null) return t(isFixed ? "plantpage.values_within" : "plantpage.values_now");
-  return t("plantpage.values_at", { time: moment(at, localeOf(language.value), true) });
+  if (at === null) return t(isFixed ? "page.values_within" : "page.values_now");
+  return t("page.values_at", { time: moment(at, localeOf(language.value), true) });
 }
 
-function rulersText(a, b) {
+function cursorsText(a, b) {
   const locale = localeOf(language.value);
-  const apart = duration(b - a, (unit) => t(`plantpage.unit_${unit}`));
-  return t("plantpage.rulers_at", { a: moment(a, locale), b: moment(b, locale), apart });
+  const apart = duration(b - a, (unit) => t(`page.unit_${unit}`));
+  return t("page.rulers_at", { a: moment(a, locale), b: moment(b, locale), apart });
 }
 
 function Row({ line, view, source, onRemove }) {
@@ -57,13 +57,13 @@ function Row({ line, view, source, onRemove }) {
   const hidden = view.hidden.value.has(line.tag);
   return html`<tr class=${hidden ? "off" : ""}>
     <th scope="row"><button type="button" class="trend-line" aria-pressed=${hidden ? "false" : "true"}
-      onClick=${() => view.toggleLine(line.tag)} title=${t("plantpage.show_line")}>
+      onClick=${() => view.toggleLine(line.tag)} title=${t("page.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
     <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
     ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.rulers.value
       ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
-      aria-label=${t("plantpage.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
+      aria-label=${t("page.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
         </td>`}</tr>`;
 }
 
@@ -73,15 +73,15 @@ function Now({ line, view, source }) {
   if (at !== null) return shown(near(source.whole()[line.tag], at), line.unit, true);
   const dot = line.tag.indexOf(".");
   const found = source.isFixed ? null : reading(drive(line.drive).value, line.tag.slice(dot + 1));
-  return found ? html`<${Value} found=${found} />` : NOTHING;
+  return found ? html`<${Value} found=${found} />` : NO_VALUE;
 }
 
-const near = (series, moment) => valueAt(series, moment, Math.max(1500, REACH_STEPS * step(series)));
+const near = (series, moment) => valueAt(series, moment, Math.max(1500, MAX_REACH_STEPS * step(series)));
 
 function shown(found, unit, withUnit = false) {
   if (!found || found.value === null) return html`<span title=${found?.q === BAD
-    ? t("plantpage.not_known") : undefined}>${NOTHING}</span>`;
+    ? t("page.not_known") : undefined}>${NO_VALUE}</span>`;
   const doubt = found.q === UNCERTAIN;
   return html`<span class=${doubt ? "uncertain" : ""}>${number(found.value, unit)}${withUnit && unit ? ` ${unit}` : ""}
-    ${doubt && html` <abbr title=${t("plantpage.uncertain")}>?</abbr>`}</span>`;
+    ${doubt && html` <abbr title=${t("page.uncertain")}>?</abbr>`}</span>`;
 }

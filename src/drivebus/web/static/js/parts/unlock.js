@@ -1,13 +1,13 @@
 // After idle minutes the page may look and stop; the password gives the rest back, and leases stay where they are.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
-import { idle, session, wake } from "../session.js";
-import { ErrorNote, Field, useAsk } from "../ui.js";
+import { idle, session, unlock } from "../session.js";
+import { ErrorNote, Field, useRequest } from "../ui.js";
 
 function Form() {
   const [password, setPassword] = useState("");
-  const [run, busy, error] = useAsk();
-  const send = (event) => { event.preventDefault(); run(() => wake(password)); };
+  const [run, busy, error] = useRequest();
+  const send = (event) => { event.preventDefault(); run(() => unlock(password)); };
   return html`<form class="banner info" data-do="wake" onSubmit=${send}>
     <span role="status">${t("page.idle")}</span><input type="text" autocomplete="username" hidden readonly
       value=${session.value.user} />
@@ -17,4 +17,4 @@ function Form() {
       </button></form>`;
 }
 
-export const Wake = () => (idle.value ? html`<${Form} />` : null);
+export const Unlock = () => (idle.value ? html`<${Form} />` : null);

@@ -6,7 +6,7 @@ import { signalName, signalRank } from "../format.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
 /** Shown at first, where the history knows them. */
-const MOST_AT_FIRST = 3;
+const DEFAULT_SIGNAL_COUNT = 3;
 
 async function tagsOf(id) {
   const { tags } = await api.get("/history/tags");
@@ -35,7 +35,7 @@ export function TrendTab({ view }) {
   if (error && !tags) return html`<${ErrorNote} error=${error} />`;
   if (!part.Trend || !tags) return html`<${Loading} />`;
   if (tags.length === 0) return html`<p class="loading">${t("page.no_history")}</p>`;
-  const chosen = picked ?? tags.slice(0, MOST_AT_FIRST).map((one) => one.tag);
+  const chosen = picked ?? tags.slice(0, DEFAULT_SIGNAL_COUNT).map((one) => one.tag);
   const lines = tags.map((one, hue) => ({
     tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % 8,
   })).filter((line) => chosen.includes(line.tag));

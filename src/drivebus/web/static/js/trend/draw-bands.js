@@ -4,10 +4,10 @@
 import { COLUMNS } from "./columns.js";
 
 /** A point beside a gap reaches no further than this share of the plot. */
-const FURTHEST = 0.02;
+const MAX_BAND_GAP = 0.02;
 
 /** `isShown(line)`, `fill(line)`: which lines have a band, and its colour. */
-export function paintBands(plot, lines, isShown, fill) {
+export function drawBands(plot, lines, isShown, fill) {
   const { ctx } = plot;
   ctx.save();
   ctx.beginPath();
@@ -16,14 +16,14 @@ export function paintBands(plot, lines, isShown, fill) {
   lines.forEach((line, at) => {
     if (!isShown(line)) return;
     ctx.fillStyle = fill(line);
-    paintBand(plot, plot.data[1 + at * COLUMNS], plot.data[2 + at * COLUMNS], plot.series[1 + at * COLUMNS].scale);
+    drawBand(plot, plot.data[1 + at * COLUMNS], plot.data[2 + at * COLUMNS], plot.series[1 + at * COLUMNS].scale);
   });
   ctx.restore();
 }
 
-function paintBand(plot, high, low, scale) {
+function drawBand(plot, high, low, scale) {
   const points = visible(plot, high, low);
-  const furthest = plot.bbox.width * FURTHEST;
+  const furthest = plot.bbox.width * MAX_BAND_GAP;
   const x = points.map((at) => plot.valToPos(plot.data[0][at], "x", true));
   points.forEach((at, n) => {
     if (high[at] === low[at] || high[at] === null) return;

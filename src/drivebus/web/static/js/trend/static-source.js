@@ -6,7 +6,7 @@ import { BAD } from "./columns.js";
 const BESIDE_MS = 1000;
 
 /** What `Source` is to the historian, for a case: `signals` {name: {t: [seconds before the trip], v, q}}. */
-export class Fixed {
+export class StaticSource {
   constructor(found) {
     this.isFixed = true;
     this.lines = [];

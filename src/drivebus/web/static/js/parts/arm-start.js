@@ -2,7 +2,7 @@
 // may start a motor goes through here.
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
-import { Button, ErrorNote, Notice, useAsk } from "../ui.js";
+import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { nowMs } from "../store.js";
 import { now } from "../live.js";
 
@@ -13,7 +13,7 @@ import { now } from "../live.js";
  * @param children what will be done, shown between the steps
  */
 export function TwoStep({ arm, act, first, second, disabled, children, onDone, kind = "main" }) {
-  const [run, busy, error, , forget] = useAsk();
+  const [run, busy, error, , forget] = useRequest();
   const [armed, setArmed] = useState(null);
   const confirm = useRef(null);
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;

@@ -6,15 +6,15 @@ import { BAD } from "./columns.js";
 const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
 const STRIP_PX = 4;
 
-export function paint(plot, { markers, strips }, colours) {
+export function drawEvents(plot, { markers, strips }, colours) {
   const { ctx } = plot;
   const ratio = devicePixelRatio;
   ctx.save();
   ctx.beginPath();
   ctx.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
   ctx.clip();
-  strips.forEach((strip, row) => paintStrip(plot, strip, row, colours, ratio));
-  for (const group of clustered(plot, markers, 24 * ratio)) paintMarker(plot, group, colours, ratio);
+  strips.forEach((strip, row) => drawStrip(plot, strip, row, colours, ratio));
+  for (const group of clustered(plot, markers, 24 * ratio)) drawMarker(plot, group, colours, ratio);
   ctx.restore();
 }
 
@@ -32,10 +32,10 @@ function clustered(plot, markers, width) {
 }
 
 /** The gravest of a group gives it its shape. */
-const GRAVITY = ["fault", "alarm", "stop", "command"];
+const SEVERITY = ["fault", "alarm", "stop", "command"];
 
-function paintMarker(plot, { x, markers }, colours, ratio) {
-  const kind = GRAVITY.find((name) => markers.some((marker) => marker.shape === name)) ?? "command";
+function drawMarker(plot, { x, markers }, colours, ratio) {
+  const kind = SEVERITY.find((name) => markers.some((marker) => marker.shape === name)) ?? "command";
   const { ctx } = plot;
   const top = plot.bbox.top;
   ctx.strokeStyle = ctx.fillStyle = kind === "fault" || kind === "alarm" ? colours.fault : colours.mark;
@@ -56,7 +56,7 @@ function paintMarker(plot, { x, markers }, colours, ratio) {
   }
 }
 
-function paintStrip(plot, { stretches, hue }, row, colours, ratio) {
+function drawStrip(plot, { stretches, hue }, row, colours, ratio) {
   const { ctx } = plot;
   const [left, right] = [plot.bbox.left, plot.bbox.left + plot.bbox.width];
   const y = plot.bbox.top + plot.bbox.height - (row + 1) * (STRIP_PX + 1) * ratio;

@@ -1,7 +1,7 @@
 // What this browser remembers for its user: small choices, never a secret. Works without storage too.
 const PREFIX = "drivebus.";
 
-export function recall(name, otherwise = null) {
+export function loadPreference(name, otherwise = null) {
   try {
     const found = localStorage.getItem(PREFIX + name);
     return found === null ? otherwise : JSON.parse(found);
@@ -10,7 +10,7 @@ export function recall(name, otherwise = null) {
   }
 }
 
-export function remember(name, value) {
+export function savePreference(name, value) {
   try {
     localStorage.setItem(PREFIX + name, JSON.stringify(value));
   } catch {

@@ -4,12 +4,12 @@ import { t } from "../i18n.js";
 import { Icon } from "../icons.js";
 
 export function AlarmState({ alarm }) {
-  const [icon, word] = look(alarm);
-  return html`<span class="alarmstate"><${Icon} name=${icon} size=${18} /><b>${t(`plantpage.alarm_${word}`)}</b>
+  const [icon, word] = alarmAppearance(alarm);
+  return html`<span class="alarmstate"><${Icon} name=${icon} size=${18} /><b>${t(`page.alarm_${word}`)}</b>
     </span>`;
 }
 
-function look({ cleared_ms: cleared, acknowledged_ms: seen }) {
+function alarmAppearance({ cleared_ms: cleared, acknowledged_ms: seen }) {
   if (cleared === null) return seen === null ? ["fault", "unseen"] : ["warning", "seen"];
   return seen === null ? ["unknown", "over_unseen"] : ["check", "over"];
 }

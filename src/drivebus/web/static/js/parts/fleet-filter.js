@@ -1,35 +1,35 @@
 // Which drives the fleet shows, in which order: strings and numbers only, so that nothing is redrawn while they stay.
 import { computed, signal } from "../lib.js";
-import { titled } from "../i18n.js";
-import { recall, remember } from "../memory.js";
-import { now, trusted } from "../live.js";
+import { titleOf } from "../i18n.js";
+import { loadPreference, savePreference } from "../preferences.js";
+import { now, isLive } from "../live.js";
 import { route } from "../router.js";
 import { drive, group, idsOf, bus } from "../store.js";
 
-const kept = recall("fleet", {});
+const preferences = loadPreference("fleet", {});
 export const search = signal("");
 export const kind = signal("all");
-export const sort = signal(kept.sort ?? "plant");
-export const by = signal(kept.by ?? "none");
-export const size = signal(kept.size ?? "normal");
+export const sort = signal(preferences.sort ?? "plant");
+export const groupBy = signal(preferences.by ?? "none");
+export const size = signal(preferences.size ?? "normal");
 
 export const KINDS = ["all", "abnormal", "running", "stopped", "unknown", "fault", "offline"];
 export const SORTS = ["plant", "urgency", "name", "bus", "frequency", "current"];
 export const SIZES = ["wall", "normal", "dense"];
-export const BYS = ["none", "group", "bus"];
+export const GROUPINGS = ["none", "group", "bus"];
 
-export function keep() {
-  remember("fleet", { sort: sort.value, by: by.value, size: size.value });
+export function savePreferences() {
+  savePreference("fleet", { sort: sort.value, by: groupBy.value, size: size.value });
 }
 
-const TURNING = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
+const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
 
 /** The kinds that a drive belongs to. */
 export function kindsOf(view) {
   const found = new Set(["all"]);
   if (view.presence !== "online") found.add("offline");
   else if (view.state === "fault" || view.fault) found.add("fault");
-  else if (TURNING.has(view.state)) found.add("running");
+  else if (MOVING_STATES.has(view.state)) found.add("running");
   else if (view.state === "stopped" || view.state === "unknown") found.add(view.state);
   if (found.has("offline") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
   return found;
@@ -48,7 +48,7 @@ const countsText = computed(() => {
 export const counts = computed(() => JSON.parse(countsText.value));
 
 // Values change all the time: tiles sorted by one move every few seconds only.
-const slow = computed(() => Math.floor(now.value / 4000));
+const slowTick = computed(() => Math.floor(now.value / 4000));
 
 const urgency = (view) => {
   const kinds = kindsOf(view);
@@ -58,11 +58,11 @@ const urgency = (view) => {
   return kinds.has("running") ? 3 : 4;
 };
 const valueOf = (view, name) => Number(view.signals?.[name]?.value ?? -1);
-const text = new Intl.Collator(undefined, { numeric: true });
+const collator = new Intl.Collator(undefined, { numeric: true });
 const ORDERS = {
   urgency: (a, b) => urgency(a) - urgency(b),
-  name: (a, b) => text.compare(titled(a), titled(b)),
-  bus: (a, b) => text.compare(a.bus, b.bus) || a.address - b.address,
+  name: (a, b) => collator.compare(titleOf(a), titleOf(b)),
+  bus: (a, b) => collator.compare(a.bus, b.bus) || a.address - b.address,
   frequency: (a, b) => valueOf(b, "output_frequency") - valueOf(a, "output_frequency"),
   current: (a, b) => valueOf(b, "output_current") - valueOf(a, "output_current"),
 };
@@ -72,7 +72,7 @@ function matches(view, words) {
   return words.every((word) => where.toLowerCase().includes(word));
 }
 
-function chosen(inGroup) {
+function filteredDrives(inGroup) {
   const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
   return shownDrives.value.filter((view) => (
     kindsOf(view).has(kind.value) && within(inGroup)(view) && matches(view, words)
@@ -86,8 +86,8 @@ function ordered(views) {
 
 function sections(views) {
   const of = (id) => views.filter((view) => view.bus === id);
-  if (by.value === "bus") return idsOf("buses").value.map((id) => [`bus ${id}`, of(id)]);
-  if (by.value !== "group") return [["", views]];
+  if (groupBy.value === "bus") return idsOf("buses").value.map((id) => [`bus ${id}`, of(id)]);
+  if (groupBy.value !== "group") return [["", views]];
   const groups = idsOf("groups").value;
   const inGroups = groups.map((id) => [`group ${id}`, views.filter((view) => view.groups.includes(id))]);
   return [...inGroups, ["rest", views.filter((view) => view.groups.length === 0)]];
@@ -96,10 +96,10 @@ function sections(views) {
 const live = new Set(["frequency", "current"]);
 let before = { key: "", text: "[]" };
 
-function arranged(inGroup) {
-  const key = JSON.stringify([inGroup, search.value, kind.value, sort.value, by.value, slow.value, trusted.value,
+function arrangementText(inGroup) {
+  const key = JSON.stringify([inGroup, search.value, kind.value, sort.value, groupBy.value, slowTick.value, isLive.value,
     idsOf("drives").value.length]);
-  const views = chosen(inGroup);
+  const views = filteredDrives(inGroup);
   if (live.has(sort.value) && before.key === key) return before.text;
   const found = sections(ordered(views)).filter(([, list]) => list.length > 0);
   before = { key, text: JSON.stringify(found.map(([name, list]) => [name, list.map((view) => view.id)])) };
@@ -108,12 +108,12 @@ function arranged(inGroup) {
 
 /** A computed of [[section, [ids]]…] for the group of the address (or null); changes only with the order. */
 export function arrangement(inGroup) {
-  const asText = computed(() => arranged(inGroup));
+  const asText = computed(() => arrangementText(inGroup));
   return computed(() => JSON.parse(asText.value));
 }
 
 export function sectionTitle(name) {
   const [what, id] = name.split(" ");
   const found = what === "bus" ? bus(id).value : what === "group" ? group(id).value : null;
-  return found ? titled(found) : id;
+  return found ? titleOf(found) : id;
 }

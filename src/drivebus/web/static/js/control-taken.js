@@ -1,0 +1,48 @@
+// Told until it is read: who took a drive from this very session. Whose a drive is now, its own page says.
+import { effect, signal } from "./lib.js";
+import { loadPreference, savePreference } from "./preferences.js";
+import { connection } from "./live.js";
+import { isMine, session } from "./session.js";
+import { drive, idsOf, serviceNow } from "./store.js";
+
+/** Nobody reads more; the oldest go first. */
+const MAX_TAKEOVERS = 20;
+/** `{drive, owner, time_ms}`, the newest last; the time is null where the page had no connection meanwhile. */
+export const takeovers = signal([]);
+/** Drive → the session that held it when it was last seen. */
+const holder = new Map();
+/** Drives whose line was lost since, and those that are being given back: who has one next took it from nobody. */
+const whileAway = new Set();
+export const ownReleases = new Set();
+
+const ownSession = () => session.value?.session ?? null;
+
+function storeTakeovers(items) {
+  takeovers.value = items.slice(-MAX_TAKEOVERS);
+  savePreference("takeovers", { session: ownSession(), items: takeovers.value });
+}
+
+export const dismiss = (one) => storeTakeovers(takeovers.peek().filter((other) => other !== one));
+
+function checkLeases(id, lease) {
+  if (isMine(lease)) holder.set(id, ownSession());
+  else {
+    const wasMine = holder.get(id) === ownSession() && !ownReleases.has(id);
+    if (wasMine && lease) storeTakeovers([...takeovers.peek(), {
+      drive: id, owner: lease.owner, time_ms: whileAway.has(id) ? null : serviceNow(),
+    }]);
+    holder.delete(id);
+    ownReleases.delete(id);
+  }
+  whileAway.delete(id);
+}
+
+/** Follows the drives from now on. What an earlier page of the same session left unread is told again. */
+export function watchTakeovers() {
+  effect(() => {
+    const kept = loadPreference("takeovers");
+    takeovers.value = kept && kept.session === ownSession() ? kept.items : [];
+  });
+  effect(() => { if (connection.value === "lost") for (const id of holder.keys()) whileAway.add(id); });
+  effect(() => { for (const id of idsOf("drives").value) checkLeases(id, drive(id).value?.lease ?? null); });
+}

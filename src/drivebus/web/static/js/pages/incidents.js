@@ -1,0 +1,108 @@
+// A case: what was known when a drive tripped, frozen: signals of the last minute, parameters, frames.
+import { html, useMemo } from "../lib.js";
+import { localized, language, t } from "../i18n.js";
+import { api } from "../api.js";
+import { NO_VALUE, moment, quantity, signalName } from "../format.js";
+import { href } from "../router.js";
+import { styled } from "../style.js";
+import { Button, ErrorNote, Loading, Notice, Table, useLoaded } from "../ui.js";
+import { faultText } from "../drive/faults.js";
+import { IncidentList } from "../parts/incident-list.js";
+import { saveText } from "../parts/save.js";
+import { driveTitle } from "../parts/titles.js";
+import { stamp } from "../trend/labels.js";
+import { localeOf } from "../trend/locale.js";
+import { HUES } from "../trend/chart.js";
+import { StaticSource } from "../trend/static-source.js";
+import { Trend } from "../trend/trend.js";
+
+await styled("pages");
+
+export function Page({ id }) {
+  if (id === null) return html`<h1>${t("page.incidents")}</h1><${IncidentList} />`;
+  return html`<${IncidentDetails} id=${id} />`;
+}
+
+function IncidentDetails({ id }) {
+  const [found, error] = useLoaded(() => api.get(`/cases/${encodeURIComponent(id)}`), [id]);
+  if (!found) return html`<h1>${t("page.incident_n", { id })}</h1>${error ? html`<${ErrorNote}
+    error=${error} />` : html`<${Loading} />`}`;
+  return html`<h1>${driveTitle(found.drive)} · ${moment(found.time_ms)}</h1>
+    <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("page.to_drive")}</a>
+      <a class="button" href=${href("alarms", null, { tab: "incidents" })}>${t("page.incidents")}</a>
+      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found,
+        null, 1))}>${t("page.save_incident")}<//>
+      ${found.capture && html`<${Button} icon="download" title=${t("page.save_capture_help")}
+        onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("page.save_capture")}<//>`}</div>
+    <${Trip} found=${found} />
+    <section class="panel stack"><h2>${t("page.incident_signals")}</h2><${Signals} found=${found} /></section>
+    <section class="panel stack"><h2>${t("page.incident_states")}</h2><${States} found=${found} /></section>
+    <section class="panel stack"><h2>${t("page.incident_parameters")}</h2><${Parameters}
+      parameters=${found.parameters} /></section>
+    <section class="panel stack"><h2>${t("page.frames_title")}</h2><${IncidentFrames} frames=${found.frames ?? []} />
+      </section>`;
+}
+
+/** What raised it, and the fault with its cause and remedy where the drive told one. */
+function Trip({ found }) {
+  const fault = found.view?.fault;
+  const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
+  return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
+    ${fault && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
+    ${said.map(([name, text]) => html`<p key=${name}>
+      <b>${t(`page.fault_${name}`)}</b>${t("page.colon")}${localized(text)}</p>`)}<//>`;
+}
+
+/** How the drive went through its states, in seconds before the trip. */
+function States({ found }) {
+  const columns = [
+    [t("page.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
+    [t("page.state"), (one) => t(`drives.state_${one.state}`)],
+    [t("page.presence"), (one) => t(one.presence === "online"
+      ? "page.presence_online" : `page.presence_${one.presence}`)],
+    [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
+    [t("page.fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NO_VALUE)],
+  ];
+  return html`<${Table} caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
+    keyOf=${(one) => one.t} />`;
+}
+
+/** The frozen samples as a trend of their own. */
+function Signals({ found }) {
+  const source = useMemo(() => new StaticSource(found), [found]);
+  const lines = source.lines.map(({ tag, signal, unit }, at) => ({
+    tag, drive: found.drive, label: signalName(signal), unit, hue: at % HUES,
+  }));
+  if (lines.length === 0) return html`<p class="help">${t("page.nothing")}</p>`;
+  return html`<${Trend} lines=${lines} source=${source} window=${source.window} height=${320} />`;
+}
+
+function Parameters({ parameters }) {
+  if (!parameters) return html`<p class="help">${t("page.parameters_not_read")}</p>`;
+  const rows = Object.entries(parameters ?? {});
+  const columns = [
+    [t("page.parameter"), ([name]) => html`<code>${name}</code>`],
+    [t("page.wire_address_title"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
+    [t("page.value"), ([, one]) => valueOrReason(one), "right"],
+    [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],
+  ];
+  return html`<${Table} caption=${t("page.incident_parameters")} columns=${columns} rows=${rows}
+    keyOf=${([name]) => name} />`;
+}
+
+/** What it held, or why nobody knows. */
+function valueOrReason({ value, unit, reason }) {
+  if (value !== null) return `${value} ${unit ?? ""}`;
+  return html`<span class="small">${reason ? t(reason) : t("page.no_value")}</span>`;
+}
+
+function IncidentFrames({ frames }) {
+  const columns = [
+    [t("page.time"), (frame) => stamp(frame.time_ms, localeOf(language.value))],
+    [t("page.station_title"), (frame) => frame.station ?? "", "right"],
+    [t("page.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
+    [t("page.meaning"), (frame) => `${localized(frame.text)} ${localized(frame.error?.text)}`],
+  ];
+  return html`<div class="case-frames"><${Table} caption=${t("page.frames_title")} columns=${columns} rows=${frames}
+    keyOf=${(frame) => frame.n} /></div>`;
+}

@@ -1,0 +1,68 @@
+// The stations of a line in the order of the cable: what is bad beyond one of them is bad on the wire there.
+import { html } from "../lib.js";
+import { t } from "../i18n.js";
+import { NO_VALUE } from "../format.js";
+import { Icon } from "../icons.js";
+import { href } from "../router.js";
+import { Table } from "../ui.js";
+import { classes, milliseconds, percent } from "./format-numbers.js";
+import { driveTitle } from "./titles.js";
+
+const PRESENCE_APPEARANCES = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
+/** From here on a line's errors are worth a look; at ten times as much starts are refused. */
+const ERROR_RATE_WARNING = 0.01;
+
+/** The host, the cable and its stations, as one drawing. */
+export function BusTopology({ stations }) {
+  return html`<ol class="cable"><li class="host"><span class="node">▣</span><span
+    class="name">${t("page.host")}</span></li>
+    ${stations.map((one) => html`<${StationNode} key=${one.address} station=${one} />`)}</ol>`;
+}
+
+function StationNode({ station }) {
+  const [icon, tone] = PRESENCE_APPEARANCES[station.presence] ?? PRESENCE_APPEARANCES.never_seen;
+  const doubtful = station.presence === "online" && station.error_rate > ERROR_RATE_WARNING;
+  return html`<li class=${doubtful ? "doubt" : tone}><a href=${href("drive", station.drive)}>
+    <span class="node"><${Icon} name=${doubtful ? "warning" : icon} size=${22} /></span>
+    <span class="name">${driveTitle(station.drive)}</span>
+    <span class="small">${t("page.address_is", { address: station.address })}</span>
+    <span class="small">${station.presence === "online" ? t("page.errors_are",
+      { share: percent(station.error_rate) })
+      : t(`page.presence_${station.presence}`)}</span></a></li>`;
+}
+
+/** The same as a table, with all figures. */
+export function Stations({ stations }) {
+  const slowest = Math.max(0.001, ...stations.map((one) => one.reply_p95_s ?? 0));
+  const columns = [
+    [t("page.address"), (one) => one.address, "right"],
+    [t("page.drive"), (one) => html`<a href=${href("drive", one.drive)}>${driveTitle(one.drive)}</a>`],
+    [t("page.presence"), (one) => html`<${Presence} station=${one} />`],
+    [t("page.refresh"), (one) => (one.refresh_s == null ? NO_VALUE : milliseconds(one.refresh_s)), "right"],
+    [t("page.reply_time"), (one) => html`<${ReplyBar} station=${one} slowest=${slowest} />`],
+    [t("page.bus_load"), (one) => (one.load_percent == null
+      ? NO_VALUE : `${one.load_percent.toFixed(1)} %`), "right"],
+    [t("page.bus_error_rate"), (one) => percent(one.error_rate), "right"],
+    [t("page.bus_errors"), (one) => classes(one.errors, "error") || NO_VALUE],
+    [t("page.bus_counters"), (one) => classes(one.counters, "counter") || NO_VALUE],
+  ];
+  return html`<div class="wide-table"><${Table} caption=${t("page.stations")} columns=${columns} rows=${stations}
+    keyOf=${(one) => one.address} /></div>`;
+}
+
+function Presence({ station }) {
+  const [icon, tone] = PRESENCE_APPEARANCES[station.presence] ?? PRESENCE_APPEARANCES.never_seen;
+  const word = station.presence === "online" ? t("page.presence_online") : t(`page.presence_${station.presence}`);
+  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${18} />${word}</span>`;
+}
+
+/** Half of the replies came within the dark part, 95 of 100 within the whole bar. */
+function ReplyBar({ station, slowest }) {
+  const { reply_p50_s: half, reply_p95_s: most } = station;
+  if (most == null) return NO_VALUE;
+  const wide = (seconds) => ({ width: `${((seconds ?? 0) / slowest) * 100}%` });
+  return html`<span class="replybar"><span class="track" aria-hidden="true"><span class="most" style=${wide(most)}>
+    </span>
+    <span class="half" style=${wide(half)}></span></span>
+    <span class="number">${milliseconds(half)} / ${milliseconds(most)}</span></span>`;
+}
