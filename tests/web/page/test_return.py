@@ -12,7 +12,9 @@ SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
 """The wall's clock has gone on, the browser's own has not: as on a laptop whose lid was closed."""
 
-TAKE = "async () => { const { takeControl } = await import('/static/js/control-leases.js'); await takeControl('fan-1'); }"
+TAKE = (
+    "async () => { const { takeControl } = await import('/static/js/control-leases.js'); await takeControl('fan-1'); }"
+)
 
 
 @pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])

@@ -28,9 +28,6 @@ export const hasControl = (view) => isMine(view.lease) && may("operate");
 
 const ownDrives = () => idsOf("drives").peek().filter((id) => isMine(drive(id).peek()?.lease));
 
-/** Drives that this session controls, by the newest that is known. */
-export const controlledDrives = () => idsOf("drives").value.filter((id) => isMine(drive(id).value?.lease));
-
 function renewAll() {
   if (!session.peek()?.user) return;
   const drives = ownDrives();

@@ -14,7 +14,7 @@ import { HUES } from "../trend/chart.js";
 await styled("pages");
 
 /** More lines than this tell nobody anything, and the historian takes 50. */
-export const MAX_SIGNALS = 16;
+const MAX_SIGNALS = 16;
 const UPDATE_DELAY_MS = 500;
 
 export function Page({ query }) {
