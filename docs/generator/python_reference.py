@@ -12,7 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from drivebus import blocking, clock, drives
+from drivebus import blocking, drives
+from drivebus.drives.store import Store
 from drivebus.profiles.model import Text
 from generator.words import colon, side
 
@@ -23,8 +24,8 @@ CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "python.zh.json").
 ALSO = Text("Also here, described above: {names}.", "此处也有，见上文：{names}。")
 TWINS: dict[type, type] = {
     blocking.Drive: drives.Drive,
-    drives.FileStore: clock.Store,
-    drives.MemoryStore: clock.Store,
+    drives.FileStore: Store,
+    drives.MemoryStore: Store,
 }
 """Whose paragraph it is where a method has none of its own: it does the same."""
 

@@ -1,4 +1,4 @@
-"""Replacing a file as a whole, so that a power cut leaves the old one or the new one."""
+"""Atomic replacement of files: a power cut leaves the old content or the new, never a part."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import IO
 
 
 def atomic_write(path: Path, content: bytes, open_file: Callable[[Path], IO[bytes]]) -> None:
-    """Old or new, never half; durable on return. ``make`` opens the new file, which lies beside the old one.
+    """Replace a file; durable on return. ``open_file`` creates the new file, which lies beside the old one.
 
-    Raises OSError; then the old one is as it was and no other is left. One writer at a time: what a killed one left is
-    written over.
+    Raises OSError; then the old file is unchanged and no other is left. One writer at a time: the remains of a killed
+    writer are overwritten.
     """
     part = path.with_name(f".{path.name}.new")
     try:
@@ -28,7 +28,7 @@ def atomic_write(path: Path, content: bytes, open_file: Callable[[Path], IO[byte
 
 
 def fsync_directory(folder: Path) -> None:
-    """Names in it survive a power cut. Raises OSError."""
+    """Make the names in a directory durable. Raises OSError."""
     if os.name != "posix":
         return
     fd = os.open(folder, os.O_RDONLY)

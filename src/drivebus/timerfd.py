@@ -1,6 +1,6 @@
-"""The door to Linux' timerfd, a kernel timer that a selector can watch. Other systems: OSError, nothing is imported.
+"""Linux timerfd by ctypes: a kernel timer that a selector can watch. OSError on other systems.
 
-An event loop sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; this wakes it at the microsecond.
+An event loop sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; a timerfd wakes it at the microsecond.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ import sys
 from functools import cache
 from typing import Any
 
-CLOCK_MONOTONIC, CLOCK_BOOTTIME = 1, 7
-"""Kernel clock ids (time(7)). BOOTTIME goes on while the system is suspended, MONOTONIC stands still."""
-_CREATE_FLAGS = 0o2000000 | 0o4000
-"""TFD_CLOEXEC | TFD_NONBLOCK."""
+CLOCK_MONOTONIC = 1  # kernel clock id (time(7)); stands still while the system is suspended
+CLOCK_BOOTTIME = 7  # goes on while the system is suspended
+_CREATE_FLAGS = 0o2000000 | 0o4000  # TFD_CLOEXEC | TFD_NONBLOCK
 _TFD_TIMER_ABSTIME = 1
 
 
@@ -37,9 +36,9 @@ def _os_error() -> OSError:
 
 
 class TimerFd:
-    """One timer on that clock; ``fd`` is readable once it has expired. Raises OSError where there is none.
+    """One kernel timer; ``fd`` is readable once it has expired. Raises OSError where the system has none.
 
-    Each has its own structure for the kernel: buses of several threads arm theirs at the same time.
+    Each timer has its own structure for the kernel: buses of several threads arm theirs at the same time.
     """
 
     __slots__ = ("_address", "_settime", "_spec", "fd")
@@ -55,7 +54,7 @@ class TimerFd:
         self._settime = _libc().timerfd_settime
 
     def set_at(self, when: float) -> None:
-        """Expire at this second, never before it; 0.0 disarms. An unread expiry is taken back either way."""
+        """Expire at this second, never before it; 0.0 disarms. An unread expiry is cleared either way."""
         seconds = int(when)
         self._spec.at_s = seconds
         self._spec.at_ns = int((when - seconds) * 1e9) + (1 if when else 0)
@@ -63,7 +62,7 @@ class TimerFd:
             raise _os_error()
 
     def consume_expiry(self) -> bool:
-        """Has it expired since it was set? Asking takes the expiry back."""
+        """Return whether the timer has expired since it was set, and clear the expiry."""
         try:
             os.read(self.fd, 8)
         except BlockingIOError:

@@ -1,13 +1,16 @@
-"""A number and how far to trust it."""
+"""Values of a drive: readings with their quality, and the scaling of 16-bit words to quantities."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
+
+Coding = Literal["binary", "signed", "bcd"]
 
 
 class Quality(StrEnum):
-    """How far a reading can be trusted; ``reason`` of the reading says why not."""
+    """How far a reading can be trusted; ``reason`` of the reading gives the cause."""
 
     GOOD = "good"
     UNCERTAIN = "uncertain"
@@ -18,8 +21,8 @@ class Quality(StrEnum):
 class Reading:
     """A value with its unit, quality and the monotonic second at which its request was answered.
 
-    ``value`` is None where the drive does not report it; ``reason`` (an i18n key) then says why.
-    None is never 0.0.
+    ``value`` is None where the drive does not report it; ``reason`` (a message key) then gives the cause. A missing
+    value is never 0.0.
     """
 
     value: float | int | str | None
@@ -30,10 +33,45 @@ class Reading:
     raw: int | None = None
 
     def age_s(self, now: float) -> float | None:
-        """Seconds since the value was true on the drive, None if it never was read."""
+        """Return the seconds since the value was true on the drive, None if it was never read."""
         return None if self.source_time is None else max(0.0, now - self.source_time)
 
 
 def missing_reading(reason: str, unit: str = "") -> Reading:
-    """A reading that does not exist, with the reason."""
-    return Reading(None, unit, Quality.BAD, None, reason)
+    """Return a reading without a value; ``reason`` is a message key."""
+    return Reading(None, unit, Quality.BAD, reason=reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """value = raw × factor + offset. ``decimals``: places that the drive's own display shows."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+    coding: Coding = "binary"
+    decimals: int = 0
+
+    def value(self, raw: int) -> float:
+        """Return the quantity of a 16-bit word. Raises ValueError for a BCD word with a digit above 9."""
+        return round(self._number(raw) * self.factor + self.offset, self.decimals + 3)
+
+    def raw(self, value: float) -> int:
+        """Return the nearest word. Raises ValueError where it does not fit 16 bits."""
+        number = round((value - self.offset) / self.factor)
+        if self.coding == "signed" and -0x8000 <= number < 0:
+            number += 0x10000
+        elif self.coding == "bcd" and 0 <= number <= 9999:
+            return int(str(number), 16)
+        if not 0 <= number <= (9999 if self.coding == "bcd" else 0xFFFF):
+            raise ValueError(f"{value} does not fit a 16-bit word at a step of {self.factor}")
+        return number
+
+    def _number(self, raw: int) -> int:
+        if self.coding == "signed" and raw >= 0x8000:
+            return raw - 0x10000
+        if self.coding == "bcd":
+            digits = f"{raw:X}"
+            if not digits.isdecimal():
+                raise ValueError(f"word {raw:04X}H is no decimal number")
+            return int(digits)
+        return raw

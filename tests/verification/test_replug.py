@@ -9,7 +9,7 @@ import pytest
 
 from drivebus.bus import Bus
 from drivebus.bus.core import BusCore
-from drivebus.ports import device
+from drivebus.ports import tty
 from drivebus.ports.tty import SerialDescriptor
 from verification.campaign import CampaignRun, load_campaign, run_campaign
 from verification.campaigns import replug
@@ -47,7 +47,7 @@ def test_a_bus_that_looks_for_its_port_too_seldom_is_found(monkeypatch: pytest.M
 
 
 def test_a_port_that_is_opened_by_its_name_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "find_device", lambda path, identity: path)
+    monkeypatch.setattr(tty, "find_device", lambda path, identity: path)
     line = replug.ReplugBus(CampaignRun("replug", 1, 1), VC660, 3)
     for _ in range(10):
         line.unplug()

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusResult
-from drivebus.clock import Store
 from drivebus.drives.context import DriveContext, DriveLimits, Preflight
 from drivebus.drives.dialects.base import Dialect, StopMode
 from drivebus.drives.dialects.create import create_dialect
@@ -31,7 +30,7 @@ from drivebus.drives.operations.runner import run_operation, submit_first
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.state import Direction, DriveStatus, Outcome
-from drivebus.drives.store import FileStore, MemoryStore, default_path
+from drivebus.drives.store import FileStore, MemoryStore, Store, default_path
 from drivebus.errors import CapabilityError, Expired
 from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import StationTiming

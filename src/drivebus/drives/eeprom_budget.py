@@ -8,8 +8,8 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
-from drivebus.clock import Store
 from drivebus.drives.operations.steps import DriveOperation, UpdateStore
+from drivebus.drives.store import Store
 from drivebus.errors import EepromBudgetExceeded
 
 DEFAULT_SAVES_PER_DAY = 20

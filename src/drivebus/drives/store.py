@@ -8,12 +8,28 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from drivebus import atomic_write
 from drivebus.errors import ConfigurationError
 
 STORE_FORMAT = 1
+
+
+class Store(Protocol):
+    """A small persistent mapping (EEPROM budget, calibration); durable when ``put`` and ``update`` return."""
+
+    def get(self, key: str) -> str | None:
+        """The value of a key, None where it has none."""
+        ...
+
+    def put(self, key: str, value: str) -> None:
+        """Set the value of a key."""
+        ...
+
+    def update(self, key: str, change: Callable[[str | None], str]) -> None:
+        """Replace a value by the result of ``change``, with no other writer in between; unchanged if it raises."""
+        ...
 
 
 class MemoryStore:

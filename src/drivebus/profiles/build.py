@@ -18,8 +18,8 @@ from drivebus.profiles.schema import (
     StatusIn,
     ValueIn,
 )
-from drivebus.scale import Scale
 from drivebus.serial_settings import StationTiming
+from drivebus.values import Scale
 
 
 def build_profile(given: ProfileIn, source: str) -> m.DriveProfile:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 from drivebus import i18n
-from drivebus.scale import Scale
 from drivebus.serial_settings import StationTiming
+from drivebus.values import Scale
 
 Locator = tuple[str, int]
 

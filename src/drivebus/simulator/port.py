@@ -6,39 +6,22 @@ host).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from dataclasses import replace
+from typing import Any
 
 from drivebus.errors import PortLost, PortUnavailable, PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.models.catalog import STATION_OPTION_NAMES, make_stations
-
-
-@dataclass(frozen=True, slots=True)
-class Capabilities:
-    """What is real about this port: its timing, and the parity marks of bytes that the wire spoiled."""
-
-    has_line_timing: bool = True
-    parity: bool = True
-    direction_control: bool = False
-
-
-class Receiver(Protocol):
-    """Who is told what comes in."""
-
-    def data_received(self, data: bytes, marks: int = 0) -> None: ...
-    def port_lost(self, error: PortLost) -> None: ...
+from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
 class SimPort:
     """One host's plug on a bench; ``bench`` is there for tests and demos."""
 
-    capabilities = Capabilities()
+    capabilities = Capabilities(has_line_timing=True, parity=True)
 
-    def __init__(
-        self, bench: SimulatedBus, settings: SerialSettings, url: str, echo: Literal["detect", "on", "off"]
-    ) -> None:
+    def __init__(self, bench: SimulatedBus, settings: SerialSettings, url: str, echo: EchoSetting) -> None:
         self.simulated_bus = bench
         self.settings: SerialSettings | None = settings
         self.url = url

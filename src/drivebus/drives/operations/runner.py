@@ -9,6 +9,7 @@ from drivebus import clock
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
+from drivebus.drives.store import Store
 
 T = TypeVar("T")
 
@@ -26,7 +27,7 @@ async def run_operation(
     operation: DriveOperation[T],
     bus: Bus,
     address: int,
-    store: clock.Store,
+    store: Store,
     first_result: asyncio.Future[BusResult] | None = None,
 ) -> T:
     """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent.
@@ -49,7 +50,7 @@ async def run_operation(
         operation.close()
 
 
-async def _perform(step: Step, bus: Bus, address: int, store: clock.Store) -> Any:
+async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
     if isinstance(step, BusRequest):
         return await bus.transact(step)
     if isinstance(step, Wait):

@@ -129,7 +129,7 @@ def bus_view(plant: Plant, line: BusRuntime) -> Json:
         "reply_p50_s": found.reply_p50_s,
         "reply_p95_s": found.reply_p95_s,
         "reply_p99_s": found.reply_p99_s,
-        "foreign_master": bus.core.unsolicited.has_foreign_master(plant.now()),
+        "foreign_master": bus.foreign_master,
         "stop_bound_s": line.stop_bound_s(),
         "stations": own,
     }

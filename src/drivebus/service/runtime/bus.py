@@ -12,8 +12,8 @@ from drivebus import open_bus
 from drivebus.bus import Bus
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
-from drivebus.clock import Store
 from drivebus.drives.state import DriveStatus
+from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of

@@ -9,12 +9,12 @@ from typing import Any
 
 from drivebus.bus import Bus
 from drivebus.bus.station import Presence
-from drivebus.clock import Store
 from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.comm_loss import CommLossReport
 from drivebus.drives.operations.status import complete_status
+from drivebus.drives.store import Store
 from drivebus.profiles.model import Text
 from drivebus.service.api.errors import localized
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from drivebus.clock import Store
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.state import DriveStatus, Outcome, OutcomeStatus
+from drivebus.drives.store import Store
 from drivebus.errors import NotFound
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
 from drivebus.service.api.errors import localized

@@ -180,7 +180,7 @@ class SupervisionCycle:
             plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, reason=reason)
         if was_open is not self._was_open.get(bus) and was_open is not None:
             plant.publish_event("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
-        foreign = is_open and line.bus.core.unsolicited.has_foreign_master(now)
+        foreign = is_open and line.bus.foreign_master
         (plant.raise_alarm if foreign else plant.clear_alarm)(SystemAlarm.FOREIGN_MASTER, subject=bus)
 
     # --- the badge ------------------------------------------------------------------------------------------------

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivebus.clock import Store, wall_ms
-from drivebus.drives.store import FileStore
+from drivebus.clock import wall_ms
+from drivebus.drives.store import FileStore, Store
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import signal_labels
