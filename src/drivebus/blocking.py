@@ -158,13 +158,13 @@ class Lease:
         return self._lease.expired
 
     def __enter__(self) -> Lease:
-        self._bus.run(self._lease.__aenter__())
+        self._bus.run(self._lease.start())
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bus.run(self._lease.__aexit__(kind, error, trace))
+        self._bus.run(self._lease.stop())
 
 
 class Monitor:

@@ -129,9 +129,9 @@ def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
     async def aged() -> float:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
-            talk = drive._new_operation(1.8e9)
+            talk = drive._runner.new_command(1.8e9)
             assert talk.requested_at == talk.checks_started_at == bench.bus.now()
-            early = drive._new_operation(bench.bus.now() - HOUR_S)
+            early = drive._runner.new_command(bench.bus.now() - HOUR_S)
             with pytest.raises(Expired):
                 await drive.run(20.0, requested_at=early.requested_at)
             await asyncio.sleep(CHECKS_TIMEOUT_S)

@@ -11,7 +11,6 @@ import pytest
 from drivebus.bus import Bus
 from drivebus.bus.messages import RetryPolicy
 from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
-from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
@@ -22,12 +21,22 @@ from drivebus.drives.permissives import (
     PermitInputs,
     grant_permit,
 )
-from drivebus.drives.state import DerivedState, DriveState, Outcome
+from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
-from fixtures.drives import MODELS, SAFE_HZ, FakeC320, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
+from fixtures.drives import (
+    MODELS,
+    SAFE_HZ,
+    FakeC320,
+    PureBus,
+    ScriptedJog,
+    SimulatedDrives,
+    dialect_for,
+    operation_for,
+    run_virtual,
+)
 
 PROVED = {"df800": {"direction_proved": True}}
 JOG_HZ = {"c320": 5.0, "dzb100": 0.5}
@@ -212,11 +221,12 @@ def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another
 
 
 def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
-    async def done() -> Outcome:
-        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+    class SlowlyAnsweredJog(ScriptedJog):
+        def _motion_age_s(self) -> float:
+            return 0.7
 
     async def told() -> None:
-        async with JogSession(done, done, 0.5, lambda: 0.7) as lease:
+        async with SlowlyAnsweredJog(0.5) as lease:
             await asyncio.sleep(0)
             await asyncio.sleep(0)
             assert lease.expired
@@ -301,7 +311,7 @@ def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: st
     async def told() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
-            async with drive._lock:
+            async with drive._runner._command_lock:
                 wish = drive.reset_fault() if command == "reset_fault" else drive.write({"F0.2": 20.0})
                 waiting = asyncio.ensure_future(wish)
                 await asyncio.sleep(CHECKS_TIMEOUT_S + 0.01)

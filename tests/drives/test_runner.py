@@ -13,7 +13,6 @@ import pytest
 
 import drivebus
 from drivebus import blocking
-from drivebus.drives.jog_session import JogSession
 from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.errors import (
@@ -26,7 +25,7 @@ from drivebus.errors import (
     StopUnconfirmed,
     TargetNotReached,
 )
-from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
+from fixtures.drives import SAFE_HZ, ScriptedJog, SimulatedDrives, run_virtual
 
 
 @pytest.mark.parametrize(
@@ -118,16 +117,20 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
 @pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
 def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_left(may_turn: bool, ends: int) -> None:
     """I1: the end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
-    ended = 0
 
-    async def end() -> Outcome:
-        nonlocal ended
-        ended += 1
-        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+    class HangingJog(ScriptedJog):
+        async def _begin(self) -> Outcome:
+            await asyncio.Event().wait()
+            raise AssertionError("it began")
+
+        def _may_be_running(self) -> bool:
+            return may_turn
+
+    session = HangingJog(0.5)
 
     async def story() -> None:
         async def jog() -> None:
-            async with JogSession(asyncio.Event().wait, end, 0.5, may_turn=lambda: may_turn):  # type: ignore[arg-type]
+            async with session:
                 raise AssertionError("it began")
 
         task = asyncio.ensure_future(jog())
@@ -137,17 +140,14 @@ def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_lef
         assert task.cancelled()
 
     asyncio.run(story())
-    assert ended == ends
+    assert session.stops_sent == ends
 
 
 def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
     """A frozen host: the renewal comes before the timer has had its turn."""
 
-    async def done() -> Outcome:
-        return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
-
     async def tale() -> bool:
-        async with JogSession(done, done, 0.02) as lease:
+        async with ScriptedJog(0.02) as lease:
             time.sleep(0.05)  # noqa: ASYNC251 - exactly what must not keep a motor running
             with pytest.raises(StartInhibited):
                 lease.renew()

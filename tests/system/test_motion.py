@@ -195,7 +195,7 @@ def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -
             assert here.motor.trip is None
             await asyncio.sleep(1.0)
             assert not here.motor.energised, "a reset is not a start"
-            assert (await command_ending(here.drive.run(20.0))).done
+            assert (await command_ending(here.drive.run(20.0))).succeeded
             assert here.motor.energised and here.motor.starts == 2
 
     run_virtual(told())
@@ -205,7 +205,7 @@ def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -
 def test_a_reset_without_a_fault_moves_nothing(kind: SystemVariant) -> None:
     async def told() -> None:
         async with system_bench(kind) as here:
-            assert (await command_ending(here.drive.reset_fault())).word == expected_word(kind)
+            assert (await command_ending(here.drive.reset_fault())).status == expected_word(kind)
             await asyncio.sleep(1.0)
             assert here.motor.starts == 0
 

@@ -183,7 +183,7 @@ def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: S
     async def told() -> None:
         clear_simulated_buses()
         async with system_bench(kind, "1-2", name="shared") as here:
-            assert (await command_ending(here.drives[1].run(10.0))).done
+            assert (await command_ending(here.drives[1].run(10.0))).succeeded
             other: Any = open_port(kind.url("1-2", name="shared"))
 
             class Deaf:
@@ -206,7 +206,7 @@ def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: S
             await other.close()
             await asyncio.sleep(61.0)
             assert not here.bus.health(2).foreign_master, "a minute of peace ends it"
-            assert (await command_ending(here.drives[2].run(10.0))).done
+            assert (await command_ending(here.drives[2].run(10.0))).succeeded
         clear_simulated_buses()
 
     run_virtual(told())

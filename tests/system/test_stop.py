@@ -247,7 +247,7 @@ def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
 def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: SystemVariant) -> None:
     async def told(weather: str, seed: int) -> None:
         async with system_bench(kind, "1", "clean", seed=seed) as here:
-            assert (await command_ending(here.drive.run(20.0))).done
+            assert (await command_ending(here.drive.run(20.0))).succeeded
             await asyncio.sleep(1.0)
             here.bench.line_quality = weather
             stopped = await command_ending(here.drive.stop())
@@ -305,7 +305,7 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
     async def told() -> None:
         async with system_bench(kind, "1-6") as here:
             for drive in here.drives.values():
-                assert (await command_ending(drive.run(15.0))).done
+                assert (await command_ending(drive.run(15.0))).succeeded
             await asyncio.sleep(1.0)
             assert all(station.motor.energised for station in here.bench.stations)
             begun, asked = here.bus.now(), len(here.tap.requests_sent)
@@ -333,7 +333,7 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
             assert refused.key in ("drives.latched", "bus.start_inhibited")
             assert sum(station.motor.starts for station in here.bench.stations) == starts
             here.bus.release_start()
-            assert (await command_ending(here.drive.run(10.0))).done
+            assert (await command_ending(here.drive.run(10.0))).succeeded
             await command_ending(here.drive.stop())
 
     run_virtual(told())
@@ -344,7 +344,7 @@ def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(ki
     async def told() -> None:
         async with system_bench(kind, "1-8") as here:
             for drive in here.drives.values():
-                assert (await command_ending(drive.run(10.0))).done
+                assert (await command_ending(drive.run(10.0))).succeeded
             stopping = asyncio.ensure_future(stop_bus(here.bus, list(here.drives.values())))
             await asyncio.sleep(0.06 if kind is not DZB100 else 0.12)
             here.bench.advance()
@@ -376,7 +376,7 @@ def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
     async def told() -> None:
         async with system_bench(C320, "1-4") as here:
             for drive in here.drives.values():
-                assert (await command_ending(drive.run(15.0))).done
+                assert (await command_ending(drive.run(15.0))).succeeded
             here.station(3).faults.silent = True
             report = await stop_bus(here.bus, list(here.drives.values()))
             assert report.unconfirmed == (3,) and not report.confirmed

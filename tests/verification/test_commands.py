@@ -9,9 +9,9 @@ import pytest
 from drivebus.bus.echo import EchoDetector
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.drives import permissives
-from drivebus.drives.drive import Drive
 from drivebus.drives.operations import parameters, start, stop
 from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.stop_supervisor import StopSupervisor
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import commands
 from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
@@ -90,7 +90,7 @@ def test_a_believed_mirror_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """F17: unconfirmed, and given up."""
-    monkeypatch.setattr(Drive, "_start_stop_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
     assert found(campaign(240), "given up")
 
 

@@ -32,6 +32,7 @@ from drivebus.drives.operations import comm_loss, setpoint
 from drivebus.drives.operations.comm_loss import CommLossReport
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import StationTiming
 from verification.campaign import CampaignRun, run_campaign
@@ -218,7 +219,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
         "starts are resent",
         replace_attribute(prepared_request.PreparedRequest, "_max_write_attempts", lambda self: 3),
     ),
-    ("no_answer_stop/vc660", "a stop is given up", replace_attribute(Drive, "_start_stop_retry", nothing)),
+    ("no_answer_stop/vc660", "a stop is given up", replace_attribute(StopSupervisor, "start_retry", nothing)),
     ("late_same_item/df800-ascii", "late answers uncounted", replace_attribute(classify, "classify_idle", forget)),
     ("late_other_item/vc660", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
     ("other_address/c320-hex", "no foreign master", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),

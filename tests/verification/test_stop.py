@@ -11,10 +11,10 @@ from drivebus.bus.core import BusCore
 from drivebus.bus.messages import RequestPriority
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.transaction import Transaction
-from drivebus.drives import Drive
 from drivebus.drives import outcome as settle
-from drivebus.drives.drive import raise_for_status
 from drivebus.drives.operations import stop as stopping
+from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.stop_supervisor import StopSupervisor
 from verification.campaign import CampaignRun, load_campaign, run_campaign
 
 
@@ -68,13 +68,13 @@ def test_an_alarm_that_comes_late_is_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Drive, "_start_stop_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
     assert any("it is not repeated" in one for one in violations(300))
 
 
 def test_an_unconfirmed_stop_of_which_nobody_is_told_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "drivebus.drives.drive.raise_for_status",
+        "drivebus.drives.stop_supervisor.raise_for_status",
         lambda outcome, stop=False: outcome if stop else raise_for_status(outcome),
     )
     assert settle.raise_for_status is raise_for_status
@@ -88,5 +88,5 @@ def test_a_stop_that_is_taken_back_is_found(monkeypatch: pytest.MonkeyPatch) -> 
         self.scheduler.remove_if(lambda job: job.token is token)
 
     monkeypatch.setattr(BusCore, "_withdraw", drop)
-    monkeypatch.setattr(Drive, "_start_stop_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
     assert violations(300)

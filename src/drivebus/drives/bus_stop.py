@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
-from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.context import frame_exchange
 from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
@@ -77,7 +76,7 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
 async def _stop(drive: Drive, drives: int) -> Outcome:
     """However it ends, the other drives' outcomes are not lost."""
     try:
-        return await drive._stop(StopMode.STOP, True, drives)
+        return await drive.stop_concurrently(drives)
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome

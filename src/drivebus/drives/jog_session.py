@@ -1,88 +1,118 @@
-"""A jog with a lease: letting go of the key, or hanging, stops the motor (T13). The asyncio part of ``jogging``."""
+"""Jog with a dead-man keep-alive: the motor stops when the session is no longer renewed."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from types import TracebackType
 
-from drivebus.drives.operations.jog import check_jog_lease
-from drivebus.drives.state import Outcome
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.jog import begin_jog, check_jog_lease, end_jog
+from drivebus.drives.operations.runner import OperationRunner
+from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.state import Direction, Outcome
+from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.errors import StartInhibited
 
 
 class JogSession:
-    """``async with drive.jog(hz, direction) as lease: ... lease.renew()``. The jog ends with the block or the lease."""
+    """One jog: ``async with drive.jog(5.0) as session: ... session.renew()``, or ``start`` and ``stop``.
+
+    The jog ends with the session or ``lease_s`` after the last renewal. The lease is measured by ``Bus.now``, which
+    goes on while the machine is suspended, as the motor does.
+    """
 
     def __init__(
         self,
-        begin: Callable[[], Awaitable[Outcome]],
-        end: Callable[[], Awaitable[Outcome]],
+        runner: OperationRunner,
+        stops: StopSupervisor,
+        *,
+        frequency_hz: float | None,
+        direction: Direction,
         lease_s: float,
-        turning_s: Callable[[], float] = lambda: 0.0,
-        now: Callable[[], float] | None = None,
-        may_turn: Callable[[], bool] = lambda: True,
+        requested_at: float | None = None,
     ) -> None:
-        """``turning_s``: for how long the motor may have been turning when ``begin`` has returned.
-
-        ``may_turn``: whether a frame that moves may have left when ``begin`` is cancelled. A jog of which nothing left
-        needs no end: its stop would be somebody else's.
-
-        ``now``: a clock that goes on while the machine is suspended, as the motor does; None: the loop's.
-        """
+        """Raises LimitError for a lease above 0.5 s."""
         self.lease_s = check_jog_lease(lease_s)
-        self._begin, self._end, self._turning_s = begin, end, turning_s
-        self._may_turn = may_turn
-        self._now, self._until = now or (lambda: asyncio.get_running_loop().time()), 0.0
+        self._runner, self._stops = runner, stops
+        self._frequency_hz, self._direction, self._requested_at = frequency_hz, direction, requested_at
+        self._op: OperationContext | None = None
+        self._expires_at = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[Outcome] | None = None
-        self.expired = False
-        """The lease ran out and the jog was stopped."""
+        self.expired = False  # the lease ran out and the jog was stopped
         self.start_outcome: Outcome | None = None
         self.stop_outcome: Outcome | None = None
 
-    async def __aenter__(self) -> JogSession:
+    async def start(self) -> Outcome:
+        """Begin to jog. The lease runs from the moment at which the motor may have started to turn."""
         try:
             self.start_outcome = await self._begin()
         except asyncio.CancelledError:
-            if self._may_turn():
-                await asyncio.shield(self._stop())
+            if self._may_be_running():
+                await asyncio.shield(self._end())
             raise
-        self._arm(self.lease_s - self._turning_s())
-        return self
+        self._arm(self.lease_s - self._motion_age_s())
+        return self.start_outcome
 
     def renew(self) -> None:
-        """Extend the lease. Raises StartInhibited once it was lost: only a new jog may begin then."""
-        if self._timer is not None and self._now() > self._until:
-            self._run_out()  # loop or machine was held up: the lease is over although its timer has not run yet
+        """Extend the lease from now. Raises StartInhibited where it has run out: only a new jog may begin then."""
+        if self._timer is not None and self._runner.bus.now() > self._expires_at:
+            self._expire()  # the event loop or the machine was held up and the timer has not run yet
         if self.expired or self._timer is None:
             raise StartInhibited("drives.lease_lost", lease_s=self.lease_s)
         self._arm(self.lease_s)
 
-    def _arm(self, left_s: float) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        self._until = self._now() + left_s
-        self._timer = asyncio.get_running_loop().call_later(left_s, self._run_out)
+    async def stop(self) -> Outcome:
+        """End the jog and return how it ended. Raises StopUnconfirmed. Cancelling the caller does not cancel it."""
+        self.stop_outcome = await asyncio.shield(self._end())
+        return self.stop_outcome
 
-    def _run_out(self) -> None:
-        """Nobody renewed: stop now, whether or not the block goes on."""
-        self.expired, self._timer = True, None
-        self._stop()
-
-    def _stop(self) -> asyncio.Task[Outcome]:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        if self._ending is None:
-            self._ending = asyncio.ensure_future(_awaited(self._end))
-        return self._ending
+    async def __aenter__(self) -> JogSession:
+        await self.start()
+        return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.stop_outcome = await asyncio.shield(self._stop())
+        await self.stop()
 
+    def _arm(self, left_s: float) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._expires_at = self._runner.bus.now() + left_s
+        self._timer = asyncio.get_running_loop().call_later(left_s, self._expire)
 
-async def _awaited(end: Callable[[], Awaitable[Outcome]]) -> Outcome:
-    return await end()
+    def _expire(self) -> None:
+        self.expired, self._timer = True, None
+        self._end()
+
+    def _end(self) -> asyncio.Task[Outcome]:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._ending is None:
+            self._ending = asyncio.ensure_future(self._stop_motion())
+        return self._ending
+
+    async def _begin(self) -> Outcome:
+        self._op = op = self._runner.new_command(self._requested_at)
+        with self._stops.stop_on_failure(op):
+            outcome = await self._stops.run_motion(begin_jog(op, self._frequency_hz, self._direction))
+            return raise_for_status(outcome)
+
+    async def _stop_motion(self) -> Outcome:
+        outcome = await self._stops.run(end_jog(OperationContext(self._runner.drive)), StopMode.STOP)
+        return raise_for_status(outcome, stop=True)
+
+    def _may_be_running(self) -> bool:
+        """Whether a frame that moves may have left: otherwise a stop would be that of another command."""
+        return self._op is not None and self._op.may_be_running
+
+    def _motion_age_s(self) -> float:
+        """Seconds since the last bit of the frame that moves."""
+        result = None if self._op is None else self._op.last_motion_result
+        if result is None or result.sent_at is None:
+            return 0.0
+        bus = self._runner.bus
+        return max(0.0, bus.now() - result.sent_at - bus.settings.seconds(len(result.sent)))

@@ -95,6 +95,11 @@ class FileStore:
         return values
 
 
+def drive_key(port_identity: str, address: int) -> str:
+    """Return the key of one drive's records: these drives have no serial number that could be read."""
+    return f"{port_identity}/{address}"
+
+
 def default_path() -> Path:
     """``$XDG_STATE_HOME/drivebus/store.json`` (Windows: ``%LOCALAPPDATA%``)."""
     base = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")

@@ -1,26 +1,94 @@
-"""The asyncio shell of conversations: performs their steps on a Bus. No decision lives here."""
+"""Run the operations of a drive on its bus.
+
+An operation is a generator. Its code reads as if it blocked, but it knows no clock, no port and no event loop: it
+yields a step and receives the result when the step has been performed.
+
+    def read_twice(op: OperationContext, request: Any) -> DriveOperation[BusResult]:
+        result = yield from op.read(request)                 # one request on the bus and its reply
+        if result.error is not None:
+            yield from wait(0.05)                            # nothing is sent for 50 ms
+            result = yield from op.read(request)
+        conditions = yield from get_bus_conditions()         # the time, and whether a stop was sent meanwhile
+        ...
+
+``yield from`` calls one operation from another, as ``await`` calls a coroutine. ``run_operation`` performs the steps:
+
+    step                    performed by                  result
+    BusRequest              Bus.transact                  BusResult
+    Wait(seconds)           asyncio.sleep                 the time after it
+    GetBusConditions        bus_conditions                BusConditions
+    UpdateStore(key, f)     Store.update in a thread      None
+
+While an operation waits for a step, the event loop runs the operations of other drives. An exception of a step is
+raised at the ``yield``, because only the operation knows whether something was sent before. Tests run the same
+generators without an event loop, see ``steps.run_pure``.
+"""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from drivebus import clock
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.drives.context import DriveContext
+from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
 from drivebus.drives.store import Store
+from drivebus.errors import Expired
 
 T = TypeVar("T")
 
 
-def submit_first(operation: DriveOperation[T], bus: Bus, address: int) -> asyncio.Future[BusResult]:
-    """Let a conversation ask for its first transaction now: a turn of the loop later a poll may go first (I3)."""
-    step = next(operation)
-    while isinstance(step, GetBusConditions):
-        step = operation.send(bus_conditions(bus, address))
-    assert isinstance(step, BusRequest)
-    return bus.submit(step)
+class OperationRunner:
+    """Runner of one drive's operations: commands one after the other, reads and stops at any time."""
+
+    def __init__(self, bus: Bus, drive: DriveContext, store: Store, load_stored: Callable[[], None]) -> None:
+        """``load_stored`` is called before every operation: what is stored can be found once the port is open."""
+        self.bus, self.drive = bus, drive
+        self._address = drive.dialect.address
+        self._store, self._load_stored = store, load_stored
+        self._command_lock = asyncio.Lock()
+
+    def new_command(self, requested_at: float | None = None) -> OperationContext:
+        """Return the context of a command requested now; every later stop of the drive supersedes it.
+
+        ``requested_at`` counts at most as now: a time by another clock might never expire.
+        """
+        now = self.bus.now()
+        requested_at = None if requested_at is None else min(now, requested_at)
+        return OperationContext(
+            self.drive,
+            stop_epoch=self.bus.stop_epoch(self._address),
+            checks_started_at=now if requested_at is None else requested_at,
+            requested_at=requested_at,
+        )
+
+    async def run(self, operation: DriveOperation[T], first_result: asyncio.Future[BusResult] | None = None) -> T:
+        """Run an operation, also beside another one. ``first_result``: the return value of ``submit_first``."""
+        self._load_stored()
+        return await run_operation(operation, self.bus, self._address, self._store, first_result)
+
+    def submit_first(self, operation: DriveOperation[Any]) -> asyncio.Future[BusResult]:
+        """Submit the first request of an operation now: one turn of the event loop later a poll might go first."""
+        self._load_stored()
+        step = next(operation)
+        while isinstance(step, GetBusConditions):
+            step = operation.send(bus_conditions(self.bus, self._address))
+        assert isinstance(step, BusRequest)
+        return self.bus.submit(step)
+
+    async def run_command(self, operation: DriveOperation[T]) -> T:
+        """Run a command after the commands before it. Raises Expired where it waited more than 5 s for them."""
+        queued_at = self.bus.now()
+        async with self._command_lock:
+            waited_s = self.bus.now() - queued_at
+            if waited_s > CHECKS_TIMEOUT_S:
+                operation.close()
+                raise Expired("drives.turn_too_late", age_s=round(waited_s, 2), limit_s=CHECKS_TIMEOUT_S)
+            return await self.run(operation)
 
 
 async def run_operation(
@@ -30,22 +98,19 @@ async def run_operation(
     store: Store,
     first_result: asyncio.Future[BusResult] | None = None,
 ) -> T:
-    """Run a conversation to its end. Cancelling it ends it where it stands; nothing more of it is sent.
-
-    A step that fails fails in the conversation: it knows whether something was sent before. ``begun``: by ``begin``.
-    """
+    """Perform the steps of an operation and return its result. Cancelling it sends nothing more."""
     try:
         step = next(operation) if first_result is None else operation.send(await first_result)
         while True:
             try:
-                found = await _perform(step, bus, address, store)
+                result = await _perform(step, bus, address, store)
             except Exception as error:
                 step = operation.throw(error)
             else:
-                step = operation.send(found)
+                step = operation.send(result)
     except StopIteration as end:
-        result: T = end.value
-        return result
+        value: T = end.value
+        return value
     finally:
         operation.close()
 
@@ -63,20 +128,15 @@ async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
 
 
 def bus_conditions(bus: Bus, address: int) -> BusConditions:
-    """What the bus knows of a station now."""
+    """Return what the bus knows of a station now."""
     health = bus.health(address)
     return BusConditions(
-        bus.now(),
-        _calendar_day(),
-        bus.stop_epoch(address),
-        bus.start_inhibited(address),
-        health.foreign_master,
-        health.duplicate_address,
-        health.damage_rate,
-        health.damaged,
+        now=bus.now(),
+        day=clock.wall_clock().date().isoformat(),
+        stop_epoch=bus.stop_epoch(address),
+        start_inhibited=bus.start_inhibited(address),
+        foreign_master=health.foreign_master,
+        duplicate=health.duplicate_address,
+        error_rate=health.damage_rate,
+        failures=health.damaged,
     )
-
-
-def _calendar_day() -> str:
-    """A label for the EEPROM budget: the only wall clock here (F21)."""
-    return clock.wall_clock().date().isoformat()

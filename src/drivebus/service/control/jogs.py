@@ -49,7 +49,7 @@ class RemoteJogs:
         check_start(self.plant, unit)
         lease = unit.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
         self.plant.arm_tokens.consume(params.arm, unit.id, actor, self.plant.now())
-        await self.commands.run_motion(unit, _start_session(lease))
+        await self.commands.run_motion(unit, lease.start())
         word = secrets.token_urlsafe(12)
         self._active[word] = ActiveJog(unit, actor, lease)
         assert lease.start_outcome is not None
@@ -69,7 +69,7 @@ class RemoteJogs:
         held = self._find(params)
         self._active.pop(params.jog, None)
         self.plant.note_stop(held.drive)
-        outcome = await self.commands.finish_stop(held.drive, _stop_session(held.lease))
+        outcome = await self.commands.finish_stop(held.drive, held.lease.stop())
         return self.commands.publish_outcome(held.drive, "stop", outcome, actor)
 
     def _find(self, params: ask.ActiveJogParams) -> ActiveJog:
@@ -91,7 +91,7 @@ class RemoteJogs:
 
     async def _finish_expired(self, held: ActiveJog) -> None:
         try:
-            outcome = await self.commands.finish_stop(held.drive, _stop_session(held.lease))
+            outcome = await self.commands.finish_stop(held.drive, held.lease.stop())
         except DrivebusError:
             return  # an unconfirmed stop has raised its alarm and is being repeated
         self.commands.publish_outcome(held.drive, "stop", outcome, held.actor)
@@ -99,14 +99,4 @@ class RemoteJogs:
     async def close(self) -> None:
         """End them all."""
         held, self._active = tuple(self._active.values()), {}
-        await asyncio.gather(*(_stop_session(one.lease) for one in held), *self._stop_tasks, return_exceptions=True)
-
-
-async def _start_session(lease: JogSession) -> Any:
-    await lease.__aenter__()
-    return lease.start_outcome
-
-
-async def _stop_session(lease: JogSession) -> Any:
-    await lease.__aexit__(None, None, None)
-    return lease.stop_outcome
+        await asyncio.gather(*(one.lease.stop() for one in held), *self._stop_tasks, return_exceptions=True)

@@ -1,0 +1,135 @@
+"""Supervision of one drive's stops: the deadline of each stop and its repetition until the drive confirms it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Iterator
+from typing import TypeVar
+
+from drivebus.bus.messages import BusResult
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.operations import stop as stop_operation
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.runner import OperationRunner
+from drivebus.drives.operations.steps import DriveOperation
+from drivebus.drives.operations.stop import StopProgress
+from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.state import Outcome
+
+T = TypeVar("T")
+
+STOP_RETRY_S = 1.0  # an unconfirmed stop is repeated at this interval until it is confirmed or a motion command comes
+MIN_WAIT_S = 1e-6  # a shorter wait may not show on the clock of an event loop
+
+
+class StopSupervisor:
+    """Supervisor of one drive's stops, the only code of a drive that runs beside its commands.
+
+    A stop that is not confirmed in time is reported as unconfirmed and repeated until the drive confirms it, a motion
+    command takes its place, or the bus is closed for good. Cancelling the caller of a stop does not cancel the stop.
+    """
+
+    def __init__(self, runner: OperationRunner) -> None:
+        self._runner = runner
+        self._running: set[asyncio.Task[Outcome]] = set()
+        self._retry: asyncio.Task[None] | None = None
+        self._retried_mode = StopMode.STOP
+
+    @property
+    def pending(self) -> bool:
+        """Whether an unconfirmed stop is being repeated."""
+        return self._retry is not None and not self._retry.done()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether a stop is under way or being repeated."""
+        return bool(self._running) or self.pending
+
+    async def stop(self, mode: StopMode, *, wait: bool = True, drive_count: int = 1) -> Outcome:
+        """Stop the drive. Raises CapabilityError before sending, StopUnconfirmed after.
+
+        ``drive_count``: number of drives on the bus that are stopped at the same time and read in turns.
+        """
+        self._runner.drive.require_capability(mode.value)
+        self.cancel_retry()
+        op = OperationContext(self._runner.drive)
+        progress = StopProgress(op, self._runner.bus.now(), drive_count)
+        operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
+        first_result = self._runner.submit_first(operation)
+        task = asyncio.ensure_future(self.run(operation, mode, first_result))
+        self._running.add(task)
+        task.add_done_callback(self._on_stop_ended)
+        outcome = await self._result_by_deadline(task, op, progress, mode)
+        return outcome if outcome.key == "drives.stop_answered" else raise_for_status(outcome, stop=True)
+
+    async def run(
+        self, operation: DriveOperation[Outcome], mode: StopMode, first_result: asyncio.Future[BusResult] | None = None
+    ) -> Outcome:
+        """Run an operation that stops the drive; repeat the stop from now on where it is not confirmed."""
+        outcome = await self._runner.run(operation, first_result)
+        if outcome.succeeded:
+            self.cancel_retry()
+        else:
+            self.start_retry(mode)
+        return outcome
+
+    async def _result_by_deadline(
+        self, task: asyncio.Task[Outcome], op: OperationContext, progress: StopProgress, mode: StopMode
+    ) -> Outcome:
+        """Return the outcome of a stop, at its deadline as unconfirmed: its reads may still wait for their turn."""
+        while not task.done():
+            left_s = progress.deadline - self._runner.bus.now()
+            if left_s <= MIN_WAIT_S:
+                task.cancel()
+                self.start_retry(mode)
+                return stop_operation.unconfirmed_outcome(op)
+            await asyncio.wait({task}, timeout=left_s)
+        return task.result()
+
+    def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
+        """Retrieve the exception: a stop whose caller is gone may end with its drive's registration."""
+        self._running.discard(task)
+        if not task.cancelled():
+            task.exception()
+
+    def start_retry(self, mode: StopMode) -> None:
+        """Repeat a stop until the drive confirms it."""
+        self.cancel_retry()
+        self._retried_mode = mode
+        self._retry = asyncio.ensure_future(self._repeat(mode))
+
+    async def _repeat(self, mode: StopMode) -> None:
+        while not self._runner.bus.is_closed:
+            outcome = await self._runner.run(stop_operation.stop(OperationContext(self._runner.drive), mode))
+            if outcome.succeeded:
+                return
+            await asyncio.sleep(STOP_RETRY_S)
+
+    def cancel_retry(self) -> StopMode | None:
+        """Cancel the repetition of a stop and return its mode; None where no stop was being repeated."""
+        mode = self._retried_mode if self.pending else None
+        task, self._retry = self._retry, None
+        if task is not None:
+            task.cancel()
+        return mode
+
+    async def run_motion(self, operation: DriveOperation[T]) -> T:
+        """Run a motion command in place of the repetition of a stop, which resumes where the command raises."""
+        mode = self.cancel_retry()
+        try:
+            return await self._runner.run_command(operation)
+        except BaseException:
+            if mode is not None and self._retry is None:
+                self.start_retry(mode)
+            raise
+
+    @contextlib.contextmanager
+    def stop_on_failure(self, op: OperationContext) -> Iterator[None]:
+        """Stop the drive until that is confirmed where the block fails and its motion may have begun."""
+        try:
+            yield
+        except BaseException:
+            if op.may_be_running and self._retry is None:
+                self.start_retry(StopMode.STOP)
+            raise
