@@ -22,7 +22,7 @@ BY_ID = {vector["id"]: vector for vector in VECTORS}
 
 def ask(vector: dict[str, Any], *more: str) -> tuple[int, dict[str, Any]]:
     """Exit code and document of ``decode`` for a vector."""
-    words = ["decode", "--json", "--model", vector["family"], "--encoding", vector["encoding"]]
+    words = ["decode", "--json", "--model", vector["model"], "--encoding", vector["encoding"]]
     words += ["--direction", vector["direction"]]
     if "reply_to" in vector:
         words += ["--request", BY_ID[vector["reply_to"]]["hex"]]
@@ -52,7 +52,7 @@ def test_each_vector_is_explained_with_its_verdict(vector: dict[str, Any]) -> No
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
 def test_each_vector_is_explained_for_people_in_both_languages(vector: dict[str, Any], language: str) -> None:
-    words = ["decode", "--model", vector["family"], "--encoding", vector["encoding"], "--lang", language]
+    words = ["decode", "--model", vector["model"], "--encoding", vector["encoding"], "--lang", language]
     result = CliRunner().invoke(cli, [*words, "--direction", vector["direction"], *vector["hex"].split()])
     assert result.exit_code in (0, 3)
     assert vector["hex"] in result.output
@@ -72,7 +72,7 @@ def names_in(fields: Any) -> set[str]:
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
 def test_each_field_has_a_name_for_people(vector: dict[str, Any]) -> None:
     said = ask(vector)[1]
-    for fields in (said["fields"], *(one["fields"] for one in said["readings"])):
+    for fields in (said["fields"], *(one["fields"] for one in said["interpretations"])):
         assert {name for name in names_in(fields) if f"decode.field.{name}" not in i18n.catalogue("zh")} == set()
 
 

@@ -458,10 +458,10 @@ def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
 @pytest.mark.parametrize(
     ("word", "coding", "key", "expected", "found"),
     [
-        (0x9000, "decimal", "protocols.dzb.command_digit", 8, 9),
-        (0x101F, "decimal", "protocols.dzb.fault_digits", "00-20", "1F"),
-        (0x1021, "decimal", "protocols.dzb.fault_code", 20, 21),
-        (0x1015, "hex", "protocols.dzb.fault_code", 20, 21),
+        (0x9000, "decimal", "protocols.dzb100.command_digit", 8, 9),
+        (0x101F, "decimal", "protocols.dzb100.fault_digits", "00-20", "1F"),
+        (0x1021, "decimal", "protocols.dzb100.fault_code", 20, 21),
+        (0x1015, "hex", "protocols.dzb100.fault_code", 20, 21),
     ],
 )
 def test_a_state_word_is_refused_with_both_numbers(
@@ -515,15 +515,15 @@ def test_a_field_out_of_range_is_named_with_its_limits(wrong: dzb100.Dzb100Reque
 
 
 UNHEARD = [
-    (b"Q\x03\x013200000000", AddressError, "protocols.dzb.address_range", 31, 32, None),
-    (b"Q\x03\x020100000000", CodeError, "protocols.dzb.mark", "01, 02", 2, None),
-    (b"C\x03\x030101000000", CodeError, "protocols.dzb.mark", "01, 02", 3, None),
-    (b"C\x03\x010119000000", CodeError, "protocols.dzb.command", "0-8", 9, None),
+    (b"Q\x03\x013200000000", AddressError, "protocols.dzb100.address_range", 31, 32, None),
+    (b"Q\x03\x020100000000", CodeError, "protocols.dzb100.mark", "01, 02", 2, None),
+    (b"C\x03\x030101000000", CodeError, "protocols.dzb100.mark", "01, 02", 3, None),
+    (b"C\x03\x010119000000", CodeError, "protocols.dzb100.command", "0-8", 9, None),
     (b"Q\x03\x010A00000000", AlphabetError, "protocols.alphabet", "0-9", ord("A"), 4),
     (b"Q\x03\x0101x0000000", AlphabetError, "protocols.alphabet", "0-9", ord("x"), 5),
     (b"Q\x03\x01010000a000", AlphabetError, "protocols.alphabet", "0-9 A-F", ord("a"), 9),
-    (b"C\x04", ChecksumError, "protocols.dzb.checksum", 3, 4, None),
-    (b"X", HeaderError, "protocols.dzb.header", "C, P, R, Q", ord("X"), None),
+    (b"C\x04", ChecksumError, "protocols.dzb100.checksum", 3, 4, None),
+    (b"X", HeaderError, "protocols.dzb100.header", "C, P, R, Q", ord("X"), None),
 ]
 
 
@@ -547,7 +547,7 @@ def test_a_reply_comes_from_one_of_31_drives(address: int) -> None:
         return
     with pytest.raises(AddressError) as caught:
         CODEC.decode_reply(asked, frame)
-    assert (caught.value.key, caught.value.expected) == ("protocols.dzb.address_range", 31)
+    assert (caught.value.key, caught.value.expected) == ("protocols.dzb100.address_range", 31)
 
 
 @pytest.mark.parametrize("digit", [None, -1, 9])
@@ -650,8 +650,8 @@ def test_the_direction_is_what_was_said_else_what_byte_2_says() -> None:
 def test_t20_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
     """Only where nobody said what it is, and only a whole frame that a drive could have sent."""
     control = b"C\x03\x0103010064"
-    (reading,) = dzb100.describe(control).readings
-    assert reading.note == ("protocols.dzb.reading.state_digit", {"digit": 1})
+    (reading,) = dzb100.describe(control).interpretations
+    assert reading.note == ("protocols.dzb100.reading.state_digit", {"digit": 1})
     assert dict(reading.fields) == {"accepted": None, "digit": 1}
     for data, options in (
         (control, {"direction": "request"}),
@@ -660,12 +660,12 @@ def test_t20_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
         (b"C\x03\x0200010064", {}),
         (b"Q\x03\x0103010000", {}),
     ):
-        assert dzb100.describe(data, **options).readings == (), data  # type: ignore[arg-type]
+        assert dzb100.describe(data, **options).interpretations == (), data  # type: ignore[arg-type]
 
 
 def test_a_state_word_that_can_not_be_is_a_problem_of_a_done_answer_to_q03_only() -> None:
     for frame, key in (
-        (b"Q\x03\x060303121F", "protocols.dzb.fault_digits"),
+        (b"Q\x03\x060303121F", "protocols.dzb100.fault_digits"),
         (b"Q\x03\x070303121F", None),
         (b"Q\x03\x060302121F", None),
         (b"R\x03\x060303121F", None),
@@ -690,13 +690,13 @@ def test_i8_a_reset_that_somebody_else_sent_with_a_frequency_raises_nothing_in_i
     assert dzb100.describe(reply, request=asked).valid
     assert CODEC.decode_reply(CODEC.decode_request(asked).message, reply).message.accepted
     found = dzb100.describe(b"C\x03\x0601080000", request=asked)
-    assert [key for key, _ in found.problems] == ["protocols.dzb.data"]
+    assert [key for key, _ in found.problems] == ["protocols.dzb100.data"]
 
 
 def test_t08_only_a_setpoint_above_the_mains_frequency_deserves_a_second_look() -> None:
     at, above = b"C\x03\x01010101F4", b"C\x03\x01010101F5"
     assert dzb100.describe(at).fields["frequency_hz"] == 50.0 and dzb100.describe(at).hazards == ()
-    assert [key for key, _ in dzb100.describe(above).hazards] == ["protocols.dzb.hazard.tenfold"]
+    assert [key for key, _ in dzb100.describe(above).hazards] == ["protocols.dzb100.hazard.tenfold"]
 
 
 def test_a_codec_says_what_it_is() -> None:

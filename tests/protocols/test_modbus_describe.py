@@ -13,7 +13,7 @@ VECTORS = (*load_vectors("vc660"), *load_vectors("df800"))
 
 
 def described(vector: Vector, request: bytes | None = None) -> FrameDescription:
-    form = "short" if vector.family == "df800" else "exception"
+    form = "short" if vector.model == "df800" else "exception"
     direction = "request" if vector.direction == "request" else "response"
     return describe(vector.data, vector.encoding, direction, request, form)
 
@@ -40,20 +40,20 @@ def test_a_vector_is_read_with_its_request_and_without(vector: Vector) -> None:
 
 def test_a_read_reply_without_its_request_says_what_is_missing() -> None:
     found = describe(bytes.fromhex("01 03 06 13 88 0F 9E 00 80 A0 93"), "rtu", "response")
-    assert [(reading.note[0], reading.fields) for reading in found.readings] == [
+    assert [(reading.note[0], reading.fields) for reading in found.interpretations] == [
         ("modbus.reading.registers", {"function": 3, "count": 3})
     ]
 
 
 def test_a_write_reply_is_its_request_or_an_echo_f03() -> None:
     found = describe(bytes.fromhex("01 06 20 00 00 01 43 CA"), "rtu", "response")
-    assert [reading.note[0] for reading in found.readings] == ["modbus.reading.echo"]
+    assert [reading.note[0] for reading in found.interpretations] == ["modbus.reading.echo"]
 
 
 def test_a_short_error_may_be_the_beginning_of_an_echo_t15() -> None:
     found = describe(bytes.fromhex("01 06 00 23 A0"), "rtu", "response", None, "short")
     assert found.fields == {"address": 1, "function": 6, "error": True}
-    assert found.readings[0].note == ("modbus.reading.cut_echo", {"register": 0x23, "high": 0xA0})
+    assert found.interpretations[0].note == ("modbus.reading.cut_echo", {"register": 0x23, "high": 0xA0})
 
 
 def test_lower_case_digits_are_read_and_called_an_erratum() -> None:
@@ -148,17 +148,17 @@ def test_bytes_of_rtu_are_no_digits_in_any_case() -> None:
 
 
 def test_what_a_reply_may_answer_is_told_by_its_size() -> None:
-    (bits,) = describe(frame("01 01 01 05"), "rtu", "response").readings
+    (bits,) = describe(frame("01 01 01 05"), "rtu", "response").interpretations
     assert (bits.note[1], bits.fields) == ({"count": 8}, {"function": 1, "count": 8})
-    (echo,) = describe(frame("01 10 00 01 00 02"), "rtu", "response").readings
+    (echo,) = describe(frame("01 10 00 01 00 02"), "rtu", "response").interpretations
     assert (echo.note[0], echo.fields) == ("modbus.reading.echo", {})
-    (echo,) = describe(frame("01 08 00 00 00 02"), "rtu", "response").readings
+    (echo,) = describe(frame("01 08 00 00 00 02"), "rtu", "response").interpretations
     assert echo.fields == {"address": 1, "function": 8, "sub_function": 0, "data": 2}
-    (echo,) = describe(frame("01 05 00 01 FF 00"), "rtu", "response").readings
+    (echo,) = describe(frame("01 05 00 01 FF 00"), "rtu", "response").interpretations
     assert echo.fields == {"address": 1, "function": 5, "register": 1, "value": 0xFF00}
 
 
 def test_t15_an_ascii_short_error_is_no_beginning_of_an_echo() -> None:
     """Its CR LF stands where the echo has digits."""
     found = describe(b":010600F9\r\n", "ascii", "response", None, "short")
-    assert found.valid and found.readings == ()
+    assert found.valid and found.interpretations == ()

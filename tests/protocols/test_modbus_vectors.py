@@ -30,7 +30,7 @@ ANSWERED = [each for each in REPLIES if each.request is not None and each.plain]
 
 
 def codec_for(vector: Vector) -> ModbusRtuCodec | ModbusAsciiCodec:
-    form = "short" if vector.family == "df800" else "exception"
+    form = "short" if vector.model == "df800" else "exception"
     return ModbusRtuCodec(form, max_read=4) if vector.encoding == "rtu" else ModbusAsciiCodec(form, max_read=4)
 
 

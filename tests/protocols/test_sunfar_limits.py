@@ -58,7 +58,7 @@ def test_the_last_lawful_value_of_every_field_is_heard_as_it_was_sent(encoding: 
 SENTENCES: list[tuple[Any, str]] = [
     (sunfar.ReadMonitor(32, 0), "address 32: expected 0 to 31"),
     (sunfar.ReadMonitor(-1, 0), "address -1: expected 0 to 31"),
-    (sunfar.ReadMonitor(31, 0), "address 31 is everybody: nobody answers a read"),
+    (sunfar.ReadMonitor(31, 0), "address 31 is the broadcast address: no station answers a read"),
     (sunfar.ReadMonitor(1, 256), "item 256: expected 0 to 255"),
     (sunfar.ReadIdentity(1, 16), "group 16: expected 0 to 15"),
     (sunfar.SunfarReadParameter(1, -1, 0), "group -1: expected 0 to 15"),
@@ -88,13 +88,13 @@ def spoiled(frame: bytes, place: int, byte: int) -> bytes:
 
 
 UNHEARD: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, object, object]] = [
-    (READ_LAYOUT, (32, 1, 0, 0, 0), AddressError, "protocols.sifang.address_range", 31, 32),
-    (READ_LAYOUT, (30, 1, 7, 0, 0), CodeError, "protocols.sifang.operation", "00-06, 10-16, 20, 21", 7),
-    (READ_LAYOUT, (30, 1, 0, 15, 0), UnknownItemError, "protocols.sifang.unused.group", 0, 15),
-    (READ_LAYOUT, (30, 0, 0, 0, 255), UnknownItemError, "protocols.sifang.unused.item", 0, 255),
-    (READ_LAYOUT, (30, 6, 0, 0, 0), CodeError, "protocols.sifang.class", "0-5", 6),
-    (CONTROL_LAYOUT, (30, 15, 0, 0), CodeError, "protocols.sifang.class", "0-5", 15),
-    (WRITE_LAYOUT, (30, 7, 0, 0, 0, 0), CodeError, "protocols.sifang.class", "0-5", 7),
+    (READ_LAYOUT, (32, 1, 0, 0, 0), AddressError, "protocols.sunfar.address_range", 31, 32),
+    (READ_LAYOUT, (30, 1, 7, 0, 0), CodeError, "protocols.sunfar.operation", "00-06, 10-16, 20, 21", 7),
+    (READ_LAYOUT, (30, 1, 0, 15, 0), UnknownItemError, "protocols.sunfar.unused.group", 0, 15),
+    (READ_LAYOUT, (30, 0, 0, 0, 255), UnknownItemError, "protocols.sunfar.unused.item", 0, 255),
+    (READ_LAYOUT, (30, 6, 0, 0, 0), CodeError, "protocols.sunfar.class", "0-5", 6),
+    (CONTROL_LAYOUT, (30, 15, 0, 0), CodeError, "protocols.sunfar.class", "0-5", 15),
+    (WRITE_LAYOUT, (30, 7, 0, 0, 0, 0), CodeError, "protocols.sunfar.class", "0-5", 7),
 ]
 
 
@@ -121,7 +121,7 @@ def test_a_station_refuses_with_key_and_both_numbers_and_answers_whom_it_can(
 
 def test_nobody_but_the_stations_0_to_30_complains() -> None:
     for address, answers in ((0, True), (30, True), (31, False), (-1, False), (None, False), ("1", False)):
-        found = error_reply(CodeError("protocols.sifang.class", address=address))
+        found = error_reply(CodeError("protocols.sunfar.class", address=address))
         assert (found is not None) is answers
     assert error_reply(ChecksumError("protocols.checksum", address=1)) is None
 
@@ -146,7 +146,7 @@ def test_an_unknown_class_is_waited_for_length_by_length(encoding: Encoding) -> 
     with pytest.raises(ChecksumError) as caught:
         codec.decode_request(spoiled(data, -2, data[-2] ^ 1))
     assert (caught.value.key, caught.value.expected, caught.value.found) == (
-        "protocols.sifang.no_length",
+        "protocols.sunfar.no_length",
         "0-5",
         data[3],
     )
@@ -159,21 +159,21 @@ UNBELIEVED: list[
 ] = [
     (ASKED, WRITE_LAYOUT, (6, 0, 3, 1, 10, 0), AddressError, "protocols.address", 5, 6, 18),
     (ASKED, SHORT_LAYOUT, (4, 6, 0), AddressError, "protocols.address", 5, 4, 11),
-    (ASKED, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sifang.response", "0-4, 6-8", 5, 0),
-    (ASKED, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sifang.response", "0-4, 6-8", 9, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 6, 1, 10, 0), CodeError, "protocols.sifang.state", "00-05, 11-16, 20, 21", 6, 0),
-    (ASKED, SHORT_LAYOUT, (5, 7, 1), CodeError, "protocols.sifang.short_state", 0, 1, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 3, 2, 10, 0), EchoError, "protocols.sifang.echo.group", 1, 2, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sifang.echo.item", 10, 11, 0),
-    (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 1, 3, 0), EchoError, "protocols.sifang.echo.group", 0, 1, 0),
-    (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 0, 4, 0), EchoError, "protocols.sifang.echo.item", 3, 4, 0),
+    (ASKED, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", "0-4, 6-8", 5, 0),
+    (ASKED, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", "0-4, 6-8", 9, 0),
+    (ASKED, WRITE_LAYOUT, (5, 0, 6, 1, 10, 0), CodeError, "protocols.sunfar.state", "00-05, 11-16, 20, 21", 6, 0),
+    (ASKED, SHORT_LAYOUT, (5, 7, 1), CodeError, "protocols.sunfar.short_state", 0, 1, 0),
+    (ASKED, WRITE_LAYOUT, (5, 0, 3, 2, 10, 0), EchoError, "protocols.sunfar.echo.group", 1, 2, 0),
+    (ASKED, WRITE_LAYOUT, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sunfar.echo.item", 10, 11, 0),
+    (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 1, 3, 0), EchoError, "protocols.sunfar.echo.group", 0, 1, 0),
+    (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 0, 4, 0), EchoError, "protocols.sunfar.echo.item", 3, 4, 0),
     (sunfar.ReadIdentity(5, 2), IDENTITY_LAYOUT, (6, 0, 3, 2, 0, 0, 0), AddressError, "protocols.address", 5, 6, 18),
     (
         sunfar.ReadIdentity(5, 2),
         IDENTITY_LAYOUT,
         (5, 0, 3, 1, 0, 0, 0),
         EchoError,
-        "protocols.sifang.echo.group",
+        "protocols.sunfar.echo.group",
         2,
         1,
         0,
@@ -183,7 +183,7 @@ UNBELIEVED: list[
         WRITE_LAYOUT,
         (5, 0, 3, 1, 0, 0),
         EchoError,
-        "protocols.sifang.echo.group",
+        "protocols.sunfar.echo.group",
         0,
         1,
         0,
@@ -193,7 +193,7 @@ UNBELIEVED: list[
         WRITE_LAYOUT,
         (5, 0, 3, 1, 2, 8),
         EchoError,
-        "protocols.sifang.echo.data",
+        "protocols.sunfar.echo.data",
         7,
         8,
         0,
@@ -203,18 +203,18 @@ UNBELIEVED: list[
         WRITE_LAYOUT,
         (5, 3, 0, 1, 2, 7),
         EchoError,
-        "protocols.sifang.own_echo",
+        "protocols.sunfar.own_echo",
         0,
         7,
         0,
     ),
-    (SAVED, WRITE_LAYOUT, (5, 3, 0, 1, 2, 7), EchoError, "protocols.sifang.refused_data", 0, 7, 0),
+    (SAVED, WRITE_LAYOUT, (5, 3, 0, 1, 2, 7), EchoError, "protocols.sunfar.refused_data", 0, 7, 0),
     (
         sunfar.SunfarWriteParameter(5, 1, 2, 7),
         WRITE_LAYOUT,
         (5, 3, 3, 1, 2, 7),
         EchoError,
-        "protocols.sifang.refused_data",
+        "protocols.sunfar.refused_data",
         0,
         7,
         0,
@@ -224,7 +224,7 @@ UNBELIEVED: list[
         WRITE_LAYOUT,
         (5, 2, 0, 1, 2, 7),
         EchoError,
-        "protocols.sifang.refused_data",
+        "protocols.sunfar.refused_data",
         0,
         7,
         0,
@@ -234,12 +234,12 @@ UNBELIEVED: list[
         WRITE_LAYOUT,
         (5, 3, 0, 1, 2, 8),
         EchoError,
-        "protocols.sifang.refused_data",
+        "protocols.sunfar.refused_data",
         0,
         8,
         0,
     ),
-    (TO_ALL, WRITE_LAYOUT, (5, 0, 3, 0, 0, 0), AddressError, "protocols.sifang.broadcast_answered", 30, 5, 0),
+    (TO_ALL, WRITE_LAYOUT, (5, 0, 3, 0, 0, 0), AddressError, "protocols.sunfar.broadcast_answered", 30, 5, 0),
 ]
 
 
@@ -325,11 +325,11 @@ def test_t19_the_place_of_a_bit_that_a_packed_field_leaves_0_is_told(place: int,
     full = CODECS["hex"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(ASKED, spoiled(full, place, byte))
-    assert (caught.value.key, caught.value.expected) == ("protocols.sifang.stray", 0)
+    assert (caught.value.key, caught.value.expected) == ("protocols.sunfar.stray", 0)
     assert (caught.value.found, caught.value.params["position"]) == (byte, place)
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(ASKED, spoiled(full, 3, 0x10))
-    assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sifang.digit", 15, 16)
+    assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sunfar.digit", 15, 16)
     assert caught.value.params["position"] == 3
 
 
@@ -391,7 +391,7 @@ def test_an_encoding_is_one_of_two() -> None:
 def test_a_codec_says_what_it_is() -> None:
     for encoding in ENCODINGS:
         codec = SunfarCodec(encoding)
-        assert (codec.family, codec.encoding, codec.broadcast_address) == ("c320", encoding, 31)
+        assert (codec.family, codec.encoding, codec.broadcast_address) == ("sunfar", encoding, 31)
         assert (codec.digits, codec.nibble) == ("strict", False)
 
 
@@ -411,7 +411,7 @@ def test_t03_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None
     frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
     with pytest.raises(AlphabetError) as caught:
         SunfarCodec("hex", nibble=True).decode_reply(ASKED, frame)
-    assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sifang.digit", 15, 16)
+    assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sunfar.digit", 15, 16)
     assert caught.value.params["position"] == 6
 
 

@@ -240,7 +240,7 @@ def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding)
     assert decode_accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
     with pytest.raises(EchoError) as caught:
         CODECS[encoding].decode_reply(request, CODECS[encoding].encode_request(request))
-    assert (caught.value.key, caught.value.found) == ("protocols.sifang.own_echo", 7)
+    assert (caught.value.key, caught.value.found) == ("protocols.sunfar.own_echo", 7)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -256,7 +256,7 @@ def test_t21_a_refused_write_carries_0000_and_nothing_else(
     for data in (7, 8):
         with pytest.raises(EchoError) as caught:
             CODECS[encoding].decode_reply(request, CODECS[encoding].encode_reply(replace(refused, data=data)))
-        assert (caught.value.key, caught.value.found) == ("protocols.sifang.refused_data", data)
+        assert (caught.value.key, caught.value.found) == ("protocols.sunfar.refused_data", data)
 
 
 def test_t21_a_write_of_0_is_refused_like_its_echo() -> None:
@@ -313,5 +313,5 @@ def test_t05_an_identity_with_a_byte_that_is_no_digit_is_one_of_a_fault_or_none(
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(sunfar.ReadIdentity(5, 2), frame)
     error = caught.value
-    assert (error.key, error.expected, error.found) == ("protocols.sifang.digit", 0x0F, 0x10)
+    assert (error.key, error.expected, error.found) == ("protocols.sunfar.digit", 0x0F, 0x10)
     assert error.params["position"] == 8

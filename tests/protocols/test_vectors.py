@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fixtures.vectors import FAMILIES, VECTORS_FOLDER, Vector, all_vectors, load_vectors
+from fixtures.vectors import MODELS, VECTORS_FOLDER, Vector, all_vectors, load_vectors
 
 SCHEMA: dict[str, Any] = json.loads((VECTORS_FOLDER / "schema.json").read_text(encoding="utf-8"))
 TYPES: dict[str, Any] = {
@@ -93,7 +93,7 @@ CHECKS: dict[str, Any] = {
 @pytest.mark.parametrize("vector", all_vectors(), ids=lambda vector: vector.id)
 def test_a_vector_fits_the_schema_and_its_file(vector: Vector) -> None:
     assert faults(vector.line, SCHEMA) == []
-    assert vector.id.startswith(vector.family + "-")
+    assert vector.id.startswith(vector.model + "-")
     if vector.direction == "request":
         assert "reply_to" not in vector.line
     elif vector.request is not None:
@@ -103,8 +103,8 @@ def test_a_vector_fits_the_schema_and_its_file(vector: Vector) -> None:
 def test_every_id_is_used_once_and_every_family_has_frames() -> None:
     names = [vector.id for vector in all_vectors()]
     assert len(names) == len(set(names))
-    assert all(load_vectors(family) for family in FAMILIES)
-    assert {vector.family for vector in all_vectors()} == set(FAMILIES)
+    assert all(load_vectors(model) for model in MODELS)
+    assert {vector.model for vector in all_vectors()} == set(MODELS)
 
 
 @pytest.mark.parametrize(
@@ -128,5 +128,5 @@ def test_a_bad_vector_is_refused(change: dict[str, Any], expected: str) -> None:
 
 def test_the_sources_name_every_file_and_no_machine() -> None:
     text = (VECTORS_FOLDER / "SOURCES.md").read_text(encoding="utf-8")
-    assert all(f"`{family}.jsonl`" in text for family in FAMILIES)
+    assert all(f"`{model}.jsonl`" in text for model in MODELS)
     assert not re.search(r"(^|\s)/\w+/|\\\\|[A-Z]:\\", text)

@@ -15,15 +15,26 @@ from typing import Any
 LANGUAGES = ("en", "zh")
 
 
+_FOLDERS = [os.path.dirname(__file__)]  # noqa: PTH120  importlib.resources alone costs a third of a bare click start
+
+
+def add_folder(folder: str | os.PathLike[str]) -> None:
+    """Add the catalogues of another package; its keys never replace existing ones."""
+    path = os.fspath(folder)
+    if path not in _FOLDERS:
+        _FOLDERS.append(path)
+        catalogue.cache_clear()
+
+
 @cache
 def catalogue(language: str) -> dict[str, str]:
     """All sentences of a language, by key."""
     found: dict[str, str] = {}
-    folder = os.path.dirname(__file__)  # noqa: PTH120  importlib.resources alone costs a third of a bare click start
-    for name in sorted(os.listdir(folder)):  # noqa: PTH208
-        if name.endswith(f".{language}.json"):
-            with open(os.path.join(folder, name), encoding="utf-8") as file:  # noqa: PTH118, PTH123
-                found.update(json.load(file))
+    for folder in _FOLDERS:
+        for name in sorted(os.listdir(folder)):  # noqa: PTH208
+            if name.endswith(f".{language}.json"):
+                with open(os.path.join(folder, name), encoding="utf-8") as file:  # noqa: PTH118, PTH123
+                    found = json.load(file) | found
     return found
 
 

@@ -1,1 +1,1 @@
-"""Bytes to messages and back, one module a protocol. Sans-IO: no clock, no port, no log; no protocol knows another."""
+"""Protocols: bytes to messages and back, without clock, port or log. No protocol imports another."""

@@ -1,6 +1,6 @@
-"""Check sums and strict digits that the protocols share. No frame and no field lives here.
+"""Checksums and strict digits that the protocols share.
 
-Digits are decoded by 256-entry tables only: ``int(text, 16)`` by itself takes ``+1``, `` 1`` and ``1_0`` (T19).
+Digits are decoded by 256-entry tables, because ``int(text, 16)`` also accepts ``+1``, `` 1`` and ``1_0``.
 """
 
 from __future__ import annotations
@@ -8,11 +8,11 @@ from __future__ import annotations
 from drivebus.errors import AlphabetError
 
 _NOT_A_DIGIT = 0
-"""What a table gives for a byte that is no digit; no digit translates to it."""
+"""Table entry of a byte that is no digit."""
 
 
 def _digit_table(*spellings: tuple[bytes, bytes]) -> bytes:
-    """A table from every allowed spelling to its canonical digit, and from all else to ``_BAD``."""
+    """Return a table from every allowed spelling to its canonical digit, and from other bytes to ``_NOT_A_DIGIT``."""
     table = bytearray(256)
     for written, meant in spellings:
         for byte, digit in zip(written, meant, strict=True):
@@ -28,7 +28,7 @@ STRICT_HEX_DIGITS = _digit_table((_CANONICAL_DIGITS, _CANONICAL_DIGITS))
 TOLERANT_HEX_DIGITS = _digit_table(
     (_CANONICAL_DIGITS, _CANONICAL_DIGITS), (b"abcdef", b"ABCDEF"), (b"\x3a\x3b\x3c\x3d\x3e\x3f", b"ABCDEF")
 )
-"""Also a-f, and 3AH-3FH, the C320 manual's other spelling of A-F (T02)."""
+"""Also a-f and 3AH-3FH, the second spelling of A-F in the C320 manual."""
 
 
 def _crc_entry(byte: int) -> int:
@@ -41,19 +41,19 @@ _CRC_TABLE = tuple(map(_crc_entry, range(256)))
 
 
 def sum16(data: bytes) -> int:
-    """The 16-bit sum of the bytes (C320)."""
+    """Return the 16-bit sum of the bytes (Sunfar)."""
     return sum(data) & 0xFFFF
 
 
 def lrc(data: bytes) -> int:
-    """The 8-bit longitudinal check of Modbus ASCII: two's complement of the sum, over the *decoded* bytes."""
+    """Return the LRC of Modbus ASCII: two's complement of the sum of the *decoded* bytes."""
     return -sum(data) & 0xFF
 
 
 def crc16(data: bytes, crc: int = 0xFFFF) -> int:
-    """CRC-16/MODBUS (polynomial A001H reflected, start FFFFH); on the wire its low byte goes first.
+    """Return the CRC-16/MODBUS (polynomial A001H reflected, start FFFFH); its low byte is sent first.
 
-    ``crc`` is what the bytes before gave; over a whole frame with its CRC the result is 0.
+    ``crc`` is the CRC of the preceding bytes. Over a whole frame with its CRC the result is 0.
     """
     table = _CRC_TABLE
     for byte in data:
@@ -62,26 +62,26 @@ def crc16(data: bytes, crc: int = 0xFFFF) -> int:
 
 
 def hex_digits(value: int, width: int) -> bytes:
-    """``value`` as ``width`` upper-case ASCII hex digits. Raises ValueError where it does not fit."""
+    """Return ``value`` as ``width`` upper-case ASCII hex digits. Raises ValueError where it does not fit."""
     if not 0 <= value < 1 << 4 * width:
         raise ValueError(f"{value} does not fit {width} hex digits")
     return b"%0*X" % (width, value)
 
 
 def decimal_digits(value: int, width: int) -> bytes:
-    """``value`` as ``width`` ASCII decimal digits. Raises ValueError where it does not fit."""
+    """Return ``value`` as ``width`` ASCII decimal digits. Raises ValueError where it does not fit."""
     if not 0 <= value < 10**width:
         raise ValueError(f"{value} does not fit {width} decimal digits")
     return b"%0*d" % (width, value)
 
 
 def hex_pairs(data: bytes) -> bytes:
-    """Each byte as two upper-case ASCII hex digits (Modbus ASCII)."""
+    """Return each byte as two upper-case ASCII hex digits (Modbus ASCII)."""
     return data.hex().upper().encode("ascii")
 
 
 def canonical_digits(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> bytes:
-    """The digits in their canonical spelling.
+    """Return the digits in their canonical spelling.
 
     Raises AlphabetError with the first bad byte and its position (counted from ``start``).
     """
@@ -93,12 +93,12 @@ def canonical_digits(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int
 
 
 def hex_value(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> int:
-    """The number that ASCII hex digits write. Raises AlphabetError for anything that ``table`` does not know."""
+    """Return the number in ASCII hex digits. Raises AlphabetError for a byte that ``table`` does not accept."""
     return int(canonical_digits(digits, table, start), 16)
 
 
 def decimal_value(digits: bytes, start: int = 0) -> int:
-    """The number that ASCII decimal digits write. Raises AlphabetError for anything but 0-9."""
+    """Return the number in ASCII decimal digits. Raises AlphabetError for anything but 0-9."""
     found = digits.translate(DECIMAL_DIGITS)
     if _NOT_A_DIGIT in found:
         at = found.index(_NOT_A_DIGIT)
@@ -107,5 +107,5 @@ def decimal_value(digits: bytes, start: int = 0) -> int:
 
 
 def hex_bytes(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> bytes:
-    """The bytes that pairs of hex digits write. Raises AlphabetError for a bad digit, ValueError for an odd count."""
+    """Return the bytes in pairs of hex digits. Raises AlphabetError for a bad digit, ValueError for an odd count."""
     return bytes.fromhex(canonical_digits(digits, table, start).decode("ascii"))

@@ -1,4 +1,4 @@
-"""What a frame says, for people and for JSON: the result of every protocol's ``describe``. Values only."""
+"""Description of a frame for people and for JSON: the result of every protocol's ``describe``."""
 
 from __future__ import annotations
 
@@ -12,63 +12,64 @@ from drivebus.protocols.codec import DecodeResult, Incomplete
 
 Direction = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
-"""An i18n key and its params."""
+"""An i18n key and its parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interpretation:
-    """One thing that a reply may mean where its request is not known."""
+    """Possible meaning of a reply whose request is not known."""
 
     note: Note
     fields: Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameDescription:
-    """A frame explained. ``valid`` means: a tolerant reader of this direction takes these bytes as one whole frame.
-
-    ``problems`` say why it is not valid; ``errata`` where it differs from what a correct sender emits, which is
-    ``canonical``; ``hazards`` what it does besides, or instead of, what it seems to do.
-    """
+    """Description of one frame."""
 
     family: str
     encoding: str
     direction: Direction
     valid: bool
+    """A tolerant reader of this direction takes the bytes as one whole frame."""
     fields: Mapping[str, Any] = field(default_factory=dict)
     problems: tuple[Note, ...] = ()
+    """Reasons why the frame is not valid."""
     errata: tuple[Note, ...] = ()
+    """Differences from ``canonical``."""
     hazards: tuple[Note, ...] = ()
+    """Effects of the frame that its form does not suggest."""
     canonical: bytes | None = None
-    readings: tuple[Interpretation, ...] = ()
+    """Bytes that a correct sender emits for this message; None where it would not send it."""
+    interpretations: tuple[Interpretation, ...] = ()
 
 
 def note(key: str, **params: Any) -> Note:
-    """A sentence to be looked up when the language is known."""
+    """Return a note: its sentence is looked up when the language is known."""
     return key, params
 
 
 @dataclass(frozen=True, slots=True)
 class BilingualText:
-    """A name within a note, in both languages; ``i18n.text`` shows its own side."""
+    """Term in both languages, as a parameter of a note; ``i18n.text`` picks the language."""
 
     en: str
     zh: str
 
 
 def bilingual(key: str) -> BilingualText:
-    """The words of an i18n key, for a place of a note."""
+    """Return the term of an i18n key, as a parameter of a note."""
     return BilingualText(i18n.text(key, "en"), i18n.text(key, "zh"))
 
 
 def error_note(error: ProtocolError) -> Note:
-    """The note of a protocol error."""
+    """Return the note of a protocol error."""
     return error.key, error.params
 
 
-def require_whole_frame(verdict: DecodeResult, data: bytes) -> None:
-    """Raises LengthError or TrailingError unless these bytes are exactly the message."""
-    if isinstance(verdict, Incomplete):
-        raise LengthError("protocols.length", expected=verdict.need, found=len(data))
-    if verdict.size != len(data):
-        raise TrailingError("protocols.trailing", expected=verdict.size, found=len(data))
+def require_whole_frame(result: DecodeResult, data: bytes) -> None:
+    """Raise LengthError or TrailingError unless the bytes are exactly one message."""
+    if isinstance(result, Incomplete):
+        raise LengthError("protocols.length", expected=result.need, found=len(data))
+    if result.size != len(data):
+        raise TrailingError("protocols.trailing", expected=result.size, found=len(data))

@@ -1,15 +1,16 @@
-"""The DZB100's 11-byte frames (manual section 2 and 3). Sans-IO.
+"""DZB100 protocol: frames of 11 bytes (manual sections 2 and 3).
 
-messages   requests and replies as values
-values     what a word of data may mean: codings, the state word
-codec      frames from messages and back; the effect of a frame
-explain    what a frame says, for people
+messages   requests and replies as values; state word, frequency codings
+codec      messages to frames and back, strict; effect of a request frame
+describe   frames for people
+family     the entry of the family registry
 """
 
 from drivebus.protocols.dzb100.codec import Dzb100Codec, classify_frame
 from drivebus.protocols.dzb100.describe import Dzb100DecodeOptions, coding_key, describe
 from drivebus.protocols.dzb100.messages import (
     BROADCAST,
+    FREQUENCY_CODINGS,
     LAST_PARAMETER,
     Dzb100Command,
     Dzb100Control,
@@ -18,9 +19,6 @@ from drivebus.protocols.dzb100.messages import (
     Dzb100Reply,
     Dzb100Request,
     Dzb100WriteParameter,
-)
-from drivebus.protocols.dzb100.values import (
-    FREQUENCY_CODINGS,
     FaultCoding,
     FrequencyCoding,
     StateWord,

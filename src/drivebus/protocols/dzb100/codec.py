@@ -1,9 +1,9 @@
-"""DZB100 frames from messages and back, for a host and for a station, and what a frame does to a drive.
+"""Codec of the DZB100 protocol, for a host and for a station, and the effect of a request frame.
 
     0 head C P R Q · 1 S = 03H · 2 A (request) or B (reply) · 3-4 address · 5-6 command, parameter or item · 7-10 data
 
-Always 11 bytes, no end mark. Address and index are decimal ASCII digits, data hexadecimal ones. Nothing on the wire
-detects a flipped bit, so head, S, B, address, index, alphabet and the echoed data must all fit.
+A frame always has 11 bytes and no end mark. Address and index are decimal ASCII digits, data hexadecimal ones. No
+check value detects a flipped bit, so head, S, B, address, index, digits and the echoed data must all match.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from drivebus.protocols.dzb100.messages import (
 
 FRAME_SIZE = 11
 CONSTANT_S = 0x03
-"""The manual's "checksum" (和校验): the same byte in every printed frame. It protects nothing."""
+"""The manual's "checksum" (和校验): the same byte in every printed frame, so it detects nothing."""
 MARK_ONE, MARK_ALL = 0x01, 0x02
 ACK_DONE, ACK_REFUSED = 0x06, 0x07
 HEADS = b"CPRQ"
 STATE_DIGITS = {byte: byte & 0x0F for byte in (*range(9), *b"012345678")}
-"""B of a C reply may also be a state digit X0-X8, binary or ASCII [OPEN]; 06 and 07 are told before (T20)."""
+"""Byte B of a C reply that is a state digit, binary or ASCII; the manual leaves open which."""
 
 
 class Dzb100Codec:
-    """The DZB100 protocol."""
+    """Frames of the DZB100 protocol; see the module for their layout."""
 
     family = "dzb100"
     encoding = "ascii"
     broadcast_address = BROADCAST
 
     def encode_request(self, request: Dzb100Request) -> bytes:
-        """The 11 bytes of a request. A stop always carries 0000, whatever its ``data`` (T11).
+        """Return the 11 bytes of a request. A stop always carries 0000: a flipped bit then gives a run at 0 Hz.
 
-        Raises ValueError for a field out of range, for address 0 without ``everyone`` and the other way round (T10),
-        and for a reset with a frequency.
+        Raises ValueError for a field out of range, for address 0 without ``broadcast`` or the reverse, and for a
+        reset with a frequency.
         """
         everyone = _is_broadcast(request)
         low, high = (BROADCAST, BROADCAST) if everyone else (1, LAST_ADDRESS)
@@ -57,45 +57,45 @@ class Dzb100Codec:
         )
 
     def encode_reply(self, reply: Dzb100Reply) -> bytes:
-        """The 11 bytes of a reply; a state digit goes as ASCII. Raises ValueError for a field out of range."""
+        """Return the 11 bytes of a reply, a state digit as ASCII. Raises ValueError for a field out of range."""
         if reply.head not in ("C", "P", "R", "Q"):
             raise ValueError(f"head {reply.head!r}: expected C, P, R or Q")
         return _frame(ord(reply.head), _acknowledge(reply), reply.address, reply.index, reply.data)
 
     def decode_request(self, data: bytes) -> DecodeResult:
-        """Station side. An index that no drive has is read: the station refuses it with 07."""
+        """Decode a request as a station. An index that no drive has is decoded: the station rejects it with 07."""
         if incomplete := check_head(data):
             return incomplete
         address, index, word = parse_digits(data)
         if address > LAST_ADDRESS:
-            raise AddressError("protocols.dzb.address_range", expected=LAST_ADDRESS, found=address)
+            raise AddressError("protocols.dzb100.address_range", expected=LAST_ADDRESS, found=address)
         return Complete(_parse_request(data[0], data[2], address, index, word), FRAME_SIZE)
 
     def decode_reply(self, request: Dzb100Request, data: bytes) -> DecodeResult:
-        """Is this the reply to that request? A refusal is a ``Reply`` with ``accepted`` False."""
+        """Decode the reply to ``request``. A rejection is a ``Dzb100Reply`` with ``accepted`` False."""
         if incomplete := check_head(data):
             return incomplete
         reply = parse_reply(data)
         if reply.address != request.address:
             raise AddressError("protocols.address", expected=request.address, found=reply.address, size=FRAME_SIZE)
         if data[0] != request.head:
-            raise EchoError("protocols.dzb.head", expected=chr(request.head), found=reply.head)
+            raise EchoError("protocols.dzb100.head", expected=chr(request.head), found=reply.head)
         if reply.index != request.index:
-            raise EchoError("protocols.dzb.index", expected=request.index, found=reply.index)
+            raise EchoError("protocols.dzb100.index", expected=request.index, found=reply.index)
         if isinstance(request, Dzb100Control | Dzb100WriteParameter) and reply.accepted is not False:
             _check_data(_data(request), reply.data)
         return Complete(reply, FRAME_SIZE)
 
     def reply_size(self, request: Dzb100Request) -> int:
-        """11; 0 for a broadcast."""
+        """Return 11, or 0 for a broadcast."""
         return 0 if request.address == BROADCAST else FRAME_SIZE
 
     def largest_reply(self, request: Dzb100Request) -> int:
-        """11; 0 for a broadcast."""
+        """Return 11, or 0 for a broadcast."""
         return self.reply_size(request)
 
     def address_of(self, request: Dzb100Request) -> int:
-        """The station spoken to; 0 is everybody."""
+        """Return the station address; 0 is the broadcast."""
         return request.address
 
 
@@ -103,17 +103,17 @@ _CODEC = Dzb100Codec()
 
 
 def classify_frame(frame: bytes) -> Effect:
-    """What one whole request does to the drive that obeys it; anything but our own canonical frames is MOTION.
+    """Return the effect of one whole request frame; every frame that is not canonical is MOTION.
 
-    STOP is a stop with 0000: one flipped bit makes it a run (T11), and then at 0 Hz.
+    A stop is STOP only with data 0000: one flipped bit makes it a run command, which then has 0 Hz.
     """
     try:
-        verdict = _CODEC.decode_request(frame)
-        if not isinstance(verdict, Complete) or _CODEC.encode_request(verdict.message) != frame:
+        result = _CODEC.decode_request(frame)
+        if not isinstance(result, Complete) or _CODEC.encode_request(result.message) != frame:
             return Effect.MOTION
     except (ProtocolError, ValueError):
         return Effect.MOTION
-    return _request_effect(verdict.message)
+    return _request_effect(result.message)
 
 
 def _request_effect(request: Dzb100Request) -> Effect:
@@ -133,16 +133,16 @@ def _frame(head: int, mark: int, address: int, index: int, data: int) -> bytes:
 
 
 def check_head(data: bytes) -> Incomplete | None:
-    """None where 11 bytes with a known head and S are there."""
+    """Return None for 11 or more bytes with a known head and S, Incomplete for fewer."""
     if data and data[0] not in HEADS:
-        raise HeaderError("protocols.dzb.header", expected="C, P, R, Q", found=data[0])
+        raise HeaderError("protocols.dzb100.header", expected="C, P, R, Q", found=data[0])
     if len(data) > 1 and data[1] != CONSTANT_S:
-        raise ChecksumError("protocols.dzb.checksum", expected=CONSTANT_S, found=data[1])
+        raise ChecksumError("protocols.dzb100.checksum", expected=CONSTANT_S, found=data[1])
     return Incomplete(FRAME_SIZE) if len(data) < FRAME_SIZE else None
 
 
 def parse_digits(data: bytes) -> tuple[int, int, int]:
-    """Address, index and data word."""
+    """Return address, index and data word."""
     return decimal_value(data[3:5], 3), decimal_value(data[5:7], 5), hex_value(data[7:11], start=7)
 
 
@@ -177,11 +177,11 @@ def _check_range(name: str, value: int, low: int, high: int) -> None:
 
 def _parse_request(head: int, mark: int, address: int, index: int, word: int) -> Dzb100Request:
     if mark != MARK_ONE and not (mark == MARK_ALL and head == Dzb100Control.head):
-        raise CodeError("protocols.dzb.mark", expected="01, 02", found=mark)
+        raise CodeError("protocols.dzb100.mark", expected="01, 02", found=mark)
     if head == Dzb100Control.head:
         command = COMMAND_BY_CODE.get(index % 10)  # the high digit is not defined
         if command is None:
-            raise CodeError("protocols.dzb.command", expected="0-8", found=index % 10)
+            raise CodeError("protocols.dzb100.command", expected="0-8", found=index % 10)
         return Dzb100Control(address, command, word, broadcast=mark == MARK_ALL)
     if head == Dzb100WriteParameter.head:
         return Dzb100WriteParameter(address, index, word)
@@ -192,16 +192,16 @@ def _parse_request(head: int, mark: int, address: int, index: int, word: int) ->
 
 
 def parse_reply(data: bytes) -> Dzb100Reply:
-    """A framed reply, not yet judged against a request."""
+    """Parse a whole reply without its request."""
     address, index, word = parse_digits(data)
     if not 1 <= address <= LAST_ADDRESS:
-        raise AddressError("protocols.dzb.address_range", expected=LAST_ADDRESS, found=address)
+        raise AddressError("protocols.dzb100.address_range", expected=LAST_ADDRESS, found=address)
     mark = data[2]
     if mark in (ACK_DONE, ACK_REFUSED):
         return Dzb100Reply(chr(data[0]), address, index, word, mark == ACK_DONE)
     digit = STATE_DIGITS.get(mark)
     if digit is None or data[0] != Dzb100Control.head:
-        raise CodeError("protocols.dzb.acknowledge", expected="06, 07", found=mark)
+        raise CodeError("protocols.dzb100.acknowledge", expected="06, 07", found=mark)
     return Dzb100Reply("C", address, index, word, None, digit)
 
 
@@ -215,4 +215,4 @@ def _acknowledge(reply: Dzb100Reply) -> int:
 
 def _check_data(expected: int, found: int) -> None:
     if found != expected:
-        raise EchoError("protocols.dzb.data", expected=expected, found=found)
+        raise EchoError("protocols.dzb100.data", expected=expected, found=found)

@@ -1,10 +1,11 @@
-"""Modbus over a serial line, for masters and stations: the names that the rest of the house uses.
+"""Modbus over a serial line, for masters and stations.
 
 messages   requests and replies as values
-requests   requests to octets and back (with ``replies`` and the shared ``pdu``: the PDU level)
-rtu ascii  the two encodings: the codecs
-effects    what a request changes, from its bytes
-describe   what a frame says, for people
+pdu        requests and replies to octets and back
+rtu ascii  the codecs of the two encodings
+classify   registers that a request frame writes
+describe   frames for people
+family     the entry of the family registry
 """
 
 from drivebus.protocols.modbus.ascii import ModbusAsciiCodec
@@ -26,7 +27,7 @@ from drivebus.protocols.modbus.messages import (
     WriteRegister,
     WriteRegisters,
 )
-from drivebus.protocols.modbus.requests import IllegalRequest
+from drivebus.protocols.modbus.pdu import IllegalRequest
 from drivebus.protocols.modbus.rtu import ErrorForm, ModbusRtuCodec
 
 __all__ = [

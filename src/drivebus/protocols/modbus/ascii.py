@@ -1,8 +1,8 @@
-"""Modbus ASCII: ':' , upper-case hex digits, LRC, CR LF. Sans-IO.
+"""Codec of Modbus ASCII: ':' , upper-case hex digits, LRC, CR LF.
 
-Strict at offset 0; lengths come from the fields, and CR LF is checked where it must stand, not searched. The one
-exception is a request of an unknown function, whose length nothing else tells. Source: Serial Line V1.02, 2.5.2;
-DF800 manual, ASCII frame table (17, 11+2N and 11 characters).
+Decoding is strict at offset 0; lengths come from the fields, and CR LF is checked where it must stand. Only a request
+of an unknown function, which has no length, ends at the first CR LF. Source: Serial Line V1.02, 2.5.2; DF800 manual,
+ASCII frame table (17, 11+2N and 11 characters).
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Final
 from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthError, ProtocolError, TerminatorError
 from drivebus.protocols.checksum import hex_bytes, hex_pairs, hex_value, lrc
 from drivebus.protocols.codec import Complete, DecodeResult, Incomplete
-from drivebus.protocols.modbus import replies, requests
+from drivebus.protocols.modbus import pdu as replies
+from drivebus.protocols.modbus import pdu as requests
 from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, ModbusReply, ModbusRequest
 from drivebus.protocols.modbus.rtu import ErrorForm
 
@@ -25,21 +26,21 @@ MAX_FRAME_SIZE: Final = 513
 _INCOMPLETE_REPLY: Final = Incomplete(EXCEPTION_FRAME_SIZE)
 _INCOMPLETE_REQUEST: Final = Incomplete(MIN_FRAME_SIZE)
 MAX_LEADING_NOISE: Final = 4
-"""With ``resync``: this many bytes of junk may stand before ':' (RELIABILITY 6.4, leading garbage)."""
+"""Bytes that may stand before ':' with ``tolerate_leading_noise``."""
 
 
 def frame_size(octets: int) -> int:
-    """Characters of a frame with so many octets before its LRC."""
+    """Return the characters of a frame with this many octets before its LRC."""
     return 2 * octets + 5
 
 
 def build_frame(octets: bytes) -> bytes:
-    """The frame of these octets."""
+    """Return the frame of these octets."""
     return b":" + hex_pairs(octets + bytes((lrc(octets),))) + END_MARK
 
 
 def check_frame(frame: bytes) -> bytes:
-    """The octets of a whole frame. Raises TerminatorError, AlphabetError or ChecksumError."""
+    """Return the octets of a whole frame. Raises TerminatorError, AlphabetError or ChecksumError."""
     if not frame.endswith(END_MARK):
         raise TerminatorError("modbus.terminator", expected="0D 0A", found=frame[-2:].hex(" ").upper())
     octets = hex_bytes(frame[1:-2], start=1)
@@ -52,7 +53,7 @@ def check_frame(frame: bytes) -> bytes:
 class ModbusAsciiCodec:
     """Modbus ASCII for masters and stations; options as ``ModbusRtuCodec``.
 
-    ``resync`` allows up to four bytes of junk before the first ':' (ruling 10, a port's or profile's choice).
+    ``tolerate_leading_noise`` accepts up to four stray bytes before the first ':', which a profile may allow.
     """
 
     family: str = "modbus"
@@ -68,65 +69,67 @@ class ModbusAsciiCodec:
         self._short_errors = error_form == "short"
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
-        """The bytes of a request. Raises ValueError for a field out of range."""
+        """Return the frame of a request. Raises ValueError for a field out of range."""
         return build_frame(requests.encode_request(request, self.max_read))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
-        """The bytes of a station's reply. Raises ValueError for a field out of range."""
+        """Return the frame of a reply. Raises ValueError for a field out of range."""
         return build_frame(replies.encode_reply(reply))
 
     def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
-        """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
+        """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
         if len(data) < EXCEPTION_FRAME_SIZE:
             return _INCOMPLETE_REPLY
-        junk = self._find_start(data)
-        frame = data[junk:]
+        noise = self._find_start(data)
+        frame = data[noise:]
         if len(frame) < EXCEPTION_FRAME_SIZE:
-            return Incomplete(junk + EXCEPTION_FRAME_SIZE)
+            return Incomplete(noise + EXCEPTION_FRAME_SIZE)
         size = frame_size(self._reply_length(request, frame))
         if len(frame) < size:
-            return Incomplete(junk + size)
+            return Incomplete(noise + size)
         octets = check_frame(frame[:size])
         try:
-            return Complete(replies.parse_reply(request, octets), junk + size)
+            return Complete(replies.parse_reply(request, octets), noise + size)
         except AddressError as error:
-            error.size = junk + size
+            error.size = noise + size
             raise
 
     def _reply_length(self, request: ModbusRequest, frame: bytes) -> int:
-        """An 11-character short error of a write has its CR LF where its echo has digits: nothing is ambiguous."""
+        """Return the octets of a reply; a short error has CR LF where a write acknowledgement has digits."""
         head = hex_bytes(frame[1:7], start=1)
-        extent = replies.reply_length(request, head, self._short_errors)
-        if self._short_errors and head[2] == 0 and frame[9:11] == END_MARK:  # other functions' extent is 3 anyhow
+        length = replies.reply_length(request, head, self._short_errors)
+        if (
+            self._short_errors and head[2] == 0 and frame[9:11] == END_MARK
+        ):  # for other functions the length is 3 already
             return 3
-        return extent
+        return length
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Station side: the request at offset 0. Raises IllegalRequest where a station answers with an exception."""
+        """Decode the request at offset 0. Raises IllegalRequest where a station answers with an exception."""
         if len(data) < MIN_FRAME_SIZE:
             return _INCOMPLETE_REQUEST
-        junk = self._find_start(data)
-        frame = data[junk:]
+        noise = self._find_start(data)
+        frame = data[noise:]
         if len(frame) < MIN_FRAME_SIZE:
-            return Incomplete(junk + MIN_FRAME_SIZE)
+            return Incomplete(noise + MIN_FRAME_SIZE)
         size = self._request_size(frame)
         if len(frame) < size:
-            return Incomplete(junk + size)
+            return Incomplete(noise + size)
         octets = check_frame(frame[:size])
         try:
-            return Complete(requests.parse_request(octets), junk + size)
+            return Complete(requests.parse_request(octets), noise + size)
         except ProtocolError as error:
-            error.size = junk + size
+            error.size = noise + size
             raise
 
     def _request_size(self, frame: bytes) -> int:
         head = hex_bytes(frame[1:5], start=1)
-        extent = requests.request_length(head)
-        if extent is None:
+        length = requests.request_length(head)
+        if length is None:
             return self._size_of_unknown_function(frame)
-        if extent == 7 and len(frame) >= 15:
-            extent += hex_value(frame[13:15], start=13)
-        return frame_size(extent)
+        if length == 7 and len(frame) >= 15:
+            length += hex_value(frame[13:15], start=13)
+        return frame_size(length)
 
     def _size_of_unknown_function(self, frame: bytes) -> int:
         end = frame.find(END_MARK, 6, MAX_FRAME_SIZE)
@@ -139,21 +142,21 @@ class ModbusAsciiCodec:
         return len(frame) + 1
 
     def _find_start(self, data: bytes) -> int:
-        """Where ':' stands: at 0, or after a little junk where that is allowed. Raises HeaderError."""
+        """Return the offset of ':': 0, or more where leading noise is allowed. Raises HeaderError."""
         found = data.find(START_MARK, 0, MAX_LEADING_NOISE + 1 if self.tolerate_leading_noise else 1)
         if found != -1:
             return found
         raise HeaderError("modbus.start", expected=START_MARK, found=data[0])
 
     def reply_size(self, request: ModbusRequest, /) -> int:
-        """Characters of the normal reply; 0 for a broadcast."""
+        """Return the characters of the normal reply; 0 for a broadcast."""
         return 0 if request.address == BROADCAST else frame_size(replies.normal_reply_length(request))
 
     def largest_reply(self, request: ModbusRequest, /) -> int:
-        """Characters of the longest lawful reply, with the junk that ``resync`` allows."""
+        """Return the characters of the longest valid reply, with the leading noise that is allowed."""
         size = self.reply_size(request)
         return size + MAX_LEADING_NOISE if size and self.tolerate_leading_noise else size
 
     def address_of(self, request: ModbusRequest, /) -> int:
-        """The station that the request speaks to."""
+        """Return the station address of a request."""
         return request.address

@@ -1,4 +1,4 @@
-"""What a Modbus request changes, told from its bytes alone. What that means is the profile's to say."""
+"""Registers and coils that a Modbus request frame writes; the profile says what a write of them does."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _CODECS: Final[dict[str, Codec]] = {"rtu": ModbusRtuCodec(), "ascii": ModbusAsci
 
 
 def parse_request_frame(frame: bytes, encoding: str) -> ModbusRequest:
-    """The request that these bytes are, all of them. Raises ProtocolError for anything else."""
-    verdict = _CODECS[encoding].decode_request(frame)
-    require_whole_frame(verdict, frame)
-    request: ModbusRequest = verdict.message  # type: ignore[union-attr]
+    """Parse bytes that are exactly one request. Raises ProtocolError for all others."""
+    result = _CODECS[encoding].decode_request(frame)
+    require_whole_frame(result, frame)
+    request: ModbusRequest = result.message  # type: ignore[union-attr]
     return request
 
 
 def registers_written(frame: bytes, encoding: str = "rtu") -> tuple[RegisterWrite, ...]:
-    """Every ``(space, register, value)`` that this encoded request writes; empty for a read or a loop-back.
+    """Return every ``(space, register, value)`` that a request frame writes; empty for a read or for diagnostics.
 
-    Raises ProtocolError where the bytes are not one whole request: whoever asks must then expect the worst.
+    Raises ProtocolError where the bytes are not one whole request; a caller must then assume that they move a motor.
     """
     if encoding == "rtu" and len(frame) == 8 and frame[1] in READ_FUNCTIONS:
         return ()

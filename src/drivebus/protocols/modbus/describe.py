@@ -1,7 +1,7 @@
-"""What a Modbus frame says, for people: a tolerant reader beside the strict codecs, which it asks first.
+"""Descriptions of Modbus frames for people: a tolerant reader that first tries the strict codecs.
 
-It forgives lower-case digits, reads a reply without its request, and shows the fields of a frame whose check is wrong;
-it says so each time. What a register means is not known here.
+It also reads lower-case digits, a reply without its request, and the fields of a frame with a wrong check, and reports
+each as an erratum or a problem. The meaning of registers comes from the profile.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from drivebus.protocols.describe import (
 from drivebus.protocols.modbus import ascii, rtu
 from drivebus.protocols.modbus.classify import parse_request_frame
 from drivebus.protocols.modbus.messages import ECHO_FUNCTIONS, READ_FUNCTIONS, REGISTER_FUNCTIONS
-from drivebus.protocols.modbus.pdu import FIXED_PDU
-from drivebus.protocols.modbus.requests import IllegalRequest
+from drivebus.protocols.modbus.pdu import FIXED_PDU, IllegalRequest
 from drivebus.protocols.modbus.rtu import ErrorForm
 
 
@@ -36,10 +35,10 @@ def describe(
     request: bytes | None = None,
     error_form: ErrorForm = "exception",
 ) -> FrameDescription:
-    """The frame explained; a response against its ``request``, or without one as what it may be. Never raises.
+    """Describe a frame; a response against its ``request``, or without one by its own fields. Never raises.
 
-    Without ``direction`` it is a response where its request is given, else what its shape says; bytes that are a
-    request and its echo alike are called a request.
+    Without ``direction`` it is a response where its request is given, else its shape decides; bytes that may be a
+    request or its echo are described as a request.
     """
     if direction is None and request is None:
         return _describe_either(data, encoding, error_form)
@@ -47,49 +46,68 @@ def describe(
 
 
 def _describe_either(data: bytes, encoding: str, error_form: ErrorForm) -> FrameDescription:
-    asked = _describe_as(data, encoding, "request", None, error_form)
-    answered = _describe_as(data, encoding, "response", None, error_form)
-    reads = answered.fields.get("function") in READ_FUNCTIONS or "exception" in answered.fields
-    fits = answered.valid or (reads and answered.problems[0][0] in ("modbus.crc", "modbus.lrc"))
-    return answered if fits and not asked.valid else asked
+    request = _describe_as(data, encoding, "request", None, error_form)
+    response = _describe_as(data, encoding, "response", None, error_form)
+    reads = response.fields.get("function") in READ_FUNCTIONS or "exception" in response.fields
+    fits = response.valid or (reads and response.problems[0][0] in ("modbus.crc", "modbus.lrc"))
+    return response if fits and not request.valid else request
 
 
 def _describe_as(
-    data: bytes, encoding: str, way: Direction, request: bytes | None, error_form: ErrorForm
+    data: bytes, encoding: str, direction: Direction, request: bytes | None, error_form: ErrorForm
 ) -> FrameDescription:
     try:
-        return _describe_valid(data, encoding, way, request, error_form)
+        return _describe_valid(data, encoding, direction, request, error_form)
     except AlphabetError as error:
         if data != data.upper():
-            upper = _describe_as(data.upper(), encoding, way, request, error_form)
+            upper = _describe_as(data.upper(), encoding, direction, request, error_form)
             return replace(upper, errata=(note("modbus.lower_case"), *upper.errata))
-        return FrameDescription("modbus", encoding, way, False, problems=(error_note(error),))
+        return FrameDescription(
+            family="modbus", encoding=encoding, direction=direction, valid=False, problems=(error_note(error),)
+        )
     except ProtocolError as error:
         shown = isinstance(error, ChecksumError | IllegalRequest)
         fields = (
-            _fields_despite_error(data, encoding, way) if shown else _head_fields(_unchecked_octets(data, encoding))
+            _fields_despite_error(data, encoding, direction)
+            if shown
+            else _head_fields(_unchecked_octets(data, encoding))
         )
-        return FrameDescription("modbus", encoding, way, False, fields, (error_note(error),))
+        return FrameDescription(
+            family="modbus",
+            encoding=encoding,
+            direction=direction,
+            valid=False,
+            fields=fields,
+            problems=(error_note(error),),
+        )
 
 
 def _describe_valid(
     data: bytes, encoding: str, direction: Direction, request: bytes | None, error_form: ErrorForm
 ) -> FrameDescription:
     codec = rtu.ModbusRtuCodec(error_form) if encoding == "rtu" else ascii.ModbusAsciiCodec(error_form)
-    readings: tuple[Interpretation, ...] = ()
+    interpretations: tuple[Interpretation, ...] = ()
     if direction == "request":
         require_whole_frame(codec.decode_request(data), data)
     elif request is not None:
         require_whole_frame(codec.decode_reply(parse_request_frame(request, encoding), data), data)
     else:
         _check_standalone(data, encoding, error_form)
-        readings = _interpretations(data, encoding)
+        interpretations = _interpretations(data, encoding)
     fields = decode_fields(_unchecked_octets(data, encoding), direction)
-    return FrameDescription("modbus", encoding, direction, True, fields, canonical=data, readings=readings)
+    return FrameDescription(
+        family="modbus",
+        encoding=encoding,
+        direction=direction,
+        valid=True,
+        fields=fields,
+        canonical=data,
+        interpretations=interpretations,
+    )
 
 
 def _check_standalone(data: bytes, encoding: str, error_form: ErrorForm) -> None:
-    """A reply without its request: its own fields and its check tell whether it is one."""
+    """Check a reply without its request, by its own fields and its check."""
     smallest = rtu.EXCEPTION_FRAME_SIZE if encoding == "rtu" else ascii.EXCEPTION_FRAME_SIZE
     if len(data) < smallest:
         raise LengthError("protocols.length", expected=smallest, found=len(data))
@@ -123,7 +141,7 @@ def _standalone_length(octets: bytes, short: bool, error_form: ErrorForm) -> int
 
 
 def _unchecked_octets(data: bytes, encoding: str) -> bytes:
-    """What the bytes say, without their check; empty where the digits can't be read."""
+    """Return the octets without verifying the check; empty where the digits can't be read."""
     if encoding == "rtu":
         return data[:-2]
     try:
@@ -137,7 +155,7 @@ def _head_fields(octets: bytes) -> dict[str, Any]:
 
 
 def _fields_despite_error(data: bytes, encoding: str, direction: Direction) -> Mapping[str, Any]:
-    """The fields as they stand, where the check (or the station) says that they can't be."""
+    """Return the fields of a frame with a wrong check or of an illegal request."""
     octets = _unchecked_octets(data, encoding)
     try:
         return decode_fields(octets, direction)
@@ -146,7 +164,7 @@ def _fields_despite_error(data: bytes, encoding: str, direction: Direction) -> M
 
 
 def decode_fields(octets: bytes, direction: Direction) -> dict[str, Any]:
-    """The names and values of a frame's octets. Raises IndexError or ValueError where they are too few."""
+    """Return the fields of a frame's octets. Raises IndexError or ValueError where they are too few."""
     fields, function = _head_fields(octets), octets[1]
     if direction == "response" and function & 0x80:
         return fields | {"function": function & 0x7F, "exception": octets[2]}
@@ -181,7 +199,7 @@ def _unpack_all_bits(octets: bytes) -> list[bool]:
 
 
 def _interpretations(data: bytes, encoding: str) -> tuple[Interpretation, ...]:
-    """What a reply may answer, as far as its own bytes tell."""
+    """List what a reply may answer, as far as its own bytes decide."""
     octets = _unchecked_octets(data, encoding)
     function = octets[1]
     if function in READ_FUNCTIONS and len(octets) > 3:

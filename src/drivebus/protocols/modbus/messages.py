@@ -1,6 +1,6 @@
-"""Modbus requests and replies as values, and the limits of their fields. No bytes live here.
+"""Requests and replies of Modbus as values, and the limits of their fields.
 
-Source: Modbus Application Protocol V1.1b3, section 6; what the drives use of it: VC660 manual §5, DF800 manual.
+Source: Modbus Application Protocol V1.1b3, section 6; drive specifics: VC660 manual §5, DF800 manual.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ READ_FUNCTIONS: Final = frozenset((1, 2, 3, 4))
 """Functions that only read: 01 coils, 02 discrete inputs, 03 holding registers, 04 input registers."""
 REGISTER_FUNCTIONS: Final = frozenset((3, 4))
 ECHO_FUNCTIONS: Final = frozenset((5, 6, 8, 15, 16))
-"""Functions whose reply is six octets and a check: an echo of the request or of its first fields."""
+"""Functions whose reply is six octets and a check: the request or its first fields."""
 FUNCTIONS: Final = READ_FUNCTIONS | ECHO_FUNCTIONS
 
 BROADCAST: Final = 0
@@ -27,7 +27,7 @@ ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_REGISTER: Final = 2
 ILLEGAL_VALUE: Final = 3
 EXCEPTION_CODES: Final = frozenset((1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
-"""Codes that V1.1b3 section 7 documents; VC660 documents 1 to 4."""
+"""Codes of V1.1b3 section 7; VC660 documents 1 to 4."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class WriteBits:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostics:
-    """Loop-back test (08, sub-function 0000): the station returns ``data``, a 16-bit word."""
+    """Diagnostics (08), sub-function 0000: the station returns ``data``, a 16-bit word."""
 
     address: int
     data: int
@@ -104,7 +104,7 @@ ModbusRequest = ReadRegisters | ReadBits | WriteRegister | WriteRegisters | Writ
 
 @dataclass(frozen=True, slots=True)
 class RegisterValues:
-    """Answer to a read of registers."""
+    """Reply to ``ReadRegisters``."""
 
     address: int
     function: int
@@ -113,7 +113,7 @@ class RegisterValues:
 
 @dataclass(frozen=True, slots=True)
 class BitValues:
-    """Answer to a read of bits, as many as were asked for."""
+    """Reply to ``ReadBits``, with as many bits as requested."""
 
     address: int
     function: int
@@ -122,9 +122,9 @@ class BitValues:
 
 @dataclass(frozen=True, slots=True)
 class WriteAck:
-    """Answer to a write. ``value`` is the word (05: 0000H or FF00H) or, for 0FH and 10H, the count.
+    """Reply to a write. ``value`` is the word (05: 0000H or FF00H) or, for 0FH and 10H, the count.
 
-    It equals the request's own first bytes, so an echoing adapter can forge it: it confirms nothing (ruling 1).
+    It equals the first bytes of the request, so the echo of an adapter looks the same: it confirms nothing.
     """
 
     address: int
@@ -135,7 +135,7 @@ class WriteAck:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticsReply:
-    """Answer to a loop-back test."""
+    """Reply to ``Diagnostics``."""
 
     address: int
     data: int
@@ -144,11 +144,11 @@ class DiagnosticsReply:
 
 @dataclass(frozen=True, slots=True)
 class ExceptionReply:
-    """The station's own refusal: an exception code, or None for DF800's short form, which gives no reason."""
+    """Rejection by the station: an exception code, or None for the short form of DF800, which gives no code."""
 
     address: int
     function: int
-    """Of the request, without the top bit."""
+    """Function of the request, without the top bit."""
     code: int | None
 
 

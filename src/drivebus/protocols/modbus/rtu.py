@@ -1,6 +1,6 @@
-"""Modbus RTU: octets and a CRC, low byte first. Sans-IO; the gap around a frame belongs to the bus.
+"""Codec of Modbus RTU: octets and a CRC, low byte first. The silence around a frame is the bus's task.
 
-Lengths come from the fields, so that chunks of any size give the same answer.
+Lengths come from the fields, so that chunks of any size give the same result.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from typing import Final, Literal
 from drivebus.errors import AddressError, ChecksumError, LengthError, ProtocolError
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
-from drivebus.protocols.modbus import replies, requests
+from drivebus.protocols.modbus import pdu as replies
+from drivebus.protocols.modbus import pdu as requests
 from drivebus.protocols.modbus.messages import (
     BROADCAST,
     ECHO_FUNCTIONS,
@@ -33,12 +34,12 @@ _INCOMPLETE_REQUEST: Final = Incomplete(MIN_FRAME_SIZE)
 
 
 def build_frame(octets: bytes) -> bytes:
-    """The frame of these octets."""
+    """Return the frame of these octets."""
     return octets + crc16(octets).to_bytes(CRC_SIZE, "little")
 
 
 def check_frame(data: bytes, size: int) -> bytes:
-    """The octets of the first ``size`` bytes. Raises ChecksumError with both CRCs, as numbers."""
+    """Return the octets of the first ``size`` bytes. Raises ChecksumError with both CRCs."""
     octets = data[: size - CRC_SIZE]
     computed = crc16(octets)
     if data[size - 2] != computed & 0xFF or data[size - 1] != computed >> 8:
@@ -50,8 +51,8 @@ def check_frame(data: bytes, size: int) -> bytes:
 class ModbusRtuCodec:
     """Modbus RTU for masters and stations.
 
-    ``error_form`` "short" takes DF800's errors (function unchanged, one byte 00) besides standard exceptions, and sends
-    them for ``ExceptionReply.code`` None (T15). ``max_read`` is the most registers of one read (VC660: 4).
+    ``error_form`` "short" accepts the errors of DF800 (function unchanged, one byte 00) besides standard exceptions,
+    and sends them for ``ExceptionReply.code`` None. ``max_read`` is the most registers of one read (VC660: 4).
     """
 
     family: str = "modbus"
@@ -64,21 +65,21 @@ class ModbusRtuCodec:
         self._short_errors = error_form == "short"
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
-        """The bytes of a request. Raises ValueError for a field out of range."""
+        """Return the frame of a request. Raises ValueError for a field out of range."""
         return build_frame(requests.encode_request(request, self.max_read))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
-        """The bytes of a station's reply. Raises ValueError for a field out of range."""
+        """Return the frame of a reply. Raises ValueError for a field out of range."""
         return build_frame(replies.encode_reply(reply))
 
     def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
-        """Is this the reply to that request? Raises ProtocolError; ``AddressError.size`` for another's whole frame."""
+        """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
         if len(data) < EXCEPTION_FRAME_SIZE:
             return _INCOMPLETE_REPLY
         if self._short_errors and data[2] == 0 and data[1] in ECHO_FUNCTIONS:
-            verdict = self._short_error(request, data)
-            if verdict is not None:
-                return verdict
+            result = self._short_error(request, data)
+            if result is not None:
+                return result
         size = replies.reply_length(request, data, self._short_errors) + CRC_SIZE
         if len(data) < size:
             return Incomplete(size)
@@ -90,9 +91,9 @@ class ModbusRtuCodec:
             raise
 
     def _short_error(self, request: ModbusRequest, data: bytes) -> DecodeResult | None:
-        """Five bytes of error, where they are one and not the beginning of this request's own echo (T15, ruling 11).
+        """Return the short error in five bytes; None where they begin the acknowledgement of this request.
 
-        At address 1 only a write of A0xxH to 0023H has an echo that begins like the error; only then is silence asked.
+        At address 1 only the acknowledgement of a write of A0xxH to 0023H begins like the error; silence then decides.
         """
         error = data[:EXCEPTION_FRAME_SIZE]
         if crc16(error) or request.address == BROADCAST:
@@ -111,10 +112,10 @@ class ModbusRtuCodec:
         return None
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Station side: the request at offset 0. Raises IllegalRequest where a station answers with an exception.
+        """Decode the request at offset 0. Raises IllegalRequest where a station answers with an exception.
 
-        The length of an unknown function is told by nothing but its CRC: it ends with the first byte that makes the
-        CRC fit. A station answers it (exception 01) after silence only.
+        A request of an unknown function ends with the first byte that makes the CRC fit; a station answers it
+        (exception 01) only after silence.
         """
         if len(data) < MIN_FRAME_SIZE:
             return _INCOMPLETE_REQUEST
@@ -130,7 +131,7 @@ class ModbusRtuCodec:
             raise
 
     def _size_of_unknown_function(self, data: bytes) -> int:
-        """Where the CRC fits first, else one byte more than there is. Raises LengthError beyond the largest frame."""
+        """Return the size at which the CRC first fits, else one byte more than given. Raises LengthError above 256."""
         crc = crc16(data[: MIN_FRAME_SIZE - 1])
         for size in range(MIN_FRAME_SIZE, min(len(data), MAX_FRAME_SIZE) + 1):
             crc = crc16(data[size - 1 : size], crc)
@@ -141,13 +142,13 @@ class ModbusRtuCodec:
         return len(data) + 1
 
     def reply_size(self, request: ModbusRequest, /) -> int:
-        """Bytes of the normal reply; 0 for a broadcast."""
+        """Return the bytes of the normal reply; 0 for a broadcast."""
         return 0 if request.address == BROADCAST else replies.normal_reply_length(request) + CRC_SIZE
 
     def largest_reply(self, request: ModbusRequest, /) -> int:
-        """Bytes of the longest lawful reply: the normal one (an error is never longer)."""
+        """Return the bytes of the longest valid reply: the normal one, as an error is never longer."""
         return self.reply_size(request)
 
     def address_of(self, request: ModbusRequest, /) -> int:
-        """The station that the request speaks to."""
+        """Return the station address of a request."""
         return request.address

@@ -1,39 +1,34 @@
-"""C320 and its sisters: two encodings of the same fields (manual section 2.3 ff.). Sans-IO.
+"""Sunfar protocol of the C320, C300, E300, E500 and E550: two encodings of the same fields.
 
-tables     operations, states, response codes, notation
-messages   requests and replies as values
+messages   requests and replies as values; operations, states, response codes, notation
 frame      fields to bytes and back
-codec      requests and replies to frames and back: strict, against the request
-effect     what a frame does to the drive, from its bytes
-explain    what a frame says, for people
+codec      messages to frames and back, strict; effect of a request frame
+describe   frames for people
+family     the entry of the family registry
 """
 
-from drivebus.protocols.sunfar.classify import classify_frame
-from drivebus.protocols.sunfar.codec import SunfarCodec
-from drivebus.protocols.sunfar.describe import describe
+from drivebus.protocols.sunfar.codec import SunfarCodec, classify_frame
+from drivebus.protocols.sunfar.describe import SunfarDecodeOptions, describe
 from drivebus.protocols.sunfar.messages import (
+    BROADCAST,
     ReadIdentity,
     ReadMonitor,
     ReceivedRequest,
     SunfarControl,
+    SunfarOperation,
     SunfarReadParameter,
     SunfarReply,
     SunfarRequest,
+    SunfarResponse,
+    SunfarState,
     SunfarWriteParameter,
     UnknownItemError,
     error_reply,
-)
-from drivebus.protocols.sunfar.tables import (
-    BROADCAST,
-    SunfarOperation,
-    SunfarResponse,
-    SunfarState,
     monitor_index,
     monitor_item,
     parameter_name,
     parse_parameter,
 )
-from drivebus.protocols.sunfar.tolerant import SunfarDecodeOptions
 
 __all__ = [
     "BROADCAST",

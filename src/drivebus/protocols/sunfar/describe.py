@@ -1,21 +1,40 @@
-"""What a C320 frame says, for people: tolerant digits and nibble frames are read, and said to be what they are.
+"""Descriptions of Sunfar frames for people: fields, errata, hazards and possible interpretations.
 
-The codec judges; this module only shows. Fields are shown also where the sum or the end mark is wrong.
+The codec decides validity. This reader is tolerant: it also reads other digit spellings and one nibble a byte, reports
+them as errata, and shows the fields of a frame whose checksum or end mark is wrong. Never used on a bus.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
 from drivebus.errors import ProtocolError
-from drivebus.protocols.checksum import TOLERANT_HEX_DIGITS
-from drivebus.protocols.codec import Effect
-from drivebus.protocols.describe import Direction, FrameDescription, Note, bilingual, note
-from drivebus.protocols.sunfar.classify import OPERATION_EFFECTS
-from drivebus.protocols.sunfar.codec import SunfarCodec
-from drivebus.protocols.sunfar.describe_reply import describe_reply
+from drivebus.protocols.checksum import STRICT_HEX_DIGITS, TOLERANT_HEX_DIGITS, sum16
+from drivebus.protocols.codec import Complete, Effect, Incomplete
+from drivebus.protocols.describe import (
+    Direction,
+    FrameDescription,
+    Interpretation,
+    Note,
+    bilingual,
+    error_note,
+    note,
+    require_whole_frame,
+)
+from drivebus.protocols.sunfar.codec import (
+    OPERATION_EFFECTS,
+    REQUEST_LAYOUTS,
+    SunfarCodec,
+    expected_reply_size,
+    parse_full_reply,
+    parse_short_reply,
+)
 from drivebus.protocols.sunfar.frame import (
+    END_MARK,
     HEX_HEAD,
+    IDENTITY_LAYOUT,
     SHORT_LAYOUT,
     WRITE_LAYOUT,
     AsciiFormat,
@@ -23,21 +42,44 @@ from drivebus.protocols.sunfar.frame import (
     FrameFields,
     FrameLayout,
     MixedFormat,
+    PackedFormat,
 )
-from drivebus.protocols.sunfar.messages import ReceivedRequest, SunfarWriteParameter
-from drivebus.protocols.sunfar.requests import REQUEST_LAYOUTS
-from drivebus.protocols.sunfar.tables import CLASS_OFFSET, OPERATION_BY_CODE, STATE_BY_CODE, SunfarOperation
-from drivebus.protocols.sunfar.tolerant import (
-    DEFAULT_DECODE_OPTIONS,
-    SunfarDecodeOptions,
-    class_digit,
-    decode_or_problems,
-    frame_errata,
-    is_readable,
-    locate_value,
-    nibble_interpretation,
-    unchecked_fields,
+from drivebus.protocols.sunfar.messages import (
+    CLASS_OFFSET,
+    OPERATION_BY_CODE,
+    RESPONSE_BY_CODE,
+    STATE_BY_CODE,
+    MonitorIndexCoding,
+    ReadIdentity,
+    ReceivedRequest,
+    SunfarOperation,
+    SunfarRequest,
+    SunfarResponse,
+    SunfarState,
+    SunfarWriteParameter,
+    monitor_index,
+    parameter_name,
 )
+
+_VOLTAGE_CLASSES = {"2": 220, "4": 380}
+
+
+@dataclass(frozen=True, slots=True)
+class SunfarDecodeOptions:
+    """Facts of a profile that a description needs: frequency step, frequency monitors and parameters."""
+
+    frequency_step_hz: float = 0.01
+    frequency_monitors: Collection[int] = (0,)
+    """Numbers n of d.n; d.0 is the output frequency on all models."""
+    frequency_parameters: Collection[tuple[int, int]] = ((0, 2),)
+    """(group, item); F0.2 is the digital frequency in the manuals of the other models."""
+    monitor_index: MonitorIndexCoding = "binary"
+
+    def to_hz(self, data: int) -> float:
+        return round(data * self.frequency_step_hz, 6)
+
+
+DEFAULT_DECODE_OPTIONS = SunfarDecodeOptions()
 
 
 def describe(
@@ -45,96 +87,346 @@ def describe(
     encoding: str | None = None,
     direction: Direction | None = None,
     request: bytes | None = None,
-    meaning: SunfarDecodeOptions = DEFAULT_DECODE_OPTIONS,
+    options: SunfarDecodeOptions = DEFAULT_DECODE_OPTIONS,
 ) -> FrameDescription:
-    """The frame explained; a response against its ``request`` frame, or without it with its candidate readings.
+    """Describe a frame; a response against its ``request``, or without one with its possible interpretations.
 
-    Without ``encoding`` the head tells it, without ``direction`` the shape. Never raises for any bytes.
+    Without ``encoding`` the first byte decides, without ``direction`` the shape. Never raises for any bytes.
     """
     encoding = encoding or ("hex" if data[:1] == bytes((HEX_HEAD,)) else "ascii")
     codec = SunfarCodec(encoding, digits="tolerant", nibble=True)  # type: ignore[arg-type]
-    form: FieldFormat = AsciiFormat(TOLERANT_HEX_DIGITS) if encoding == "ascii" else MixedFormat()
-    if direction == "request" or (direction is None and request is None and _is_request(data, form)):
-        return _describe_request(data, codec, form, meaning)
-    return describe_reply(data, codec, form, request, meaning)
+    fmt: FieldFormat = AsciiFormat(TOLERANT_HEX_DIGITS) if encoding == "ascii" else MixedFormat()
+    if direction == "request" or (direction is None and request is None and _is_request(data, fmt)):
+        return _describe_request(data, codec, fmt, options)
+    return _describe_reply(data, codec, fmt, request, options)
 
 
-def _is_request(data: bytes, form: FieldFormat) -> bool:
-    """By length and byte 3. An 18-byte frame with 3 there is a write, unless its data are a refusal's 0000 (T21)."""
+def _is_request(data: bytes, fmt: FieldFormat) -> bool:
+    """Decide by length and byte 3; 18 bytes with class 3 are a write unless they can be a rejection with data 0000."""
     if len(data) == SHORT_LAYOUT.size:
         return False
     if len(data) != WRITE_LAYOUT.size:
-        return _begins_with_request(data, form) or not _begins_with_frame(data, form, WRITE_LAYOUT, SHORT_LAYOUT)
+        return _begins_with_request(data, fmt) or not _begins_with_frame(data, fmt, WRITE_LAYOUT, SHORT_LAYOUT)
     try:
-        kind, values = form.digit(data[CLASS_OFFSET], CLASS_OFFSET), form.read(WRITE_LAYOUT, data).values
+        frame_class, values = fmt.digit(data[CLASS_OFFSET], CLASS_OFFSET), fmt.read(WRITE_LAYOUT, data).values
     except ProtocolError:
         return False
     refusal = values[2] in STATE_BY_CODE and values[2] != SunfarOperation.NONE and values[5] == 0
-    return kind == 5 or (kind == 3 and not refusal)
+    return frame_class == 5 or (frame_class == 3 and not refusal)
 
 
-def _begins_with_frame(data: bytes, form: FieldFormat, *layouts: FrameLayout) -> bool:
-    """Whether the first bytes are a whole frame of one of these, whatever follows them."""
-    return any(len(data) >= layout.size and is_readable(form, layout, data[: layout.size]) for layout in layouts)
+def _begins_with_frame(data: bytes, fmt: FieldFormat, *layouts: FrameLayout) -> bool:
+    """Whether the first bytes are a whole frame of one of these layouts."""
+    return any(len(data) >= layout.size and _is_readable(fmt, layout, data[: layout.size]) for layout in layouts)
 
 
-def _begins_with_request(data: bytes, form: FieldFormat) -> bool:
-    layout = REQUEST_LAYOUTS.get(class_digit(data, form))
-    return layout is not None and _begins_with_frame(data, form, layout)
+def _begins_with_request(data: bytes, fmt: FieldFormat) -> bool:
+    layout = REQUEST_LAYOUTS.get(_class_digit(data, fmt))
+    return layout is not None and _begins_with_frame(data, fmt, layout)
 
 
 def _describe_request(
-    data: bytes, codec: SunfarCodec, form: FieldFormat, meaning: SunfarDecodeOptions
+    data: bytes, codec: SunfarCodec, fmt: FieldFormat, options: SunfarDecodeOptions
 ) -> FrameDescription:
-    heard, problems = decode_or_problems(data, codec)
-    layout = REQUEST_LAYOUTS.get(class_digit(data, form))
-    raw = unchecked_fields(data, form, layout) if layout else None
+    received, problems = _decode_or_problems(data, codec)
+    layout = REQUEST_LAYOUTS.get(_class_digit(data, fmt))
+    raw = _unchecked_fields(data, fmt, layout) if layout else None
     if raw is None or layout is None:
-        return FrameDescription("c320", codec.encoding, "request", False, problems=problems)
-    fields = _request_fields(raw.values, meaning)
-    errata = frame_errata(data, form, layout, raw)
-    emitted = _canonical_request(heard, codec, raw) if heard else None
-    readings = nibble_interpretation(raw)
-    kind, operation = raw.values[1:3]
-    hazards = _hazards(kind, operation) if heard else ()  # a drive obeys no frame that is not one
+        return FrameDescription(
+            family="sunfar", encoding=codec.encoding, direction="request", valid=False, problems=problems
+        )
+    fields = _request_fields(raw.values, options)
+    errata = _frame_errata(data, fmt, layout, raw)
+    canonical = _canonical_request(received, codec, raw) if received else None
+    interpretations = _nibble_interpretation(raw)
+    frame_class, operation = raw.values[1:3]
+    hazards = _hazards(frame_class, operation) if received else ()  # a drive ignores an invalid frame
     return FrameDescription(
-        "c320", codec.encoding, "request", heard is not None, fields, problems, errata, hazards, emitted, readings
+        family="sunfar",
+        encoding=codec.encoding,
+        direction="request",
+        valid=received is not None,
+        fields=fields,
+        problems=problems,
+        errata=errata,
+        hazards=hazards,
+        canonical=canonical,
+        interpretations=interpretations,
     )
 
 
-def _request_fields(values: tuple[int, ...], meaning: SunfarDecodeOptions) -> dict[str, Any]:
-    address, kind, operation, *rest = values
-    fields: dict[str, Any] = {"address": address, "class": kind, "operation": operation}
+def _request_fields(values: tuple[int, ...], options: SunfarDecodeOptions) -> dict[str, Any]:
+    address, frame_class, operation, *rest = values
+    fields: dict[str, Any] = {"address": address, "class": frame_class, "operation": operation}
     if operation in OPERATION_BY_CODE:
         fields["operation_name"] = OPERATION_BY_CODE[operation].name.lower()
-    if kind == 4:
+    if frame_class == 4:
         (data,) = rest
         fields["data"] = data
         if operation in OPERATION_BY_CODE and OPERATION_BY_CODE[operation].sets_frequency:
-            fields["frequency_hz"] = meaning.to_hz(data)
+            fields["frequency_hz"] = options.to_hz(data)
         return fields
     fields["group"], item = rest[:2]
-    if kind != 0:
+    if frame_class != 0:
         fields["item"] = item
-    return fields | locate_value(kind, rest[0], item, rest[2] if kind in (3, 5) else None, meaning)
+    return fields | _locate_value(frame_class, rest[0], item, rest[2] if frame_class in (3, 5) else None, options)
 
 
-def _hazards(kind: int, operation: int) -> tuple[Note, ...]:
-    """T01: an operation acts in every class, whatever the frame seems to be for."""
-    if kind == 4 or operation == SunfarOperation.NONE:
+def _hazards(frame_class: int, operation: int) -> tuple[Note, ...]:
+    """Report an operation in a class other than 4: a drive obeys it all the same."""
+    if frame_class == 4 or operation == SunfarOperation.NONE:
         return ()
-    ordered = OPERATION_EFFECTS.get(OPERATION_BY_CODE[operation], Effect.MOTION)
-    key = "starts" if ordered is Effect.MOTION else "acts"
-    name = bilingual(f"protocols.sifang.order.{OPERATION_BY_CODE[operation].name.lower()}")
-    return (note(f"protocols.sifang.hazard.{key}", operation=operation, name=name, kind=kind),)
+    effect = OPERATION_EFFECTS.get(OPERATION_BY_CODE[operation], Effect.MOTION)
+    key = "starts" if effect is Effect.MOTION else "acts"
+    name = bilingual(f"protocols.sunfar.order.{OPERATION_BY_CODE[operation].name.lower()}")
+    return (note(f"protocols.sunfar.hazard.{key}", operation=operation, name=name, kind=frame_class),)
 
 
-def _canonical_request(heard: ReceivedRequest, codec: SunfarCodec, raw: FrameFields) -> bytes | None:
-    """What a correct host sends for this request; None where it would not send it at all."""
-    request = heard.request
+def _canonical_request(received: ReceivedRequest, codec: SunfarCodec, raw: FrameFields) -> bytes | None:
+    """Return the frame of a correct host for this request; None where the codec refuses to encode it."""
+    request = received.request
     if raw.nibble_data is not None and isinstance(request, SunfarWriteParameter):
         request = SunfarWriteParameter(request.address, request.group, request.item, raw.nibble_data, request.save)
     try:
         return codec.encode_request(request)
     except ValueError:
         return None
+
+
+def _describe_reply(
+    data: bytes, codec: SunfarCodec, fmt: FieldFormat, request: bytes | None, options: SunfarDecodeOptions
+) -> FrameDescription:
+    sent_request, problems = _decode_sent_request(request, codec)
+    if not problems:
+        problems = _reply_problems(data, codec, fmt, sent_request)
+    layout = _reply_layout(data, fmt, sent_request)
+    raw = _unchecked_fields(data, fmt, layout)
+    if raw is None:
+        return FrameDescription(
+            family="sunfar", encoding=codec.encoding, direction="response", valid=False, problems=problems
+        )
+    errata = _frame_errata(data, fmt, layout, raw)
+    fields = _reply_fields(layout, raw.values, sent_request, options)
+    interpretations = _nibble_interpretation(raw)
+    if sent_request is None and layout is not SHORT_LAYOUT:
+        interpretations += _interpretations(raw.values, layout, data, fmt, options)
+    canonical = _canonical_reply(fmt, layout, raw) if not problems else None
+    return FrameDescription(
+        family="sunfar",
+        encoding=codec.encoding,
+        direction="response",
+        valid=not problems,
+        fields=fields,
+        problems=problems,
+        errata=errata,
+        canonical=canonical,
+        interpretations=interpretations,
+    )
+
+
+def _decode_sent_request(request: bytes | None, codec: SunfarCodec) -> tuple[SunfarRequest | None, tuple[Note, ...]]:
+    if request is None:
+        return None, ()
+    received, problems = _decode_or_problems(request, codec)
+    if received is None:
+        return None, (note("protocols.request"), *problems)
+    return received.request, ()
+
+
+def _reply_problems(
+    data: bytes, codec: SunfarCodec, fmt: FieldFormat, sent_request: SunfarRequest | None
+) -> tuple[Note, ...]:
+    try:
+        if sent_request is not None:
+            require_whole_frame(codec.decode_reply(sent_request, data), data)
+        else:
+            _check_standalone(data, fmt)
+    except ProtocolError as error:
+        return (error_note(error),)
+    return ()
+
+
+def _check_standalone(data: bytes, fmt: FieldFormat) -> None:
+    """Check a reply without its request: whole, and readable in one layout."""
+    size = expected_reply_size(fmt, data)
+    require_whole_frame(Incomplete(size) if len(data) < size else Complete(None, size), data)
+    if size == SHORT_LAYOUT.size:
+        parse_short_reply(fmt, data)
+        return
+    parse_full_reply(fmt, data)  # digits 7-8 of a class-0 reply read as an item
+
+
+def _is_identity_only(data: bytes) -> bool:
+    """Whether byte 7 of a hex frame is a digit of its own; a packed item leaves it 0."""
+    return data[7] != 0 and _is_readable(PackedFormat(), IDENTITY_LAYOUT, data[: IDENTITY_LAYOUT.size])
+
+
+def _reply_layout(data: bytes, fmt: FieldFormat, sent_request: SunfarRequest | None) -> FrameLayout:
+    if len(data) < WRITE_LAYOUT.size or _class_digit(data, fmt) in (6, 7, 8):
+        return SHORT_LAYOUT
+    if isinstance(sent_request, ReadIdentity) or (sent_request is None and _is_identity_only(data)):
+        return IDENTITY_LAYOUT if _is_readable(fmt, IDENTITY_LAYOUT, data[: IDENTITY_LAYOUT.size]) else WRITE_LAYOUT
+    return WRITE_LAYOUT
+
+
+def _reply_fields(
+    layout: FrameLayout, values: tuple[int, ...], sent_request: SunfarRequest | None, options: SunfarDecodeOptions
+) -> dict[str, Any]:
+    fields: dict[str, Any] = {"address": values[0], "response": values[1]}
+    if values[1] in RESPONSE_BY_CODE:
+        fields["response_name"] = RESPONSE_BY_CODE[values[1]].name.lower()
+    if layout is SHORT_LAYOUT:
+        return fields
+    fields |= {"state": values[2], "group": values[3]}
+    if values[2] in STATE_BY_CODE:
+        fields["state_name"] = STATE_BY_CODE[values[2]].name.lower()
+    if layout is IDENTITY_LAYOUT or isinstance(sent_request, ReadIdentity):
+        return fields | _identity_fields(values)
+    group, item, data = values[3:]
+    if values[2] == SunfarState.FAULT:
+        return fields | {"fault_code": item, "data": data}
+    fields |= {"item": item, "data": data}
+    if sent_request is None or values[1] != SunfarResponse.OK:
+        return fields
+    return fields | _locate_value(sent_request.frame_class, group, item, data, options)
+
+
+def _identity_fields(values: tuple[int, ...]) -> dict[str, Any]:
+    """Return ``info``, and of group 0 the voltage class and the power in decimal digits (section 3 (1))."""
+    state, group, *digits = values[2:]
+    if state == SunfarState.FAULT:
+        head = "--"
+    else:
+        head = f"{digits[0]:X}{digits[1]:X}" if len(digits) == 3 else f"{digits[0]:02X}"
+    rest = f"{digits[-1]:04X}"
+    fields: dict[str, Any] = {"info": head + rest}
+    if group == 0 and head[0] in _VOLTAGE_CLASSES:
+        fields["voltage_class"] = _VOLTAGE_CLASSES[head[0]]
+    if group == 0 and rest.isdecimal():
+        fields["power_kw"] = int(rest) / 10
+    return fields
+
+
+def _canonical_reply(fmt: FieldFormat, layout: FrameLayout, raw: FrameFields) -> bytes:
+    """Return the frame of a correct station for this reply."""
+    plain: FieldFormat = AsciiFormat(STRICT_HEX_DIGITS) if isinstance(fmt, AsciiFormat) else PackedFormat()
+    values = raw.values if raw.nibble_data is None else (*raw.values[:-1], raw.nibble_data)
+    return plain.build(layout, *values)
+
+
+def _interpretations(
+    values: tuple[int, ...], layout: FrameLayout, data: bytes, fmt: FieldFormat, options: SunfarDecodeOptions
+) -> tuple[Interpretation, ...]:
+    """List the requests that a reply may answer: the frame does not name the class."""
+    found: list[Interpretation] = []
+    group, fault = values[3], values[2] == SunfarState.FAULT
+    if layout is WRITE_LAYOUT and not fault:
+        item, word = values[4:]
+        if group == 0:
+            found.append(
+                Interpretation(note("protocols.sunfar.reading.monitor"), _locate_value(1, 0, item, word, options))
+            )
+        found.append(
+            Interpretation(note("protocols.sunfar.reading.parameter"), _locate_value(2, group, item, word, options))
+        )
+    identity = _identity_interpretation(data, fmt, group)
+    if identity is not None:
+        found.append(Interpretation(note("protocols.sunfar.reading.identity"), identity))
+    if values[1] == SunfarResponse.PASSWORD and values[2] == SunfarState.NOT_READY:
+        found.append(Interpretation(note("protocols.sunfar.reading.echo"), {}))
+    return tuple(found)
+
+
+def _identity_interpretation(data: bytes, fmt: FieldFormat, group: int) -> dict[str, Any] | None:
+    """Return the fields as a class-0 reply, if plausible: groups 0-3; group 0 with a known voltage class and power."""
+    raw = _unchecked_fields(data, fmt, IDENTITY_LAYOUT)
+    if raw is None or group > 3:
+        return None
+    fields = _identity_fields(raw.values)
+    return fields if group or {"voltage_class", "power_kw"}.issubset(fields) else None
+
+
+def _class_digit(data: bytes, fmt: FieldFormat) -> int:
+    """Return the class or response code; -1 where the frame has none."""
+    try:
+        return fmt.digit(data[CLASS_OFFSET], CLASS_OFFSET)
+    except (ProtocolError, IndexError):
+        return -1
+
+
+def _unchecked_fields(data: bytes, fmt: FieldFormat, layout: FrameLayout) -> FrameFields | None:
+    """Return the fields of a frame; a wrong end mark or checksum is corrected first."""
+    frame = data[: layout.size]
+    if len(frame) < layout.size or frame[0] != fmt.head:
+        return None
+    total = sum16(frame[1:-5])
+    checksum = b"%04X" % total if isinstance(fmt, AsciiFormat) else total.to_bytes(4, "big")
+    for attempt in (frame, frame[:-5] + checksum + bytes((END_MARK,))):
+        try:
+            return fmt.read(layout, attempt)
+        except ProtocolError:
+            continue
+    return None
+
+
+def _locate_value(
+    frame_class: int, group: int, item: int, data: int | None, options: SunfarDecodeOptions
+) -> dict[str, Any]:
+    """Return monitor or parameter in the manual's notation with its data, and the frequency where it is one."""
+    fields: dict[str, Any] = {}
+    if frame_class in (1, 4):
+        index = monitor_index(item, options.monitor_index)
+        fields["monitor"] = f"d.{index}"
+        frequency = index in options.frequency_monitors
+    elif frame_class in (2, 3, 5):
+        fields["parameter"] = parameter_name(group, item)
+        frequency = (group, item) in options.frequency_parameters
+    else:
+        return fields
+    if data is not None:
+        fields["data"] = data
+        if frequency:
+            fields["frequency_hz"] = options.to_hz(data)
+    return fields
+
+
+def _frame_errata(data: bytes, fmt: FieldFormat, layout: FrameLayout, raw: FrameFields) -> tuple[Note, ...]:
+    """List where these bytes differ from what a correct sender writes for the same numbers."""
+    plain: FieldFormat = AsciiFormat(STRICT_HEX_DIGITS) if isinstance(fmt, AsciiFormat) else PackedFormat()
+    found: list[Note] = []
+    canonical = plain.build(layout, *raw.values)
+    if data[: layout.size - 5] != canonical[:-5] or _is_checksum_misspelled(data[: layout.size], plain, layout):
+        key = "digits" if isinstance(fmt, AsciiFormat) else "nibbles"
+        found.append(note(f"protocols.sunfar.erratum.{key}"))
+    if raw.nibble_data is not None:
+        found.append(note("protocols.sunfar.erratum.ambiguous", packed=raw.values[-1], nibbles=raw.nibble_data))
+    return tuple(found)
+
+
+def _is_checksum_misspelled(frame: bytes, plain: FieldFormat, layout: FrameLayout) -> bool:
+    """Whether the checksum is right but in another spelling, with canonical fields."""
+    tolerant: FieldFormat = AsciiFormat(TOLERANT_HEX_DIGITS) if isinstance(plain, AsciiFormat) else MixedFormat()
+    return _is_readable(tolerant, layout, frame) and not _is_readable(plain, layout, frame)
+
+
+def _is_readable(fmt: FieldFormat, layout: FrameLayout, frame: bytes) -> bool:
+    try:
+        fmt.read(layout, frame)
+    except ProtocolError:
+        return False
+    return True
+
+
+def _nibble_interpretation(raw: FrameFields) -> tuple[Interpretation, ...]:
+    if raw.nibble_data is None:
+        return ()
+    return (Interpretation(note("protocols.sunfar.reading.nibbles"), {"data": raw.nibble_data}),)
+
+
+def _decode_or_problems(data: bytes, codec: SunfarCodec) -> tuple[ReceivedRequest | None, tuple[Note, ...]]:
+    try:
+        result = codec.decode_request(data)
+        require_whole_frame(result, data)
+    except ProtocolError as error:
+        return None, (error_note(error),)
+    return result.message, ()  # type: ignore[union-attr]

@@ -1,8 +1,8 @@
-"""Fields to bytes and back in the C320's encodings. What the fields mean is told elsewhere.
+"""Fields of a Sunfar frame to bytes and back; their meaning is in ``messages`` and ``codec``.
 
-A frame is head, fields, sum (4), 0DH. A field has the same number of bytes in every encoding: ASCII hex digits
-after ``2AH``; right-aligned bytes after ``5AH`` (2.3); or, misprinted in 4.5 and 4.6, one nibble a byte after 5AH.
-Framing is by length: 0DH, 2AH and 5AH are ordinary bytes of hex frames (T06).
+A frame is head, fields, checksum (4 bytes), 0DH. A field has the same number of bytes in every encoding: ASCII hex
+digits after ``2AH``; right-aligned bytes after ``5AH`` (C320 manual 2.3); or one nibble a byte after ``5AH``, as
+sections 4.5 and 4.6 misprint it. Framing is by length: 0DH, 2AH and 5AH are ordinary bytes of hex frames.
 """
 
 from __future__ import annotations
@@ -19,56 +19,56 @@ HEX_HEAD = 0x5A
 END_MARK = 0x0D
 CHECKSUM_WIDTH = 4
 NIBBLE_DIGITS = b"0123456789ABCDEF" + bytes(240)
-"""From a byte that holds one nibble to its digit."""
+"""Table from a byte that holds one nibble to its digit."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameLayout:
-    """The widths of a frame's fields in bytes, in order, without head, sum and end mark."""
+    """Widths of a frame's fields in bytes, in order, without head, checksum and end mark."""
 
     widths: tuple[int, ...]
     size: int = field(init=False)
     ascii_template: bytes = field(init=False)
     packed: struct.Struct = field(init=False)
     spans: tuple[tuple[int, int], ...] = field(init=False)
-    """(shift, mask) of every field and of the sum in the number that all digits write."""
+    """(shift, mask) of each field and of the checksum in the number that all digits fmt."""
     zero_mask: int = field(init=False)
-    """The bits that packed fields leave 0."""
+    """Bits that packed fields leave 0."""
 
     def __post_init__(self) -> None:
         widths = (*self.widths, CHECKSUM_WIDTH)
         ends = [sum(widths[: n + 1]) for n in range(len(widths))]
-        put = object.__setattr__
-        put(self, "size", ends[-1] + 2)
-        put(self, "ascii_template", b"".join(b"%%0%dX" % width for width in self.widths))
-        put(self, "packed", struct.Struct(">" + "".join({1: "B", 2: "H", 4: "I"}[width] for width in widths)))
-        put(self, "spans", tuple((4 * (ends[-1] - end), 16**w - 1) for w, end in zip(widths, ends, strict=True)))
+        assign = object.__setattr__
+        assign(self, "size", ends[-1] + 2)
+        assign(self, "ascii_template", b"".join(b"%%0%dX" % width for width in self.widths))
+        assign(self, "packed", struct.Struct(">" + "".join({1: "B", 2: "H", 4: "I"}[width] for width in widths)))
+        assign(self, "spans", tuple((4 * (ends[-1] - end), 16**w - 1) for w, end in zip(widths, ends, strict=True)))
         used = sum((16**w - 1) << 8 * (ends[-1] - end) for w, end in zip(widths, ends, strict=True))
-        put(self, "zero_mask", 256 ** ends[-1] - 1 - used)
+        assign(self, "zero_mask", 256 ** ends[-1] - 1 - used)
 
 
 READ_LAYOUT = FrameLayout((2, 1, 2, 1, 2))
-"""address, class, operation, group, item: classes 0, 1, 2."""
+"""Address, class, operation, group, item: classes 0, 1, 2."""
 WRITE_LAYOUT = FrameLayout((2, 1, 2, 1, 2, 4))
-"""… and data: classes 3 and 5, and every full reply (response and state in place of class and operation)."""
+"""The same with data: classes 3 and 5, and every full reply (response and state for class and operation)."""
 CONTROL_LAYOUT = FrameLayout((2, 1, 2, 4))
-"""address, class, operation, data: class 4."""
+"""Address, class, operation, data: class 4."""
 IDENTITY_LAYOUT = FrameLayout((2, 1, 2, 1, 1, 1, 4))
-"""The reply to class 0: digits 7 and 8 are fields of their own."""
+"""Reply to class 0: digits 7 and 8 are separate fields."""
 SHORT_LAYOUT = FrameLayout((2, 1, 2))
 """Response codes 6, 7, 8."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameFields:
-    """The numbers of a frame in the layout's order; ``other_data``: the data nibble by nibble where nothing decides."""
+    """Field values in the layout's order; ``nibble_data`` is set where the data also read as one nibble a byte."""
 
     values: tuple[int, ...]
     nibble_data: int | None = None
 
 
 class FieldFormat(Protocol):
-    """One way to write fields. ``read`` checks end mark, digits and sum of a frame of the layout's size."""
+    """Encoding of fields. ``read`` checks end mark, digits and checksum of a frame of the layout's size."""
 
     head: int
 
@@ -77,10 +77,10 @@ class FieldFormat(Protocol):
     def read(self, layout: FrameLayout, frame: bytes) -> FrameFields: ...
 
 
-def check_head(form: FieldFormat, data: bytes) -> None:
-    """Raises HeaderError unless ``data`` is empty or begins as the form does."""
-    if data and data[0] != form.head:
-        raise HeaderError("protocols.header", expected=form.head, found=data[0])
+def check_head(fmt: FieldFormat, data: bytes) -> None:
+    """Raise HeaderError unless ``data`` is empty or begins with the head of the encoding."""
+    if data and data[0] != fmt.head:
+        raise HeaderError("protocols.header", expected=fmt.head, found=data[0])
 
 
 def _check_end_mark(frame: bytes) -> None:
@@ -95,7 +95,7 @@ def _check_checksum(frame: bytes, found: int) -> None:
 
 
 class AsciiFormat:
-    """Head ``2AH``: every byte is a digit of ``table``."""
+    """Encoding with head ``2AH``: every byte is a digit of ``table``."""
 
     head = ASCII_HEAD
 
@@ -125,7 +125,7 @@ def _digit_values(layout: FrameLayout, frame: bytes, table: bytes) -> tuple[int,
 
 
 class PackedFormat:
-    """Head ``5AH``: right-aligned bytes, unused leading ones 0."""
+    """Encoding with head ``5AH``: right-aligned bytes, unused leading ones 0."""
 
     head = HEX_HEAD
 
@@ -135,7 +135,7 @@ class PackedFormat:
 
     def digit(self, byte: int, position: int) -> int:
         if byte > 0x0F:
-            raise AlphabetError("protocols.sifang.digit", expected=0x0F, found=byte, position=position)
+            raise AlphabetError("protocols.sunfar.digit", expected=0x0F, found=byte, position=position)
         return byte
 
     def read(self, layout: FrameLayout, frame: bytes) -> FrameFields:
@@ -149,27 +149,27 @@ class PackedFormat:
 
 
 def _stray_bits_error(fields: bytes, stray: int) -> AlphabetError:
-    """A byte holds bits that a right-aligned field leaves 0."""
+    """Return the error for bits that a right-aligned field leaves 0."""
     at = next(n for n, byte in enumerate(stray.to_bytes(len(fields), "big")) if byte)
-    return AlphabetError("protocols.sifang.stray", expected=0, found=fields[at], position=at + 1)
+    return AlphabetError("protocols.sunfar.stray", expected=0, found=fields[at], position=at + 1)
 
 
 class MixedFormat(PackedFormat):
-    """Reads packed fields and the manual's nibble-per-byte slips alike (T03); writes packed."""
+    """Encoding that reads packed fields and one nibble a byte alike, and writes packed fields."""
 
     def read(self, layout: FrameLayout, frame: bytes) -> FrameFields:
         _check_end_mark(frame)
         if int.from_bytes(frame[-5:-1], "big") == sum(frame[1:-5]):
             return _read_mixed(layout, frame)
-        values = _digit_values(layout, frame, NIBBLE_DIGITS)  # a nibble frame throughout (4.5 request)
+        values = _digit_values(layout, frame, NIBBLE_DIGITS)  # one nibble a byte throughout (request of 4.5)
         _check_checksum(frame, values[-1])
         return FrameFields(values[:-1])
 
 
 def _read_mixed(layout: FrameLayout, frame: bytes) -> FrameFields:
-    """Each field as its own bytes say; data that say nothing follow the others; packed if nobody does."""
+    """Read each field as its bytes decide; undecided data follow the other fields, else they are packed."""
     values: list[int] = []
-    votes: set[bool] = set()
+    decisions: set[bool] = set()
     open_at: int | None = None
     at = 1
     for width in layout.widths:
@@ -178,19 +178,19 @@ def _read_mixed(layout: FrameLayout, frame: bytes) -> FrameFields:
         if nibbles is None and width == CHECKSUM_WIDTH and raw[2]:
             open_at = len(values)
         elif nibbles is not None:
-            votes.add(nibbles)
+            decisions.add(nibbles)
         values.append(_read_field(raw, bool(nibbles), at))
         at += width
     if open_at is None:
         return FrameFields(tuple(values))
     other = values[open_at] >> 4 & 0xF0 | values[open_at] & 0x0F
-    if votes == {True}:
+    if decisions == {True}:
         values[open_at] = other
-    return FrameFields(tuple(values), None if len(votes) == 1 else other)
+    return FrameFields(tuple(values), None if len(decisions) == 1 else other)
 
 
 def _is_nibble_field(raw: bytes) -> bool | None:
-    """True, False, or None where the field says nothing (a one-byte field that is a digit never does)."""
+    """True, False, or None where the bytes fit both encodings (always so for a one-byte digit)."""
     if any(raw[: len(raw) // 2]):
         return True
     return False if max(raw) > 0x0F else None
@@ -199,6 +199,6 @@ def _is_nibble_field(raw: bytes) -> bool | None:
 def _read_field(raw: bytes, nibbles: bool, at: int) -> int:
     if nibbles:
         return int(canonical_digits(raw, NIBBLE_DIGITS, at), 16)
-    if raw[0] > 0x0F:  # of a wider field it is 0 here
-        raise AlphabetError("protocols.sifang.digit", expected=0x0F, found=raw[0], position=at)
+    if raw[0] > 0x0F:  # a wider field has 0 here
+        raise AlphabetError("protocols.sunfar.digit", expected=0x0F, found=raw[0], position=at)
     return int.from_bytes(raw, "big")

@@ -1,0 +1,117 @@
+"""The Modbus family: every drive with Modbus RTU or ASCII on a serial line; models differ by profile only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from drivebus.errors import ProfileError
+from drivebus.protocols.family import Locator, NotationStyle, ProtocolFamily
+from drivebus.protocols.modbus.ascii import START_MARK, ModbusAsciiCodec
+from drivebus.protocols.modbus.messages import ADDRESSES, BROADCAST
+from drivebus.protocols.modbus.rtu import ModbusRtuCodec
+
+_PARAMETER = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
+_REGISTER = re.compile(r"0X([0-9A-F]{1,4})|([0-9][0-9A-F]{0,4})H", re.ASCII)
+_DECIMAL = re.compile(r"[0-9]{1,5}", re.ASCII)
+_LAST_ITEM = 99
+
+
+def _parse_hundreds(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
+    """``F1.07`` to group x 100 + item."""
+    return _parse_grouped(text, highest, lambda group, item: group * 100 + item)
+
+
+def _parse_consecutive(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
+    """``F00.02`` to an index over all groups, from the sizes of the groups before it."""
+    return _parse_grouped(text, highest, lambda group, item: _consecutive_index(group, item, group_sizes))
+
+
+def _parse_grouped(text: str, highest: int, index_of: Callable[[int, int], int]) -> Locator | None:
+    register = _parse_hexadecimal(text)
+    if register is not None or _REGISTER.fullmatch(text):
+        return register
+    match = _PARAMETER.fullmatch(text)
+    if not match:
+        return None
+    item = int(match[2])
+    index = index_of(int(match[1]), item)
+    return ("holding", index) if item <= _LAST_ITEM and index <= highest else None
+
+
+def _parse_register(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
+    """``3002H``, ``0x3002`` or ``12290``."""
+    if _REGISTER.fullmatch(text):
+        return _parse_hexadecimal(text)
+    return ("holding", int(text)) if _DECIMAL.fullmatch(text) and int(text) <= highest else None
+
+
+def _parse_hexadecimal(text: str) -> Locator | None:
+    match = _REGISTER.fullmatch(text)
+    register = int(match[1] or match[2], 16) if match else None
+    return ("holding", register) if register is not None and register <= 0xFFFF else None
+
+
+def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
+    """An item above 0 must be known to be in its group; item 0 of a group always is."""
+    known = {int(name[1:]): size for name, size in sizes.items()}
+    lacking = [each for each in range(group) if each not in known]
+    if group not in known and item > 0:
+        lacking.append(group)
+    name = f"F{group:02d}.{item:02d}"
+    if lacking:
+        groups = ", ".join(f"F{each:02d}" for each in lacking)
+        raise ProfileError("profiles.unplaced", notation=name, groups=groups)
+    if item >= known.get(group, 1):
+        raise ProfileError("profiles.beyond_group", notation=name, group=f"F{group:02d}", size=known[group])
+    return sum(known[each] for each in range(group)) + item
+
+
+def _format_hundreds(locator: Locator, highest: int) -> str:
+    index = locator[1]
+    return f"F{index // 100}.{index % 100:02d}" if index <= highest else _format_register(locator, highest)
+
+
+def _format_register(locator: Locator, highest: int) -> str:
+    return f"{locator[1]:04X}H"
+
+
+def _is_hexadecimal(text: str) -> bool:
+    return _REGISTER.fullmatch(text) is not None
+
+
+FAMILY: Final = ProtocolFamily(
+    name="modbus",
+    codecs={"rtu": ModbusRtuCodec, "ascii": ModbusAsciiCodec},
+    first_bytes={START_MARK: "ascii"},
+    addresses=(ADDRESSES.start, ADDRESSES.stop - 1),
+    broadcast=BROADCAST,
+    gap_characters=3.5,  # Serial Line V1.02, 2.5.1.1
+    jog_frequency="drive",
+    notations={
+        "consecutive": NotationStyle(
+            examples="F00.02, 3002H, 0x3002",
+            parse=_parse_consecutive,
+            format=_format_register,
+            is_raw_address=_is_hexadecimal,
+        ),
+        "hundreds": NotationStyle(
+            examples="F1.07, 2001H, 0x2001",
+            parse=_parse_hundreds,
+            format=_format_hundreds,
+            is_raw_address=_is_hexadecimal,
+        ),
+        "register": NotationStyle(
+            examples="3002H, 0x3002, 12290",
+            parse=_parse_register,
+            format=_format_register,
+            is_raw_address=lambda text: True,
+        ),
+    },
+    register_based=True,
+    describe="drivebus.commissioning.decode.modbus:describe",
+    dialect="drivebus.drives.dialects.modbus:ModbusDialect",
+    simulated_models=("drivebus.simulator.models.vc660:MODELS", "drivebus.simulator.models.df800:MODELS"),
+    scan_models=("vc660", "df800"),
+)
