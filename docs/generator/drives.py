@@ -8,7 +8,7 @@ from generator import words
 from generator.words import CAPABILITIES, GRADES, say, side
 
 ORDER = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
-PAGES = {"sifang": "c320", "dzb": "dzb100"}
+PAGES = {"sunfar": "c320", "dzb100": "dzb100"}
 """Family → the page that describes its protocol; a Modbus model has its own."""
 
 

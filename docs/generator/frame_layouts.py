@@ -28,7 +28,7 @@ Layout = list[tuple[Text, int]]
 def layout(vector: dict[str, Any]) -> Layout:
     """The fields of this frame. Raises ValueError where the sizes do not add up to the frame."""
     size = len(bytes.fromhex(vector["hex"]))
-    family = vector["family"]
+    family = vector["model"]
     found = _c320(vector, size) if family == "c320" else _dzb(vector) if family == "dzb100" else _modbus(vector)
     if sum(length for _, length in found) != size:
         raise ValueError(f"{vector['id']}: {size} bytes, {found}")

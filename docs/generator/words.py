@@ -116,8 +116,8 @@ KINDS = {
 }
 GRADES = {
     "draft": Text("draft", "draft（草案）"),
-    "bench": Text("bench", "bench（台架）"),
-    "proved": Text("proved", "proved（已验证）"),
+    "simulated": Text("simulated", "simulated（已仿真）"),
+    "verified": Text("verified", "verified（已验证）"),
 }
 CAPABILITIES = {
     "reverse": Text("reverse", "反转"),

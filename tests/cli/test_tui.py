@@ -222,7 +222,7 @@ async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> No
 
 def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
     assert sum(len(line.drives) for line in LINES) >= 8
-    assert {profiles.load(line.model).family for line in LINES} == {"sifang", "dzb", "modbus"}
+    assert {profiles.load(line.model).family for line in LINES} == {"sunfar", "dzb100", "modbus"}
     assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
     assert len({line.name for line in LINES}) == 4
 
@@ -381,9 +381,14 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
         return scan.SniffResult(0, 0, b"", 2.0)
 
     async def found(passes: object, open_port: object, progress: scan.ScanProgress, *_: object) -> None:
-        there = [("sifang", "ascii", 1), ("sifang", "ascii", 2), ("sifang", "hex", 1), ("modbus", "rtu", 9)]
-        models = {"sifang": ("c320",), "modbus": ("vc660",)}
-        progress.found += [scan.DetectedDrive(models[who], who, how, at, line, (b"", b"")) for who, how, at in there]
+        there = [("sunfar", "ascii", 1), ("sunfar", "ascii", 2), ("sunfar", "hex", 1), ("modbus", "rtu", 9)]
+        models = {"sunfar": ("c320",), "modbus": ("vc660",)}
+        progress.found += [
+            scan.DetectedDrive(
+                models=models[who], family=who, encoding=how, address=at, settings=line, exchange=(b"", b"")
+            )
+            for who, how, at in there
+        ]
 
     monkeypatch.setattr(scan, "sniff", silence)
     monkeypatch.setattr(scan, "scan", found)

@@ -6,12 +6,12 @@ import asyncio
 import json
 import os
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivebus.cli.acceptance import command
 from drivebus.cli.acceptance.checklist import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
 from drivebus.cli.acceptance.session import AcceptanceSession
 from drivebus.cli.connect import Target
@@ -21,13 +21,15 @@ from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing.virtual_time import run
 
+COMMAND: Any = import_module("drivebus.cli.acceptance.command")
+
 ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
 
 
 class AgreeingPerson(AcceptanceSession):
     """Agrees to everything and sees what the simulated motor does."""
 
-    async def answer(self, key: str, /, **params: Any) -> str:
+    async def ask(self, key: str, /, **params: Any) -> str:
         motor = find_simulated_bus("hw").station(1).motor
         if key in ("hardware.ask.turns", "hardware.ask.still_turns"):
             return "y" if motor.energised else "n"
@@ -150,7 +152,7 @@ def test_g08_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
 
 def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: SimulatedBus) -> None:
     class Sceptic(AgreeingPerson):
-        async def answer(self, key: str, /, **params: Any) -> str:
+        async def ask(self, key: str, /, **params: Any) -> str:
             return "n" if key == "hardware.ask.turns" else "y"
 
     assert step("run_and_stop", rig=Sceptic).verdict is StepResult.FAILED
@@ -165,7 +167,7 @@ def test_f18_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> 
 
 def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(bench: SimulatedBus) -> None:
     class Nobody(AcceptanceSession):
-        async def answer(self, key: str, /, **params: Any) -> str:
+        async def ask(self, key: str, /, **params: Any) -> str:
             return ""
 
     for name, (needs, _) in ACCEPTANCE_STEPS.items():
@@ -180,12 +182,12 @@ def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> Non
     bench.unplug()
     found = step("answers")
     assert found.verdict is StepResult.FAILED
-    assert command._plain(found)["figures"]["error"]
+    assert COMMAND._plain(found)["figures"]["error"]
 
 
 def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     found = [step("port"), step("parity")]
-    command._write(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
+    COMMAND._write(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
     [written] = tmp_path.glob("drivebus-hardware-*.json")
     document = json.loads(written.read_text(encoding="utf-8"))
     assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]

@@ -18,7 +18,7 @@ MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
 
 
 def explained(vector: Vector, **options: Any) -> FrameDescription:
-    return describe_frame(vector.family, vector.data, encoding=vector.encoding, direction=vector.direction, **options)
+    return describe_frame(vector.model, vector.data, encoding=vector.encoding, direction=vector.direction, **options)
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.id)
@@ -54,15 +54,15 @@ def test_a_reply_without_its_request_is_still_read_and_says_what_it_may_be(vecto
     found = explained(vector)
     assert found.valid is vector.line.get("decodable", True)
     assert {"address"} < set(found.fields)
-    if vector.family in ("c320", "vc660", "df800") and found.valid:
-        assert found.readings
+    if vector.model in ("c320", "vc660", "df800") and found.valid:
+        assert found.interpretations
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.id)
 def test_a_frame_needs_neither_encoding_nor_direction(vector: Vector) -> None:
     """Where bytes are both a request and its echo, they are called a request unless a request is given."""
     asked = vector.request
-    found = describe_frame(vector.family, vector.data, request=asked.data if asked else None)
+    found = describe_frame(vector.model, vector.data, request=asked.data if asked else None)
     assert found.encoding == vector.encoding
     if vector.direction == "request" or asked is not None:
         assert found.direction == vector.direction
@@ -71,7 +71,7 @@ def test_a_frame_needs_neither_encoding_nor_direction(vector: Vector) -> None:
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.id)
 def test_every_sentence_exists_in_both_languages(vector: Vector) -> None:
     found = explained(vector)
-    notes = [*found.problems, *found.errata, *found.hazards, *(reading.note for reading in found.readings)]
+    notes = [*found.problems, *found.errata, *found.hazards, *(reading.note for reading in found.interpretations)]
     for key, params in notes:
         sentences = [i18n.text(key, language, **params) for language in ("en", "zh")]
         assert sentences[0] != sentences[1]
@@ -120,7 +120,7 @@ def test_an_absolute_direction_is_no_toggle_t16(word: str) -> None:
 
 @pytest.mark.parametrize(
     ("word", "hazards"),
-    [(0x01F4, []), (0x01F5, ["protocols.dzb.hazard.tenfold"]), (0x03E8, ["protocols.dzb.hazard.tenfold"])],
+    [(0x01F4, []), (0x01F5, ["protocols.dzb100.hazard.tenfold"]), (0x03E8, ["protocols.dzb100.hazard.tenfold"])],
 )
 def test_dzb100_start_above_50_hz_under_the_default_coding_is_the_tenfold_trap_t08(
     word: int, hazards: list[str]
@@ -130,7 +130,7 @@ def test_dzb100_start_above_50_hz_under_the_default_coding_is_the_tenfold_trap_t
     assert found.fields["frequency_hz"] == word / 10
     assert found.fields["frequency_hz_by_coding"]["hex-0.01"] == word / 100
     stop = describe_frame("dzb100", b"C\x03\x010100" + b"%04X" % word)
-    assert keys(stop, "hazards") == ["protocols.dzb.hazard.carries_frequency"]
+    assert keys(stop, "hazards") == ["protocols.dzb100.hazard.carries_frequency"]
 
 
 def test_the_tenfold_trap_names_both_frequencies() -> None:
@@ -198,7 +198,7 @@ def test_a_frame_without_a_fault_names_none(vector: Vector) -> None:
 def test_any_bytes_are_explained(model: str) -> None:
     """I8: nothing crashes the reader, whatever frame and request are."""
     rng = random.Random(3)
-    family = [each for each in VECTORS if each.family == model] or list(load_vectors("c320"))
+    family = [each for each in VECTORS if each.model == model] or list(load_vectors("c320"))
     for turn in range(700):
         data = bytearray(rng.choice(family).data)
         for _ in range(rng.randrange(4)):

@@ -9,9 +9,9 @@ import pytest
 
 from drivebus import ports, profiles
 from drivebus.bus import Bus
-from drivebus.commissioning import scan, scan_plan
-from drivebus.commissioning.scan import DetectedDrive, ScanProgress
-from drivebus.commissioning.scan_plan import ScanPass
+from drivebus.commissioning import scan
+from drivebus.commissioning import scan as scan_plan
+from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings

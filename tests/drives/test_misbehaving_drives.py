@@ -263,7 +263,7 @@ def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blo
     )
     wish = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
-        grant_permit(wish, 7, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, around, stands, "sifang")
+        grant_permit(wish, 7, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, around, stands, "sunfar")
 
 
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])

@@ -33,7 +33,7 @@ def ask(
     effect: Effect = Effect.MOTION,
     around: BusConditions = AROUND,
     evidence: PermitInputs = STANDS,
-    family: str = "sifang",
+    family: str = "sunfar",
 ) -> Permit:
     return grant_permit(command, 7, effect, RetryPolicy.EDGE_TRIGGERED, around, evidence, family)
 
@@ -80,7 +80,7 @@ def test_f15_two_drives_at_one_address_are_not_commanded() -> None:
     refused(StartInhibited, "drives.duplicate", around=replace(AROUND, duplicate=True))
 
 
-@pytest.mark.parametrize(("family", "limit"), [("sifang", 0.01), ("modbus", 0.01), ("dzb", 0.001)])
+@pytest.mark.parametrize(("family", "limit"), [("sunfar", 0.01), ("modbus", 0.01), ("dzb100", 0.001)])
 def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None:
     ask(around=replace(AROUND, error_rate=limit, failures=9), family=family)
     bad = replace(AROUND, error_rate=limit * 1.01, failures=9)

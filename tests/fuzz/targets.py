@@ -11,9 +11,9 @@ from drivebus.protocols.codec import Codec, Complete
 from drivebus.protocols.dzb100.codec import CONSTANT_S, HEADS
 from drivebus.protocols.modbus.ascii import build_frame as ascii_seal
 from drivebus.protocols.modbus.rtu import build_frame as rtu_seal
+from drivebus.protocols.sunfar.codec import REQUEST_LAYOUTS
 from drivebus.protocols.sunfar.frame import WRITE_LAYOUT
-from drivebus.protocols.sunfar.requests import REQUEST_LAYOUTS
-from drivebus.protocols.sunfar.tables import CLASS_OFFSET
+from drivebus.protocols.sunfar.messages import CLASS_OFFSET
 from fixtures.vectors import load_vectors
 from fuzz.harness import AtherisTarget
 
@@ -28,7 +28,7 @@ EXTRA_REQUESTS: dict[str, list[Any]] = {
         modbus.WriteRegister(1, 0x23, 0xA000),
         modbus.WriteRegister(0, 0x2000, 2),
     ],
-    "c320": [
+    "sunfar": [
         sunfar.SunfarControl(1, sunfar.SunfarOperation.RUN_FORWARD_AT, 5000, expected_item=0),
         sunfar.SunfarWriteParameter(1, 0, 2, 0),
     ],

@@ -13,7 +13,8 @@ import pytest
 from pydantic import ValidationError
 
 from drivebus import profiles
-from drivebus.profiles import build, check, diagnostics, schema_errors
+from drivebus.profiles import check, diagnostics
+from drivebus.profiles.load import build_profile
 from drivebus.profiles.schema import ProfileIn
 
 Path_ = tuple[str, ...]
@@ -34,11 +35,11 @@ def judged(data: dict[str, Any]) -> str:
     try:
         given = ProfileIn.model_validate(data)
     except ValidationError as error:
-        found = schema_errors.issues_from_pydantic(error)
+        found = diagnostics.issues_from_pydantic(error, ProfileIn)
     else:
         found = list(check.check_profile(given))
         if not found:
-            return build.build_profile(given, "garbage").model and "accepted"
+            return build_profile(given, "garbage").model and "accepted"
     sentences = [
         diagnostics.to_diagnostic(one, "garbage.toml", 1).text(language) for one in found for language in ("en", "zh")
     ]

@@ -385,13 +385,13 @@ def parameter_vectors() -> list[tuple[str, dict[str, Any]]]:
 )
 def test_the_address_of_a_worked_frame_is_that_of_the_parameter_it_names(name: str, vector: dict[str, Any]) -> None:
     fields = vector["fields"]
-    profile: DriveProfile = profiles.load(vector["family"])
-    if vector["family"] == "dzb100":
+    profile: DriveProfile = profiles.load(vector["model"])
+    if vector["model"] == "dzb100":
         assert notation.parse_notation(f"{fields['parameter']:02d}", profile.notation) == (
             "parameter",
             fields["parameter"],
         )
-    elif vector["family"] == "c320":
+    elif vector["model"] == "c320":
         locator = notation.parse_notation(fields["parameter"], profile.notation)
         assert locator == ("parameter", fields["group"] << 8 | fields["item"])
     else:

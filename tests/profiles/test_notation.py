@@ -9,11 +9,11 @@ from drivebus.errors import ProfileError
 from drivebus.profiles import notation
 from drivebus.profiles.model import NotationRule, Parameter, Signal
 
-SIFANG = NotationRule("sifang", 0xFFFF)
-DZB = NotationRule("dzb", 80)
-CONSECUTIVE = NotationRule("consecutive", 450)
-HUNDREDS = NotationRule("hundreds", 999)
-REGISTER = NotationRule("register", 0xFFFF)
+SIFANG = NotationRule("sunfar", "sunfar", 0xFFFF)
+DZB = NotationRule("dzb100", "dzb100", 80)
+CONSECUTIVE = NotationRule("modbus", "consecutive", 450)
+HUNDREDS = NotationRule("modbus", "hundreds", 999)
+REGISTER = NotationRule("modbus", "register", 0xFFFF)
 
 
 @pytest.mark.parametrize(

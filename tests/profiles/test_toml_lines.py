@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivebus.profiles.toml_lines import has_key, iter_keys, line_of
+from drivebus.profiles.toml_file import has_key, iter_keys, line_of
 
 TEXT = '''format = 1  # [not.a.table]
 text = """

@@ -81,7 +81,7 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
     around = BusConditions(now, stop_epoch=generation)
     frame = drive.dialect.start(None, 2000)[0]
     permit = permissives.grant_permit(
-        command, drive.address, Effect.MOTION, frame.retry_policy, around, evidence, "sifang"
+        command, drive.address, Effect.MOTION, frame.retry_policy, around, evidence, "sunfar"
     )
     return BusRequest(drive.address, frame.request, RequestPriority.COMMAND, frame.retry_policy, permit)
 

@@ -39,7 +39,7 @@ def frames(codec: Codec, rng: random.Random) -> Iterator[bytes]:
     for _ in range(150):
         yield rng.randbytes(rng.randrange(1, 40))
     for _ in range(250):
-        if codec.family == "c320":
+        if codec.family == "sunfar":
             good = bytearray(
                 codec.encode_request(sunfar.SunfarWriteParameter(1, rng.randrange(16), rng.randrange(256), 7))
             )

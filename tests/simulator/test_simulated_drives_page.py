@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.simulator.line_quality import NAMED_QUALITIES
-from drivebus.simulator.models.catalog import LOADS, MODELS, STATION_OPTION_NAMES
+from drivebus.simulator.models.catalog import LOADS, simulated_models, station_option_names
 
 PAGES = Path(__file__).parents[2] / "docs" / "reference"
 
@@ -15,5 +15,9 @@ PAGES = Path(__file__).parents[2] / "docs" / "reference"
 @pytest.mark.parametrize("page", ["simulated-drives.md", "simulated-drives.zh.md"])
 def test_the_page_names_everything_that_can_be_chosen(page: str) -> None:
     text = (PAGES / page).read_text(encoding="utf-8")
-    missing = [word for word in (*MODELS, *LOADS, *STATION_OPTION_NAMES, *NAMED_QUALITIES) if f"`{word}`" not in text]
+    missing = [
+        word
+        for word in (*simulated_models(), *LOADS, *station_option_names(), *NAMED_QUALITIES)
+        if f"`{word}`" not in text
+    ]
     assert missing == []

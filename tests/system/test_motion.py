@@ -399,6 +399,6 @@ def test_df800_says_that_nothing_was_seen() -> None:
 
 
 def test_every_model_that_is_simulated_has_its_stories() -> None:
-    from drivebus.simulator.models.catalog import MODELS
+    from drivebus.simulator.models.catalog import simulated_models
 
-    assert {kind.model for kind in SYSTEM_VARIANTS} == set(MODELS)
+    assert {kind.model for kind in SYSTEM_VARIANTS} == set(simulated_models())

@@ -85,7 +85,7 @@ WORDS = {
 
 def sendable(vector: Vector) -> bytes:
     """What a correct sender emits for the fields of a vector."""
-    return vector.canonical if vector.canonical is not None and vector.family == "c320" else vector.data
+    return vector.canonical if vector.canonical is not None and vector.model == "c320" else vector.data
 
 
 def exchanges(family: str, encoding: str) -> list[CodecExchange]:

@@ -127,7 +127,7 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
     for line in lines:
         printed = bytes.fromhex(line["hex"])
         for frame in dict.fromkeys((printed, right[line["id"]])):
-            for codec in CODECS_OF_VECTORS[line["family"], line["encoding"]]:
+            for codec in CODECS_OF_VECTORS[line["model"], line["encoding"]]:
                 if line["direction"] == "request":
                     yield FlipCase(line["id"], frame == printed, "request", codec, b"", frame)
                     if frame == right[line["id"]]:

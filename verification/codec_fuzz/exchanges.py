@@ -12,7 +12,7 @@ from drivebus.protocols import dzb100 as d
 from drivebus.protocols import modbus as m
 from drivebus.protocols import sunfar as s
 from drivebus.protocols.codec import Codec
-from drivebus.protocols.dzb100.values import FREQUENCY_CODINGS, FaultCoding
+from drivebus.protocols.dzb100.messages import FREQUENCY_CODINGS, FaultCoding
 
 FAULT_CODINGS: tuple[FaultCoding, ...] = ("decimal", "hex")
 

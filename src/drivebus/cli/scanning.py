@@ -9,8 +9,7 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.progress import ProgressBar, format_duration
 
 if TYPE_CHECKING:
-    from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
-    from drivebus.commissioning.scan_plan import ScanPass
+    from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress, SniffResult
 
 
 class ScanProgressBar(ProgressBar):
@@ -100,7 +99,7 @@ def _scan_table(found: list[DetectedDrive]) -> str:
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
     """The first question of each pass, byte for byte, and how often it would be asked."""
     from drivebus.cli.dry_run import plan_frames as plan_frames
-    from drivebus.commissioning.scan_plan import probe_request
+    from drivebus.commissioning.scan import probe_request
     from drivebus.drives.dialects.create import create_dialect
 
     documents = []

@@ -1,6 +1,7 @@
-"""Find drives on a line: family, address, line settings. Reads only; listens before it speaks.
+"""Search for drives on a bus: protocol family, address and serial settings, by reads only.
 
-What is asked is planned in ``scan_plan``; ``scan`` walks the plan over real buses, one opening of the port a pass.
+``plan_scan`` decides without a port what to probe, in which order, and how long it takes if no drive answers. ``scan``
+runs the plan on real buses, with one opening of the port per pass; ``sniff`` listens before anything is sent.
 """
 
 from __future__ import annotations
@@ -8,35 +9,145 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
-from drivebus.commissioning.scan_plan import ScanCandidate, ScanPass, probe_request
+from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import PortError, PortLost
 from drivebus.ports import Port
+from drivebus.profiles.model import DriveProfile
+from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
+
+FIXED_SETTINGS_SCHEMES = frozenset({"tcp", "memory", "replay"})
+"""Port schemes whose serial settings can't be changed: they get one pass."""
 
 
 @dataclass(frozen=True, slots=True)
+class ScanCandidate:
+    """Model in one encoding that may be on the bus."""
+
+    profile: DriveProfile
+    encoding: str
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Family and encoding: candidates with the same frames are probed together."""
+        return self.profile.family, self.encoding
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPass:
+    """One opening of the port: candidates, addresses and one serial setting."""
+
+    settings: SerialSettings
+    candidates: tuple[ScanCandidate, ...]
+    addresses: tuple[int, ...]
+    has_factory_settings: bool
+    """The setting is the factory setting of a candidate."""
+    duration_s: float
+    """Duration in seconds if no drive answers."""
+
+    @property
+    def probe_count(self) -> int:
+        return len(self.addresses)
+
+
+def plan_scan(
+    profiles: Sequence[DriveProfile],
+    *,
+    addresses: Sequence[int] | None = None,
+    bauds: Sequence[int] | None = None,
+    formats: Sequence[str] | None = None,
+    encodings: Sequence[str] | None = None,
+    fixed: SerialSettings | None = None,
+) -> list[ScanPass]:
+    """Return the passes, factory settings first. ``fixed`` is the only setting of a port that has no choice."""
+    kinds: dict[tuple[str, str], list[ScanCandidate]] = {}
+    for profile in profiles:
+        for encoding in profile.encodings:
+            if encodings is None or encoding in encodings:
+                kinds.setdefault((profile.family, encoding), []).append(ScanCandidate(profile, encoding))
+    passes: list[ScanPass] = []
+    for candidates in kinds.values():
+        for settings in _serial_settings(candidates, bauds, formats, fixed):
+            passes.append(_build_pass(candidates, settings, addresses))
+    return sorted(passes, key=lambda each: not each.has_factory_settings)
+
+
+def _serial_settings(
+    candidates: Sequence[ScanCandidate],
+    bauds: Sequence[int] | None,
+    formats: Sequence[str] | None,
+    fixed: SerialSettings | None,
+) -> list[SerialSettings]:
+    """Return the serial settings that a candidate can have, each once."""
+    if fixed is not None:
+        return [fixed]
+    found: dict[SerialSettings, None] = {}
+    for candidate in candidates:
+        line = candidate.profile.serial
+        for baud in bauds or (line.baud, *line.bauds):
+            for format in formats or (line.format, *line.formats):
+                found[SerialSettings.parse(baud, format)] = None
+    return list(found)
+
+
+def _build_pass(
+    candidates: Sequence[ScanCandidate], settings: SerialSettings, addresses: Sequence[int] | None
+) -> ScanPass:
+    low = min(candidate.profile.addresses[0] for candidate in candidates)
+    high = max(candidate.profile.addresses[1] for candidate in candidates)
+    broadcasts = {candidate.profile.broadcast for candidate in candidates}
+    wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
+    factory = any(str(settings) == f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates)
+    return ScanPass(
+        settings, tuple(candidates), tuple(wanted), factory, len(wanted) * probe_duration_s(candidates[0], settings)
+    )
+
+
+def probe_duration_s(candidate: ScanCandidate, settings: SerialSettings) -> float:
+    """Return the seconds of a probe without reply: gap, frame, reply timeout."""
+    dialect = create_dialect(candidate.profile, max(1, candidate.profile.addresses[0]), encoding=candidate.encoding)
+    request = probe_request(dialect)
+    codec, timing = dialect.station_config.codec, dialect.station_config.timing
+    sent = settings.seconds(len(codec.encode_request(request)))
+    return timing.gap_s(settings) + sent + timing.timeout_s(settings, codec.largest_reply(request))
+
+
+def probe_request(dialect: Dialect) -> Any:
+    """Return the probe of an address: the read of the drive state, else the family's sync probe.
+
+    Raises ValueError if its bytes could do more than read.
+    """
+    reads = dialect.state_reads()
+    request = reads[0] if reads else dialect.station_config.sync_request(0)
+    if dialect.station_config.effect_of(dialect.station_config.codec.encode_request(request)) is not Effect.NONE:
+        raise ValueError(f"{request} is not a read")
+    return request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedDrive:
-    """Somebody answered."""
+    """Station that answered a probe."""
 
     models: tuple[str, ...]
-    """Those that fit, the likeliest first: sisters that speak alike can't be told apart by asking."""
+    """Models that fit, the most likely first; related models with the same frames can't be told apart."""
     family: str
     encoding: str
     address: int
     settings: SerialSettings
     exchange: tuple[bytes, bytes]
-    """The question and the answer that prove it."""
+    """Request and reply."""
     doubtful: bool = False
-    """Bytes came, but no whole valid reply: wrong parity, two drives at one address, or noise."""
+    """Bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
 
 
 @dataclass(slots=True)
 class ScanProgress:
-    """Where a scan is."""
+    """Progress of a scan, with the drives found so far."""
 
     total_s: float
     done_s: float = 0.0
@@ -52,7 +163,7 @@ class ScanProgress:
 
 @dataclass(frozen=True, slots=True)
 class SniffResult:
-    """What was on the line while we said nothing."""
+    """Bytes that were received while nothing was sent."""
 
     count: int
     line_errors: int
@@ -61,7 +172,7 @@ class SniffResult:
 
 
 class _Sniffer:
-    """A receiver that only counts."""
+    """Receiver that counts bytes and line errors."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -79,7 +190,7 @@ class _Sniffer:
 
 
 async def sniff(port: Port, seconds: float) -> SniffResult:
-    """Say nothing for so long and tell what was heard: any byte means that somebody else is master here.
+    """Listen for this long without sending; any byte means that another master is on the bus.
 
     Raises PortUnavailable.
     """
@@ -100,83 +211,90 @@ async def scan(
     *,
     keep_going: bool = False,
 ) -> list[DetectedDrive]:
-    """Walk the plan. What is found stands in ``progress.found`` at every moment, so an abort loses nothing.
+    """Run the passes; ``progress.found`` is always current, so that an abort loses nothing.
 
-    A line has one setting: where somebody answered, only passes of the same setting follow, unless ``keep_going``.
+    A bus has one serial setting: after a valid reply only passes of that setting follow, unless ``keep_going``.
     Raises PortUnavailable, PortLost.
     """
     queue = list(passes)
     while queue:
-        one = queue.pop(0)
-        await _run_pass(one, open_port(one.settings), progress, on_progress)
+        scan_pass = queue.pop(0)
+        await _run_pass(scan_pass, open_port(scan_pass.settings), progress, on_progress)
         queue = queue if keep_going else _remaining_passes(queue, progress.found)
         progress.total_s = progress.done_s + sum(later.duration_s for later in queue)
     return progress.found
 
 
 def _remaining_passes(queue: Sequence[ScanPass], found: Sequence[DetectedDrive]) -> list[ScanPass]:
-    """Passes of the line setting that somebody answered under; all while nobody has."""
-    settled = {one.settings for one in found if not one.doubtful}
-    return [one for one in queue if not settled or one.settings in settled]
+    """Return the passes of the serial setting that was answered; all of them as long as none was."""
+    settled = {drive.settings for drive in found if not drive.doubtful}
+    return [each for each in queue if not settled or each.settings in settled]
 
 
-async def _run_pass(one: ScanPass, port: Port, progress: ScanProgress, tell: Callable[[ScanProgress], None]) -> None:
+async def _run_pass(
+    scan_pass: ScanPass, port: Port, progress: ScanProgress, on_progress: Callable[[ScanProgress], None]
+) -> None:
     async with Bus(port) as bus:
-        for address in one.addresses:
-            progress.settings, progress.address, progress.kind = one.settings, address, one.candidates[0].kind
-            tell(progress)
-            found = await _probe_address(bus, one, address)
+        for address in scan_pass.addresses:
+            progress.settings, progress.address, progress.kind = (
+                scan_pass.settings,
+                address,
+                scan_pass.candidates[0].kind,
+            )
+            on_progress(progress)
+            found = await _probe_address(bus, scan_pass, address)
             if found is not None:
                 progress.found.append(found)
-            progress.done_s += one.duration_s / max(1, one.probe_count)
-    tell(progress)
+            progress.done_s += scan_pass.duration_s / max(1, scan_pass.probe_count)
+    on_progress(progress)
 
 
-async def _probe_address(bus: Bus, one: ScanPass, address: int) -> DetectedDrive | None:
-    """Ask the first candidate; only where something answers are its sisters asked in their own words."""
+async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
+    """Probe an address with the first candidate, and with the others only if bytes are received."""
     fits: list[ScanCandidate] = []
-    heard: BusResult | None = None
+    first: BusResult | None = None
     good: BusResult | None = None
-    for candidate in one.candidates:
+    for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
             continue
-        answer, refused = await _probe(bus, candidate, address)
-        if answer.received:
-            heard = heard or answer
-        if answer.reply is not None and not refused:
+        result, rejected = await _probe(bus, candidate, address)
+        if result.received:
+            first = first or result
+        if result.reply is not None and not rejected:
             fits.append(candidate)
-            good = good or answer
-        if heard is None:
+            good = good or result
+        if first is None:
             return None
-    if heard is None:
+    if first is None:
         return None
-    proof = good or heard
-    candidates = _prefer_status_register(fits) if fits else list(one.candidates)
+    proof = good or first
+    candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
     return DetectedDrive(
-        tuple(candidate.profile.model for candidate in candidates),
-        *one.candidates[0].kind,
-        address,
-        one.settings,
-        (proof.sent, proof.received),
+        models=tuple(candidate.profile.model for candidate in candidates),
+        family=scan_pass.candidates[0].profile.family,
+        encoding=scan_pass.candidates[0].encoding,
+        address=address,
+        settings=scan_pass.settings,
+        exchange=(proof.sent, proof.received),
         doubtful=not fits,
     )
 
 
 def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate]:
-    """A status register that answered is a better witness than a parameter that many drives have."""
-    sure = [candidate for candidate in fits if candidate.profile.status is not None]
-    return sure or list(fits)
+    """Prefer models whose status register answered to those of a parameter that many drives have."""
+    with_status = [candidate for candidate in fits if candidate.profile.status is not None]
+    return with_status or list(fits)
 
 
 async def _probe(bus: Bus, candidate: ScanCandidate, address: int) -> tuple[BusResult, bool]:
-    """One question. The second value: the drive is there but said no."""
+    """Send one probe; the second value tells that the drive rejected it."""
     dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
     bus.add_station(dialect.station_config)
     try:
-        answer = await bus.transact(BusRequest(address, probe_request(dialect), RequestPriority.PROBE))
+        result = await bus.transact(BusRequest(address, probe_request(dialect), RequestPriority.PROBE))
     finally:
         bus.remove_station(address)
-    if isinstance(answer.error, PortError):
-        raise answer.error
-    refused = answer.reply is not None and dialect.rejection(answer.reply) is not None
-    return answer, refused
+    if isinstance(result.error, PortError):
+        raise result.error
+    rejected = result.reply is not None and dialect.rejection(result.reply) is not None
+    return result, rejected

@@ -13,6 +13,7 @@ from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.state import DerivedState, DriveState, LocalizedEnum
 from drivebus.errors import Expired, NotPermitted, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect
+from drivebus.protocols.family import protocol_family
 
 
 class CommandKind(LocalizedEnum):
@@ -36,11 +37,6 @@ COMMAND_TTL_S = {
 
 MAX_STATUS_AGE_S = 2.0
 """A status older than this is not "now" for a start: no older than the command itself may be (I1)."""
-
-MAX_ERROR_RATE = {"dzb": 0.001}
-"""RELIABILITY 4, link-quality gate: 0.1 % where nothing on the wire detects a flipped bit …"""
-DEFAULT_MAX_ERROR_RATE = 0.01
-"""… and 1 % elsewhere."""
 
 MIN_FAILURES_FOR_ERROR_RATE = 3
 """One or two failures are no rate: a single lost frame among a hundred would else forbid every start for 5 minutes."""
@@ -129,7 +125,7 @@ def unmet_bus_permissives(station: int, around: BusConditions) -> Iterator[Start
 
 def unmet_start_permissives(around: BusConditions, family: str) -> Iterator[StartInhibited]:
     """What it has, besides, against a start."""
-    limit = MAX_ERROR_RATE.get(family, DEFAULT_MAX_ERROR_RATE)
+    limit = protocol_family(family).max_error_rate
     if around.error_rate > limit and around.failures >= MIN_FAILURES_FOR_ERROR_RATE:
         percent = round(around.error_rate * 100, 2)
         yield StartInhibited("drives.bad_link", error_percent=percent, limit_percent=limit * 100)

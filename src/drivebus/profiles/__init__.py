@@ -1,4 +1,4 @@
-"""What is known of each drive model, as data: one TOML file a model, checked strictly, frozen once loaded."""
+"""Profiles: the facts of each drive model in one TOML file, strictly checked and frozen once loaded."""
 
 from drivebus.profiles.load import load, models, user_directory
 from drivebus.profiles.model import DriveProfile

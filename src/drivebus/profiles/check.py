@@ -1,23 +1,23 @@
-"""What is wrong with a profile beyond its shape: values that must fit each other. Gives problems, never raises."""
+"""Checks of a profile beyond its shape: values that must fit each other, addresses, and command bits.
+
+The checks yield issues and never raise. What a protocol family allows comes from its ``ProtocolFamily``.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
+from itertools import combinations
+from typing import Any
 
-from drivebus.profiles import addressing, check_bits
-from drivebus.profiles.diagnostics import Issue, issue
-from drivebus.profiles.notation import nearest_names
-from drivebus.profiles.schema import OptionIn, ProfileIn
+from drivebus.errors import ProfileError
+from drivebus.profiles.diagnostics import Issue, KeyPath, issue, nearest_names
+from drivebus.profiles.model import NotationRule
+from drivebus.profiles.notation import parse_notation
+from drivebus.profiles.schema import BitIn, OptionIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.protocols.family import protocol_families, protocol_family
 from drivebus.serial_settings import SerialSettings
 
-FAMILY_ADDRESSES = {"sifang": (0, 30), "dzb": (1, 31), "modbus": (1, 247)}
-"""Station addresses that a family's protocol can have; broadcast is not one of them."""
-FAMILY_ENCODINGS = {"sifang": ("ascii", "hex"), "dzb": ("ascii",), "modbus": ("rtu", "ascii")}
-FAMILY_NOTATION_STYLES = {"sifang": ("sifang",), "dzb": ("dzb",), "modbus": ("consecutive", "hundreds", "register")}
-FAMILY_BROADCAST = {"sifang": 31, "dzb": 0, "modbus": 0}
-"""The one address that every station of a family hears."""
-FAMILY_GAP_CHARACTERS = {"sifang": 5.0, "dzb": 0.0, "modbus": 3.5}
-"""Characters of silence without which a frame does not count (C320 manual §2.2.4; Modbus; DZB100: not published)."""
 REQUIRED_COMMANDS = {
     "run": ("start",),
     "reverse": ("forward", "reverse"),
@@ -27,23 +27,33 @@ REQUIRED_COMMANDS = {
     "jog": ("jog_forward", "jog_stop"),
     "reset_fault": ("reset",),
 }
-"""Capability of a Modbus model → the commands it can't do without."""
+"""Capability of a register-based model to the commands that it needs."""
+
+
+BitPaths = dict[str, tuple[KeyPath, BitIn]]
+"""Command name to the key path of its bits, and the bits."""
+COMMANDS_WITH_OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
+"""Commands that need a bit set: whether a frame is a stop, and so needs no permit, is read from its bits."""
+
+
+STOP_COMMANDS = ("stop", "coast", "quick_stop", "jog_stop")
+MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
 
 
 def check_profile(profile: ProfileIn) -> Iterator[Issue]:
-    """Everything that does not fit together; only the family's own where even that does not fit."""
-    foreign = list(_check_family(profile))
-    if foreign:
-        yield from foreign
+    """Yield every issue; only those of the family where even these exist."""
+    family_issues = list(_check_family(profile))
+    if family_issues:
+        yield from family_issues
         return
     yield from _check_serial(profile)
     yield from _check_limits(profile)
     yield from _check_addresses(profile)
     yield from _check_capabilities(profile)
-    yield from addressing.check_addressing(profile)
+    yield from check_addressing(profile)
     yield from _check_ranges(profile)
     yield from _check_fault_codes(profile)
-    yield from check_bits.check_bits(profile)
+    yield from check_bits(profile)
     yield from _check_options(profile)
 
 
@@ -59,41 +69,49 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("not_in", ("line", "format"), line.format, choices=_join(line.formats))
     if line.baud not in line.bauds:
         yield issue("not_in", ("line", "baud"), line.baud, choices=_join(line.bauds))
-    gap = FAMILY_GAP_CHARACTERS[profile.family]
+    gap = protocol_family(profile.family).gap_characters
     if profile.timing.gap_characters < gap:
         yield issue("range", ("timing", "gap_characters"), profile.timing.gap_characters, bound=f">= {gap}")
 
 
 def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
-    """Upside down, or beyond what a setpoint's word can say."""
+    """Check that the limits are in order and that a setpoint word can express them."""
     low, high = profile.limits.minimum_hz, profile.limits.maximum_hz
     if low >= high:
         yield issue("limits", ("limits", "minimum_hz"), low, related=(("limits", "maximum_hz"),), maximum=high)
     word = 9999 if profile.setpoint.coding == "bcd" else 0xFFFF
     if high > word * profile.setpoint.factor:
-        also = (("setpoint", "factor"),)
+        related = (("setpoint", "factor"),)
         bound = f"<= {word * profile.setpoint.factor:g}"
-        yield issue("range", ("limits", "maximum_hz"), high, related=also, bound=bound)
+        yield issue("range", ("limits", "maximum_hz"), high, related=related, bound=bound)
 
 
 def _check_addresses(profile: ProfileIn) -> Iterator[Issue]:
     low, high = profile.addresses
-    lowest, highest = FAMILY_ADDRESSES[profile.family]
+    family = protocol_family(profile.family)
+    lowest, highest = family.addresses
     if not lowest <= low <= high <= highest:
         yield issue("addresses", ("addresses",), profile.addresses, lowest=lowest, highest=highest)
     if profile.broadcast is not None and low <= profile.broadcast <= high:
-        also = (("addresses",),)
-        yield issue("broadcast", ("broadcast",), profile.broadcast, related=also, low=low, high=high)
-    elif profile.broadcast is not None and profile.broadcast != FAMILY_BROADCAST[profile.family]:
-        yield issue("choice", ("broadcast",), profile.broadcast, choices=FAMILY_BROADCAST[profile.family])
+        related = (("addresses",),)
+        yield issue("broadcast", ("broadcast",), profile.broadcast, related=related, low=low, high=high)
+    elif profile.broadcast is not None and profile.broadcast != family.broadcast:
+        choices = "-" if family.broadcast is None else family.broadcast
+        yield issue("choice", ("broadcast",), profile.broadcast, choices=choices)
 
 
 def _check_family(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that the family exists and has the encodings and the notation."""
+    known = {family.name: family for family in protocol_families()}
+    family = known.get(profile.family)
+    if family is None:
+        yield issue("choice", ("family",), profile.family, choices=_join(known))
+        return
     for encoding in profile.encodings:
-        if encoding not in FAMILY_ENCODINGS[profile.family]:
-            yield issue("choice", ("encodings",), encoding, choices=_join(FAMILY_ENCODINGS[profile.family]))
-    if profile.notation.style not in FAMILY_NOTATION_STYLES[profile.family]:
-        choices = _join(FAMILY_NOTATION_STYLES[profile.family])
+        if encoding not in family.encodings:
+            yield issue("choice", ("encodings",), encoding, choices=_join(family.encodings))
+    if profile.notation.style not in family.notations:
+        choices = _join(family.notations)
         yield issue("choice", ("notation", "style"), profile.notation.style, related=(("family",),), choices=choices)
 
 
@@ -106,7 +124,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     for moving in sorted(able & {"run", "jog"}):
         if "stop" not in able:
             yield issue("needs", ("capabilities",), moving, what="stop")
-    if profile.family != "modbus":
+    if not protocol_family(profile.family).register_based:
         return
     for section in ("modbus", "commands"):
         if getattr(profile, section) is None:
@@ -118,7 +136,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     if profile.commands is None:
         return
     offered = set(profile.commands.bits).union(
-        *(check_bits for choice in profile.commands.variants.values() for check_bits in choice.values())
+        *(bits for choice in profile.commands.variants.values() for bits in choice.values())
     )
     for capability in sorted(able & REQUIRED_COMMANDS.keys()):
         for bit in REQUIRED_COMMANDS[capability]:
@@ -127,13 +145,13 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
-    """What is used must be among the functions that the model has."""
+    """Check that the functions in use are among those that the model has."""
     functions = profile.modbus.functions if profile.modbus else []
     if profile.commands is not None and profile.commands.function not in functions:
         yield issue("not_in", ("commands", "function"), profile.commands.function, choices=_join(functions))
     if "read" in profile.capabilities and 3 not in functions:
-        also = (("modbus", "functions"),)
-        yield issue("needs", ("capabilities",), "read", related=also, what="[modbus] functions 3")
+        related = (("modbus", "functions"),)
+        yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
 
 
 def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
@@ -141,14 +159,14 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
     entries += [(("parameters", n), p) for n, p in profile.parameters.items()]  # type: ignore[misc]
     for path, entry in entries:
         if entry.minimum is not None and entry.maximum is not None and entry.minimum > entry.maximum:
-            also = ((*path, "maximum"),)
-            yield issue("minimum", (*path, "minimum"), entry.minimum, related=also, maximum=entry.maximum)
+            related = ((*path, "maximum"),)
+            yield issue("minimum", (*path, "minimum"), entry.minimum, related=related, maximum=entry.maximum)
     for notation, parameter in profile.parameters.items():
         for raw in parameter.choices:
             if not _is_word(raw):
                 yield issue("number", ("parameters", notation, "choices", raw), raw)
         setting = parameter.maximum_setting
-        numbers = [name for name, question in profile.open.items() if question.span and question.where is None]
+        numbers = [name for name, option in profile.open.items() if option.span and option.where is None]
         if setting is not None and setting not in numbers:
             where = ("parameters", notation, "maximum_setting")
             yield issue("choice", where, setting, choices=_join(numbers))
@@ -164,32 +182,30 @@ def _check_fault_codes(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_options(profile: ProfileIn) -> Iterator[Issue]:
-    """Settings answer open questions: no others, and only with their choices."""
-    questions = {name: question for name, question in profile.open.items() if question.where is None}
+    """Check that every value belongs to an option and is one of its choices."""
+    options = {name: option for name, option in profile.open.items() if option.where is None}
     for name in profile.settings:
-        if name not in questions:
-            yield issue(
-                "unknown_key", ("settings", name), name, known=_join(nearest_names(name, questions) or questions)
-            )
-    for name, question in profile.open.items():
-        value = profile.settings.get(name, question.default)
+        if name not in options:
+            yield issue("unknown_key", ("settings", name), name, known=_join(nearest_names(name, options) or options))
+    for name, option in profile.open.items():
+        value = profile.settings.get(name, option.default)
         path = ("settings", name) if name in profile.settings else ("open", name, "default")
-        if not _is_allowed(value, question):
-            span = [f"{question.span[0]}-{question.span[1]}"] if question.span else []
-            yield issue("choice", path, value, choices=_join([*question.choices, *span]))
+        if not _is_allowed(value, option):
+            span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
+            yield issue("choice", path, value, choices=_join([*option.choices, *span]))
     for setting, variants in profile.commands.variants.items() if profile.commands else ():
-        known = [str(choice) for choice in questions[setting].choices] if setting in questions else []
+        known = [str(choice) for choice in options[setting].choices] if setting in options else []
         for value in variants:
             if value not in known:
                 yield issue("choice", ("commands", "variants", setting, value), value, choices=_join(known))
 
 
-def _is_allowed(value: object, question: OptionIn) -> bool:
-    if question.span and type(value) is int and question.span[0] <= value <= question.span[1]:
+def _is_allowed(value: object, option: OptionIn) -> bool:
+    if option.span and type(value) is int and option.span[0] <= value <= option.span[1]:
         return True
-    if not question.choices and not question.span:
+    if not option.choices and not option.span:
         return True
-    return any(value == choice and type(value) is type(choice) for choice in question.choices)
+    return any(value == choice and type(value) is type(choice) for choice in option.choices)
 
 
 def _join(values: Iterable[object]) -> str:
@@ -197,5 +213,202 @@ def _join(values: Iterable[object]) -> str:
 
 
 def _is_word(digits: str) -> bool:
-    """Written one way only: "01" beside "1" would be the same word twice."""
+    """Whether the digits are a 16-bit number without leading zeros, which would allow the same word twice."""
     return digits.isascii() and digits.isdecimal() and int(digits) <= 0xFFFF and digits == str(int(digits))
+
+
+def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
+    """Yield invalid notations and registers, entries that share an address, and references to nothing."""
+    wrong_groups = list(_check_group_sizes(profile))
+    yield from wrong_groups
+    if not wrong_groups:
+        yield from _check_locators(profile)
+    yield from _check_references(profile)
+    yield from _check_registers(profile)
+
+
+def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that command, setpoint and status registers differ and that the EEPROM bit is one bit."""
+    bit = profile.write.eeprom_address_bit
+    if bit is not None and bit.bit_count() != 1:
+        choices = ", ".join(f"0x{1 << place:04X}" for place in range(15, -1, -1))
+        yield issue("choice", ("write", "eeprom_address_bit"), f"{bit:04X}H", choices=choices)
+    if profile.commands is None:
+        return
+    word, setpoint = profile.commands.register_, profile.commands.setpoint_register
+    related = [("commands", "register"), ("commands", "setpoint_register")]
+    if setpoint == word:
+        path = ("commands", "setpoint_register")
+        yield issue("duplicate", path, f"{word:04X}H", related=related, other="[commands] register")
+    if profile.status is not None and profile.status.register_ in (word, setpoint):
+        found = f"{profile.status.register_:04X}H"
+        yield issue("duplicate", ("status", "register"), found, related=related, other="[commands]")
+
+
+def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:
+    wrong = [name for name in profile.group_sizes if not re.fullmatch("F[0-9]{2}", name)]
+    for name in wrong:
+        yield issue("group", ("group_sizes", name), name)
+    total = sum(profile.group_sizes.values())
+    if profile.notation.style == "consecutive" and total > profile.notation.highest + 1:
+        yield issue("group_total", ("group_sizes",), total, most=profile.notation.highest + 1)
+
+
+def resolve_locator(profile: ProfileIn, notation: str, register: int | None) -> tuple[str, int] | Issue | ProfileError:
+    """Return the locator; an issue for a wrong notation; the error ``profiles.unplaced`` where data is missing."""
+    if register is not None:
+        return "holding", register
+    rule = NotationRule(profile.family, profile.notation.style, profile.notation.highest)
+    try:
+        return parse_notation(notation, rule, profile.group_sizes)
+    except ProfileError as error:
+        if error.key == "profiles.notation":
+            return issue("notation", (), notation, examples=error.params["examples"])
+        return error if error.key == "profiles.unplaced" else issue("beyond", (), notation, **error.params)
+
+
+def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
+    """Yield wrong notations, addresses outside the space, and entries that share an address."""
+    register_based = protocol_family(profile.family).register_based
+    taken = _command_locators(profile)
+    eeprom_bit = profile.write.eeprom_address_bit or 0
+    eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # otherwise reported by _check_registers
+    entries: list[tuple[tuple[str, str], str, SignalIn | ParameterIn]] = [
+        *((("signals", name), signal.notation, signal) for name, signal in profile.signals.items()),
+        *((("parameters", notation), notation, parameter) for notation, parameter in profile.parameters.items()),
+    ]
+    for path, notation, entry in entries:
+        at = path if path[0] == "parameters" else (*path, "notation")
+        if entry.register_ is not None and not register_based:
+            yield issue("register", (*path, "register"), entry.register_, family=profile.family)
+            continue
+        locator = resolve_locator(profile, notation, entry.register_)
+        if isinstance(locator, Issue):
+            yield issue(locator.kind, at, notation, **locator.params)
+        elif isinstance(locator, tuple):
+            if register_based and locator[1] & eeprom_bit:
+                yield issue("eeprom_bit", at, notation, bit=f"{eeprom_bit:04X}H")
+            other = taken.setdefault(locator, path[1])
+            if other != path[1]:
+                related = (("signals", other, "notation"), ("parameters", other), ("group_sizes",))
+                yield issue("duplicate", at, notation, related=related, other=other)
+
+
+def _command_locators(profile: ProfileIn) -> dict[tuple[str, int], str]:
+    """Return the command and setpoint registers: a parameter there would bypass the start permissives."""
+    if profile.commands is None:
+        return {}
+    return {
+        ("holding", profile.commands.register_): "[commands] register",
+        ("holding", profile.commands.setpoint_register): "[commands] setpoint_register",
+    }
+
+
+def _check_references(profile: ProfileIn) -> Iterator[Issue]:
+    named: set[tuple[tuple[str, ...], str]] = {(("preconditions", n), n) for n in profile.preconditions}
+    named |= {(("roles", role), n) for role, n in profile.roles.items()}
+    named |= {(("comm_loss", key), n) for key in ("time", "action") if (n := getattr(profile.comm_loss, key))}
+    named |= {(("ramp",), n) for n in profile.ramp or ()}
+    for path, notation in sorted(named):
+        if notation not in profile.parameters:
+            near = ", ".join(nearest_names(notation, profile.parameters)) or "-"
+            yield issue("unlisted", path, notation, near=near)
+
+
+def check_bits(profile: ProfileIn) -> Iterator[Issue]:
+    """Yield the issues of command and status words."""
+    yield from _check_masks(profile)
+    yield from _check_words(profile)
+    yield from _check_status_bits(profile)
+
+
+def _check_masks(profile: ProfileIn) -> Iterator[Issue]:
+    commands = profile.commands
+    if commands is None:
+        return
+    groups: list[tuple[tuple[str, ...], dict[Any, BitIn]]] = [(("commands", "bits"), dict(commands.bits))]
+    for setting, choices in commands.variants.items():
+        for value, bits in choices.items():
+            groups.append((("commands", "variants", setting, value), dict(bits)))
+    for path, bits in groups:
+        for name, bit in bits.items():
+            if bit.value & ~bit.mask:
+                yield issue("outside_mask", (*path, name), f"{bit.value:04X}H", mask=f"{bit.mask:04X}H")
+            if name in COMMANDS_WITH_OWN_BIT and not bit.value:
+                yield issue("no_bit", (*path, name), "0000H", name=name)
+        yield from _find_overlaps(path, bits)
+
+
+def _check_words(profile: ProfileIn) -> Iterator[Issue]:
+    """Check whole words: the common bits with those of each option value on top."""
+    commands = profile.commands
+    if commands is None:
+        return
+    plain: BitPaths = {name: (("commands", "bits", name), bit) for name, bit in commands.bits.items()}
+    layers = [plain]
+    for setting, choices in commands.variants.items():
+        for value, bits in choices.items():
+            path = ("commands", "variants", setting, value)
+            layers.append(plain | {name: ((*path, name), bit) for name, bit in bits.items()})
+    reported: set[KeyPath] = set()
+    for placed in layers:
+        for found in (*_find_toggles(placed), *_find_identical_commands(placed), *_find_moving_stops(placed)):
+            if found.path not in reported:
+                reported.add(found.path)
+                yield found
+
+
+def _find_toggles(placed: BitPaths) -> Iterator[Issue]:
+    """Yield commands with both directions set in a field of two bits: such a word reverses the present direction."""
+    fields = {placed[name][1].mask for name in ("forward", "reverse") if name in placed}
+    for path, bit in placed.values():
+        if any(field.bit_count() > 1 and bit.value & field == field for field in fields):
+            yield issue("toggle", path, f"{bit.value:04X}H")
+
+
+def _find_identical_commands(placed: BitPaths) -> Iterator[Issue]:
+    """Yield pairs of commands with the same bits: the drive could not tell them apart."""
+    for (first, (at, a)), (second, (path, b)) in combinations(placed.items(), 2):
+        if (a.mask, a.value) == (b.mask, b.value) and not (a.pulse or b.pulse or _is_shared_stop(first, second)):
+            yield issue("alike", path, f"{b.value:04X}H", related=(at,), first=first, second=second)
+
+
+def _find_moving_stops(placed: BitPaths) -> Iterator[Issue]:
+    """Yield stops whose word related starts or jogs: a stop is sent without a permit."""
+    for stop, move in ((s, m) for s in STOP_COMMANDS for m in MOTION_COMMANDS if s in placed and m in placed):
+        (path, bit), (at, moving) = placed[stop], placed[move]
+        if moving.value and bit.value & moving.mask == moving.value and not (bit.pulse and moving.pulse):
+            yield issue("moving_stop", path, f"{bit.value:04X}H", related=(at,), stop=stop, move=move)
+
+
+def _find_overlaps(path: tuple[str, ...], bits: dict[Any, BitIn]) -> Iterator[Issue]:
+    """Yield overlaps: two pulses may share a mask only as values of one field, a pulse and a level never."""
+    for (first, a), (second, b) in combinations(bits.items(), 2):
+        if not a.mask & b.mask or not (a.pulse or b.pulse):
+            continue
+        if a.mask != b.mask or a.pulse != b.pulse or (a.value == b.value and not _is_shared_stop(first, second)):
+            related = ((*path, first),)
+            yield issue(
+                "overlap", (*path, second), f"{b.mask:04X}H", related=related, other=first, mask=f"{a.mask:04X}H"
+            )
+
+
+def _is_shared_stop(first: str, second: str) -> bool:
+    """Whether both are stops: a jog may end with the ordinary stop."""
+    return {first, second} == {"stop", "jog_stop"}
+
+
+def _check_status_bits(profile: ProfileIn) -> Iterator[Issue]:
+    if profile.status is None:
+        return
+    used_mask = profile.status.reserved_mask
+    for name, mask in profile.status.bits.items():
+        if mask.bit_count() != 1 or mask & used_mask:
+            related: list[KeyPath] = [
+                ("status", "bits", other) for other, bit in profile.status.bits.items() if bit & mask
+            ]
+            related.append(("status", "reserved_mask"))
+            yield issue(
+                "status_bit", ("status", "bits", name), f"{mask:04X}H", related=related, seen=f"{used_mask:04X}H"
+            )
+        used_mask |= mask

@@ -1,14 +1,17 @@
-"""What is wrong with a TOML file: file, line, key, found, expected, remedy; and a profile's error that says so.
+"""Diagnostics of TOML files: file, line, key, value found, value expected and remedy, in both languages.
 
-Other files than profiles (``plant.toml``) complain in the same form, with sentences of their own ``room``.
+Profiles and ``plant.toml`` share them; each file type may have a text catalogue of its own.
 """
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
 from drivebus.errors import ProfileError
@@ -16,28 +19,29 @@ from drivebus.profiles.model import Text
 
 KeyPath = tuple[str | int, ...]
 CONTROL_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-"""Control characters, line separators, and those that turn the direction of writing round."""
+"""Control characters, line separators and bidirectional overrides."""
 DEFAULT_CATALOGUE = "profiles"
-"""The room of the catalogues whose sentences every file's faults may use."""
+"""Catalogue of the texts that every file type may use."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostic:
-    """One fault of one file. ``kind`` is the i18n key of its sentence, ``<room>.kind.<kind>``."""
+    """One fault of one file."""
 
     kind: str
+    """Last part of the i18n key of its text, ``<catalogue>.kind.<kind>``."""
     key: str
-    """Dotted, as it would be written: ``signals.output_frequency.unit``; empty for the whole file."""
+    """Dotted, as in TOML: ``signals.output_frequency.unit``; empty for the whole file."""
     found: str
     expected: Text
     remedy: Text
     file: str = ""
     line: int | None = None
     catalogue: str = DEFAULT_CATALOGUE
-    """Whose sentences they are: a kind that it lacks is said in this room's words."""
+    """Catalogue of its texts; for a kind that it lacks the texts of ``DEFAULT_CATALOGUE`` are used."""
 
     def text(self, language: str = "en") -> str:
-        """The whole sentence: where, what was found, what was expected, what to do."""
+        """Return the whole sentence: location, fault, value found, value expected, remedy."""
         return printable_text(
             "profiles.complaint",
             language,
@@ -49,27 +53,26 @@ class Diagnostic:
         )
 
     def _location(self, language: str) -> str:
-        """File, line and key, as far as it has them."""
-        place = self.file if self.line is None else f"{self.file}:{self.line}"
-        return i18n.text("profiles.where", language, place=place, key=self.key) if self.key else place
+        location = self.file if self.line is None else f"{self.file}:{self.line}"
+        return i18n.text("profiles.where", language, location=location, key=self.key) if self.key else location
 
 
 def printable_text(key: str, language: str, /, **params: Any) -> str:
-    """A sentence without control characters: a file may have them, a log or a terminal must not get them (S13)."""
+    """Return a text without control characters: a file may hold them, a log or a terminal must not get them."""
     return CONTROL_CHARACTERS.sub("�", i18n.text(key, language, **params))
 
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """A complaint that does not know yet where its key stands."""
+    """Fault of a key whose line is not known yet."""
 
     kind: str
     path: KeyPath
     found: Any
     params: dict[str, Any]
-    """Places of the sentences ``<room>.expected.<kind>`` and ``<room>.remedy.<kind>``."""
+    """Parameters of the texts ``<catalogue>.expected.<kind>`` and ``<catalogue>.remedy.<kind>``."""
     related: tuple[KeyPath, ...] = ()
-    """Other keys that have a part in it: where only one of them stands in the user's file, that one is named."""
+    """Other keys that take part in it: the one that stands in the user's file is reported."""
 
 
 def issue(
@@ -79,16 +82,16 @@ def issue(
 
 
 def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DEFAULT_CATALOGUE) -> Diagnostic:
-    """The complaint, with its sentences in both languages."""
+    """Return the diagnostic of an issue, with its texts in both languages."""
     return Diagnostic(
-        found.kind,
-        dotted_key(found.path),
-        format_value(found.found),
-        bilingual_text(_text_key(catalogue, "expected", found.kind), **found.params),
-        bilingual_text(_text_key(catalogue, "remedy", found.kind), **found.params),
-        file,
-        line,
-        catalogue,
+        kind=found.kind,
+        key=dotted_key(found.path),
+        found=format_value(found.found),
+        expected=bilingual_text(_text_key(catalogue, "expected", found.kind), **found.params),
+        remedy=bilingual_text(_text_key(catalogue, "remedy", found.kind), **found.params),
+        file=file,
+        line=line,
+        catalogue=catalogue,
     )
 
 
@@ -98,12 +101,12 @@ def _text_key(room: str, part: str, kind: str) -> str:
 
 
 def profile_error(complaints: Sequence[Diagnostic]) -> ProfileError:
-    """The error for a profile with these faults."""
+    """Return the error of a profile with these faults."""
     return ProfileError("profiles.refused", **error_params(complaints))
 
 
 def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
-    """What a refusal carries: the facts of the first fault, and all ``complaints``."""
+    """Return the parameters of a configuration error: those of the first fault, and all ``complaints``."""
     first = complaints[0]
     everything = Text(*("\n".join(c.text(language) for c in complaints) for language in i18n.LANGUAGES))
     return {
@@ -120,12 +123,12 @@ def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
 
 
 def bilingual_text(key: str, /, **params: Any) -> Text:
-    """A sentence of the catalogues in both languages."""
+    """Return a text of the catalogues in both languages."""
     return Text(i18n.text(key, "en", **params), i18n.text(key, "zh", **params))
 
 
 def dotted_key(path: Sequence[str | int]) -> str:
-    """A path as TOML writes it: parts that are no bare key are quoted."""
+    """Return a key path as TOML writes it, with quotes where needed."""
     return ".".join(_quote(str(part)) for part in path)
 
 
@@ -135,7 +138,7 @@ def _quote(part: str) -> str:
 
 
 def format_value(value: Any) -> str:
-    """A TOML value as one would write it; of a long one its two ends."""
+    """Return a value as TOML writes it, shortened."""
     if value is None:
         text = "-"
     elif isinstance(value, bool):
@@ -148,5 +151,83 @@ def format_value(value: Any) -> str:
 
 
 def shorten(text: str) -> str:
-    """At most 60 characters: what lies in the middle of a longer one is left out, for a path's name is at its end."""
+    """Return at most 60 characters; the middle of a longer text is left out, because a path's name is at its end."""
     return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
+
+
+_TOML_TYPES = {
+    "int_type": "integer",
+    "int_from_float": "integer",
+    "float_type": "number",
+    "finite_number": "number",
+    "string_type": "string",
+    "bool_type": "boolean",
+    "list_type": "array",
+    "dict_type": "table",
+    "model_type": "table",
+}
+"""pydantic's type faults to the TOML type of the text ``profiles.type.<type>``."""
+_RANGE_OPERATORS = {"greater_than": ">", "greater_than_equal": ">=", "less_than": "<", "less_than_equal": "<="}
+
+
+def issues_from_pydantic(error: ValidationError, root: type[BaseModel]) -> list[Issue]:
+    """Return one issue per fault that pydantic reports in a file of this schema; a union counts once."""
+    found: dict[tuple[str | int, ...], Issue] = {}
+    for fault in error.errors(include_url=False):
+        path = tuple(part for part in fault["loc"] if part not in ("[key]", "str", "int", "float", "bool"))
+        found.setdefault(path, _to_issue(fault, path, root))
+    return list(found.values())
+
+
+def _to_issue(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) -> Issue:
+    kind, value, ctx = fault["type"], fault["input"], fault.get("ctx", {})
+    if kind == "extra_forbidden":
+        return issue("unknown_key", path, path[-1], known=", ".join(_known_keys(path, root)))
+    if kind == "missing":
+        return issue("missing_key", path, "-", name=path[-1])
+    if kind == "literal_error":
+        if path[0] == "commands" and "toggle" in str(value):
+            return issue("toggle", path, value)
+        return issue("choice", path, value, choices=ctx["expected"].replace(" or ", ", "))
+    if kind in _RANGE_OPERATORS:
+        bound = next(iter(ctx.values()))
+        return issue("range", path, value, bound=f"{_RANGE_OPERATORS[kind]} {bound}")
+    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+        few = ctx.get("min_length", 0)
+        return issue("length", path, value, bound=f">= {few}" if "min_length" in ctx else f"<= {ctx['max_length']}")
+    if kind == "string_pattern_mismatch":
+        return issue("pattern", path, value, pattern=ctx["pattern"])
+    return issue("type", path, value, type=bilingual_text(f"profiles.type.{_TOML_TYPES.get(kind, 'other')}"))
+
+
+def _known_keys(path: tuple[str | int, ...], root: type[BaseModel]) -> list[str]:
+    """Return the keys that the table of an unknown key may have; similar ones only, if there are any."""
+    model: Any = root
+    for part in path[:-1]:
+        model = _child_model(model, part)
+        if model is None:
+            return []
+    fields = [info.alias or name for name, info in model.model_fields.items()]
+    return nearest_names(str(path[-1]), fields) or sorted(fields)
+
+
+def _child_model(model: Any, part: str | int) -> Any:
+    """Return the schema of a table's value, through Optional and dict."""
+    fields = getattr(model, "model_fields", None)
+    if fields is None:
+        return None
+    info = next((f for name, f in fields.items() if (f.alias or name) == part), None)
+    return _find_model(info.annotation) if info else model
+
+
+def _find_model(annotation: Any) -> Any:
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    inner = (_find_model(argument) for argument in getattr(annotation, "__args__", ()))
+    return next((found for found in inner if found is not None), None)
+
+
+def nearest_names(name: str, known: Iterable[str]) -> list[str]:
+    """Return up to three known names that are similar to ``name``, the most similar first."""
+    by_folded = {candidate.lower(): candidate for candidate in known}
+    return [by_folded[found] for found in difflib.get_close_matches(name.strip().lower(), by_folded, 3, 0.5)]

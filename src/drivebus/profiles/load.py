@@ -1,39 +1,59 @@
-"""TOML → ``DriveProfile``: finds the file, follows ``extends``, and refuses with file, line, key and remedy.
+"""Loader of profiles: finds the TOML file, follows ``extends``, checks it and builds the ``DriveProfile``.
 
-Three places, in this order: the profiles that come with drivebus, the user's own directory
-(``$XDG_CONFIG_HOME/drivebus/profiles``), a path. A user's profile may not take the name of one that comes with
-drivebus: nobody's ``vc660`` changes silently.
+A model name is searched among the profiles that come with drivebus, those of installed protocol families, and the
+user's directory (``$XDG_CONFIG_HOME/drivebus/profiles``), in this order. A user's profile can't take the name of one of
+the others, so that no ``vc660`` changes silently.
 """
 
 from __future__ import annotations
 
 import os
-import re
-import tomllib
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
 from drivebus.errors import ProfileError
-from drivebus.profiles import build, check, diagnostics, schema_errors, toml_lines
-from drivebus.profiles.diagnostics import Issue, issue
-from drivebus.profiles.model import DriveProfile
-from drivebus.profiles.notation import nearest_names
-from drivebus.profiles.schema import NEWEST_FORMAT, ProfileIn
+from drivebus.profiles import model as m
+from drivebus.profiles.check import check_profile, resolve_locator
+from drivebus.profiles.diagnostics import (
+    Diagnostic,
+    Issue,
+    bilingual_text,
+    issue,
+    issues_from_pydantic,
+    nearest_names,
+    profile_error,
+    to_diagnostic,
+)
+from drivebus.profiles.schema import (
+    NEWEST_FORMAT,
+    BilingualTextIn,
+    BitIn,
+    CommandsIn,
+    OptionIn,
+    ParameterIn,
+    ProfileIn,
+    ScaleIn,
+    SignalIn,
+    StatusIn,
+    ValueIn,
+)
+from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
+from drivebus.protocols.family import Locator, protocol_families
+from drivebus.serial_settings import StationTiming
+from drivebus.values import Scale
 
 DATA_DIRECTORY = Path(__file__).parent / "data"
-MAX_PROFILE_BYTES = 1_000_000
-"""A profile is some kilobytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class _TomlSource:
-    """One file of a chain: the user's first, then what it extends."""
+    """One file of an ``extends`` chain."""
 
     path: Path
     text: str
@@ -41,15 +61,15 @@ class _TomlSource:
 
 
 def models() -> list[str]:
-    """Names that ``load`` knows: those that come with drivebus, then the user's own."""
-    own = []
-    with suppress(ProfileError):  # a directory that this user may not read
+    """Return the names that ``load`` accepts: built-in models, those of other families, then the user's."""
+    own: list[str] = []
+    with suppress(ProfileError):  # the directory may be unreadable
         own = sorted(_user_files())
-    return [*_builtin_files(), *own]
+    return [*_builtin_files(), *_family_files(), *own]
 
 
-def load(model: str | Path) -> DriveProfile:
-    """The profile of a model by name, or of a TOML file by path.
+def load(model: str | Path) -> m.DriveProfile:
+    """Return the profile of a model by name, or of a TOML file by path.
 
     Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``complaints``.
     """
@@ -58,33 +78,38 @@ def load(model: str | Path) -> DriveProfile:
 
 
 @cache
-def _builtin_profile(path: Path) -> DriveProfile:
-    """One parse a process; profiles are frozen, so they can be shared. A user's file may change, and is read again."""
+def _builtin_profile(path: Path) -> m.DriveProfile:
+    """Load a built-in profile once per process; a user's file may change and is read again."""
     return _load_profile(path)
 
 
-def _load_profile(path: Path) -> DriveProfile:
+def _load_profile(path: Path) -> m.DriveProfile:
     sources = _read_chain(path)
     merged = _merge_chain(sources)
     try:
         profile_in = ProfileIn.model_validate(merged)
     except ValidationError as error:
-        raise _located_error(sources, schema_errors.issues_from_pydantic(error)) from None
-    problems = list(check.check_profile(profile_in))
-    if problems:
-        raise _located_error(sources, problems)
-    return build.build_profile(profile_in, str(path))
+        raise _located_error(sources, issues_from_pydantic(error, ProfileIn)) from None
+    issues = list(check_profile(profile_in))
+    if issues:
+        raise _located_error(sources, issues)
+    return build_profile(profile_in, str(path))
 
 
 @cache
 def _builtin_files() -> dict[str, Path]:
-    """Files whose name begins with ``_`` are only extended, they are no model."""
-    families = [_toml_files(family) for family in sorted(_list_directory(DATA_DIRECTORY)) if family.is_dir()]
-    return {path.stem: path for files in families for path in files if not path.name.startswith("_")}
+    """Return the built-in models; a file whose name begins with ``_`` is only a base of others."""
+    makers = [_toml_files(folder) for folder in sorted(_list_directory(DATA_DIRECTORY)) if folder.is_dir()]
+    return {path.stem: path for files in makers for path in files if not path.name.startswith("_")}
+
+
+def _family_files() -> dict[str, Path]:
+    folders = [family.profiles for family in protocol_families() if family.profiles is not None]
+    return {path.stem: path for folder in folders for path in _toml_files(folder) if not path.name.startswith("_")}
 
 
 def user_directory() -> Path:
-    """Where the user's own profiles are looked for."""
+    """Return the directory of the user's profiles."""
     base = os.environ.get("XDG_CONFIG_HOME")
     return (Path(base) if base else Path.home() / ".config") / "drivebus" / "profiles"
 
@@ -98,8 +123,7 @@ def _toml_files(folder: Path) -> list[Path]:
 
 
 def _list_directory(folder: Path) -> list[Path]:
-    """What is in a folder; nothing where there is none. Raises ProfileError: no file is missing because its folder
-    could not be read."""
+    """Return the entries of a folder; none where it does not exist. Raises ProfileError where it can't be read."""
     try:
         return list(folder.iterdir())
     except FileNotFoundError:
@@ -109,14 +133,14 @@ def _list_directory(folder: Path) -> list[Path]:
 
 
 def _find_file(model: str | Path, beside: Path | None = None) -> Path:
-    """The file of a model name or path. Raises ProfileError where there is none, or two of one name."""
+    """Return the file of a model name or path. Raises ProfileError where there is none, or two of one name."""
     name = str(model)
     if isinstance(model, Path) or name.endswith(".toml") or "/" in name or os.sep in name:
         path = (beside or Path()) / Path(name).expanduser()
         if not path.is_file():
             raise _single_error(path, issue("no_file", (), name))
         return path.resolve()
-    shipped, own = _builtin_files().get(name), None
+    shipped, own = _builtin_files().get(name) or _family_files().get(name), None
     with suppress(ProfileError) if shipped else nullcontext():
         own = _user_files().get(name)
     if shipped and own:
@@ -130,17 +154,17 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
 
 
 def _single_error(path: Path, found: Issue, line: int | None = None) -> ProfileError:
-    return diagnostics.profile_error([diagnostics.to_diagnostic(found, str(path), line)])
+    return profile_error([to_diagnostic(found, str(path), line)])
 
 
 def _read_chain(path: Path) -> list[_TomlSource]:
-    """The file and all that it extends. Raises ProfileError for a circle, a missing base or bad TOML."""
+    """Read a file and all that it extends, in this order. Raises ProfileError for a circle or a missing base."""
     sources = [_read_source(path)]
     while (base := sources[-1].data.get("extends")) is not None:
         here = sources[-1]
         if not isinstance(base, str):
             raise _located_error(
-                [here], [issue("type", ("extends",), base, type=diagnostics.bilingual_text("profiles.type.string"))]
+                [here], [issue("type", ("extends",), base, type=bilingual_text("profiles.type.string"))]
             )
         base_path = _base_path(here, base)
         if any(source.path == base_path for source in sources):
@@ -161,46 +185,32 @@ def _base_path(here: _TomlSource, base: str) -> Path:
 
 
 def _read_source(path: Path) -> _TomlSource:
-    """One file as text and data. Only its format and encoding are judged here."""
-    raw = _read_bytes(path)
-    if raw.startswith(b"\xef\xbb\xbf"):
-        raise _single_error(path, issue("bom", (), "EF BB BF"), 1)
+    """Read one file; only size, encoding, syntax and format are checked."""
     try:
-        text = raw.decode("utf-8").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise _single_error(path, issue("encoding", (), f"{raw[error.start]:02X}H"), line) from None
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _single_error(path, issue("toml", (), str(error).split(" (at ")[0]), _error_line(error, text)) from None
+        text, data = decode_toml(_read_bytes(path))
+    except TomlFault as fault:
+        raise _single_error(path, fault.issue, fault.line) from None
     source = _TomlSource(path, text, data)
-    version = data.get("format")
-    if type(version) is not int or not 1 <= version <= NEWEST_FORMAT:
-        kind = "newer" if type(version) is int and version > NEWEST_FORMAT else "format"
-        raise _located_error([source], [issue(kind, ("format",), version, newest=NEWEST_FORMAT)])
+    wrong_format = format_issue(data, NEWEST_FORMAT)
+    if wrong_format is not None:
+        raise _located_error([source], [wrong_format])
     return source
 
 
 def _read_bytes(path: Path) -> bytes:
-    """What claims to be empty is not read: a path may come from afar, and /proc has files without an end."""
+    """Read a file; one of size 0 is not opened, because a remote caller may name an endless file of /proc."""
     try:
         size = path.stat().st_size
-        if size > MAX_PROFILE_BYTES:
-            raise _single_error(path, issue("too_large", (), size, most=MAX_PROFILE_BYTES), 1)
+        if size > MAX_TOML_BYTES:
+            raise _single_error(path, issue("too_large", (), size, most=MAX_TOML_BYTES), 1)
         with path.open("rb") as file:
-            return file.read(MAX_PROFILE_BYTES) if size else b""
+            return file.read(MAX_TOML_BYTES) if size else b""
     except OSError as error:
         raise _single_error(path, issue("unreadable", (), error.strerror or str(error))) from None
 
 
-def _error_line(error: tomllib.TOMLDecodeError, text: str) -> int:
-    at = re.search(r"line (\d+)", str(error))
-    return int(at[1]) if at else text.rstrip("\n").count("\n") + 1
-
-
 def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
-    """The last base first, each file over it; ``extends`` itself is gone."""
+    """Merge a chain, the last base first, without the key ``extends``."""
     result: dict[str, Any] = {}
     for source in reversed(sources):
         data = {key: value for key, value in source.data.items() if key != "extends"}
@@ -211,7 +221,7 @@ def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
 
 
 def _inherit_scale(table: Any) -> Any:
-    """Whoever writes a ``factor`` knows the step, whatever the file below says; ``scale_published`` overrules."""
+    """Mark the scale of each entry with a ``factor`` as published, unless it says otherwise itself."""
     if not isinstance(table, Mapping):
         return table
     return {
@@ -221,7 +231,7 @@ def _inherit_scale(table: Any) -> Any:
 
 
 def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
-    """Tables merge key by key; everything else, lists too, is replaced."""
+    """Merge tables key by key; other values, lists too, are replaced."""
     merged = dict(base)
     for key, value in top.items():
         below = merged.get(key)
@@ -229,24 +239,231 @@ def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _located_error(sources: list[_TomlSource], problems: list[Issue]) -> ProfileError:
-    """Every problem at the line where its key stands: in the nearest file that has it."""
-    placed = sorted((_locate_issue(sources, found) for found in problems), key=lambda c: (c.file, c.line or 0))
-    return diagnostics.profile_error(placed)
+def _located_error(sources: list[_TomlSource], issues: list[Issue]) -> ProfileError:
+    """Return the error with each issue at the line of its key, in the nearest file that has it."""
+    located = sorted((_locate_issue(sources, found) for found in issues), key=lambda c: (c.file, c.line or 0))
+    return profile_error(located)
 
 
-def _locate_issue(sources: list[_TomlSource], found: Issue) -> diagnostics.Diagnostic:
+def _locate_issue(sources: list[_TomlSource], found: Issue) -> Diagnostic:
     for source in sources:
         for path in (found.path, *found.related):
-            if toml_lines.has_key(source.text, path):
+            if has_key(source.text, path):
                 return _diagnostic_in(source, replace(found, path=path))
     return _diagnostic_in(max(sources, key=lambda source: _matching_depth(source, found)), found)
 
 
-def _diagnostic_in(source: _TomlSource, found: Issue) -> diagnostics.Diagnostic:
-    return diagnostics.to_diagnostic(found, str(source.path), toml_lines.line_of(source.text, found.path) or 1)
+def _diagnostic_in(source: _TomlSource, found: Issue) -> Diagnostic:
+    return to_diagnostic(found, str(source.path), line_of(source.text, found.path) or 1)
 
 
 def _matching_depth(source: _TomlSource, found: Issue) -> int:
-    """How many parts of the path stand in this file."""
-    return max((n for n in range(len(found.path) + 1) if toml_lines.has_key(source.text, found.path[:n])), default=0)
+    """Return how many parts of the key path are in this file."""
+    return max((n for n in range(len(found.path) + 1) if has_key(source.text, found.path[:n])), default=0)
+
+
+def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
+    """Build the profile of a checked file; ``source`` is the path of the file."""
+    parameters, unplaced = _build_parameters(parsed)
+    return m.DriveProfile(
+        model=parsed.model,
+        maker=_build_text(parsed.maker),
+        title=_build_text(parsed.title),
+        family=parsed.family,
+        grade=parsed.grade,
+        encodings=tuple(parsed.encodings),
+        addresses=(parsed.addresses[0], parsed.addresses[1]),
+        broadcast=parsed.broadcast,
+        serial=_build_serial(parsed),
+        timing=StationTiming(**parsed.timing.model_dump(exclude={"evidence"})),
+        limits=m.FrequencyLimits(parsed.limits.minimum_hz, parsed.limits.maximum_hz),
+        capabilities=frozenset(parsed.capabilities),
+        signals=_build_signals(parsed),
+        parameters=parameters,
+        preconditions=_build_preconditions(parsed, unplaced),
+        faults={int(code): _build_fault(int(code), fault) for code, fault in parsed.faults.items()},
+        write_support=m.WriteSupport(parsed.write.ram, parsed.write.eeprom, parsed.write.eeprom_address_bit),
+        comm_loss=m.CommLossParameters(
+            parsed.comm_loss.time, parsed.comm_loss.action, tuple(parsed.comm_loss.trips_values)
+        ),
+        caveats=tuple(m.Caveat(i, _build_text(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()),
+        settings=option_values(parsed),
+        setpoint_scale=Scale(parsed.setpoint.factor, 0.0, parsed.setpoint.coding, parsed.setpoint.decimals),
+        modbus=_build_modbus(parsed),
+        commands=_build_commands(parsed.commands),
+        status=_build_status(parsed.status),
+        group_sizes=dict(parsed.group_sizes),
+        ramp_notations=(parsed.ramp[0], parsed.ramp[1]) if parsed.ramp else None,
+        keypad=tuple(_build_text(step) for step in parsed.keypad),
+        wiring=_build_text(parsed.wiring) if parsed.wiring else None,
+        source=source,
+        format_version=parsed.format,
+        open_questions=_build_options(parsed),
+        notation=m.NotationRule(parsed.family, parsed.notation.style, parsed.notation.highest),
+        unplaced=unplaced,
+        roles=dict(cast("dict[str, str]", parsed.roles)),
+        fault_label=parsed.unknown_fault.label if parsed.unknown_fault else "",
+        fault_text=_build_text(parsed.unknown_fault.text) if parsed.unknown_fault else None,
+        evidence=_section_evidence(parsed),
+    )
+
+
+def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
+    """Return the value of every option: the file's, else its default."""
+    defaults = {name: option.default for name, option in parsed.open.items() if option.where is None}
+    return {**defaults, **parsed.settings}
+
+
+def parse_evidence(line: str) -> m.Evidence:
+    """Split ``manual §4.2`` into kind and source."""
+    kind, _, source = line.partition(" ")
+    return m.Evidence(cast("Any", kind.rstrip(",:")), source)
+
+
+def _build_text(parsed: BilingualTextIn) -> m.Text:
+    return m.Text(parsed.en, parsed.zh)
+
+
+def _build_scale(parsed: ScaleIn) -> Scale:
+    return Scale(parsed.factor, parsed.offset, parsed.coding, parsed.decimals)
+
+
+def _build_serial(parsed: ProfileIn) -> m.SerialDefaults:
+    serial = parsed.line
+    return m.SerialDefaults(serial.baud, serial.format, tuple(serial.bauds), tuple(serial.formats))
+
+
+def _build_signals(parsed: ProfileIn) -> dict[str, m.Signal]:
+    """Build the signals whose address is known; others can't be polled."""
+    placed = {}
+    for name, signal in parsed.signals.items():
+        locator = resolve_locator(parsed, signal.notation, signal.register_)
+        if isinstance(locator, tuple):
+            placed[name] = _build_signal(name, signal, locator)
+    return placed
+
+
+def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
+    return m.Signal(
+        name=name,
+        notation=parsed.notation,
+        locator=locator,
+        text=_build_text(parsed.text),
+        unit=parsed.unit,
+        scale=_build_scale(parsed),
+        period_s=parsed.period_s,
+        minimum=parsed.minimum,
+        maximum=parsed.maximum,
+        evidence=parse_evidence(parsed.evidence),
+        uncertain=_uncertain_reason(parsed),
+    )
+
+
+def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.Text]]:
+    """Build the parameters with an address, and the reason for each that has none."""
+    placed: dict[str, m.Parameter] = {}
+    unplaced: dict[str, m.Text] = {}
+    for notation, parameter in parsed.parameters.items():
+        locator = resolve_locator(parsed, notation, parameter.register_)
+        if isinstance(locator, tuple):
+            chosen = option_values(parsed).get(parameter.maximum_setting or "")
+            maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
+            placed[notation] = _build_parameter(notation, parameter, locator, maximum)
+        elif isinstance(locator, Exception):
+            unplaced[notation] = m.Text(locator.text("en"), locator.text("zh"))
+    return placed, unplaced
+
+
+def _build_parameter(notation: str, parsed: ParameterIn, locator: Locator, maximum: float | None) -> m.Parameter:
+    return m.Parameter(
+        notation=notation,
+        locator=locator,
+        text=_build_text(parsed.text),
+        unit=parsed.unit,
+        scale=_build_scale(parsed),
+        minimum=parsed.minimum,
+        maximum=maximum,
+        writable=parsed.writable,
+        choices={int(raw): _build_text(choice) for raw, choice in parsed.choices.items()},
+        help=_build_text(parsed.help) if parsed.help else None,
+        caveat=parsed.caveat,
+        factory=parsed.factory,
+        evidence=parse_evidence(parsed.evidence),
+        readable=parsed.readable,
+        uncertain=_uncertain_reason(parsed),
+    )
+
+
+def _uncertain_reason(parsed: ValueIn) -> str | None:
+    return None if parsed.scale_published else "profiles.scale_unpublished"
+
+
+def _build_preconditions(parsed: ProfileIn, unplaced: dict[str, m.Text]) -> tuple[m.Precondition, ...]:
+    return tuple(
+        m.Precondition(notation, tuple(wanted.accepted), _build_text(wanted.keypad), unplaced.get(notation))
+        for notation, wanted in parsed.preconditions.items()
+    )
+
+
+def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
+    cause, remedy = (_build_text(text) if text else None for text in (parsed.cause, parsed.remedy))
+    return m.FaultEntry(code, parsed.label, _build_text(parsed.text), cause, remedy)
+
+
+def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
+    rule = parsed.modbus
+    return m.ModbusFeatures(tuple(rule.functions), rule.max_read, rule.error_form, rule.loopback) if rule else None
+
+
+def _build_bit(parsed: BitIn) -> m.CommandBit:
+    return m.CommandBit(parsed.mask, parsed.value, parsed.pulse)
+
+
+def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
+    if parsed is None:
+        return None
+    variants = {
+        setting: {value: {name: _build_bit(bit) for name, bit in bits.items()} for value, bits in choices.items()}
+        for setting, choices in parsed.variants.items()
+    }
+    return m.CommandMap(
+        parsed.register_,
+        {name: _build_bit(bit) for name, bit in parsed.bits.items()},
+        parsed.setpoint_register,
+        parsed.rewrite_levels_after_pulse,
+        parsed.function,
+        cast("Any", variants),
+    )
+
+
+def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
+    if parsed is None:
+        return None
+    bits = cast("dict[str, int]", dict(parsed.bits))
+    return m.StatusMap(parsed.register_, bits, parsed.reserved_mask, tuple(parsed.fault_registers))
+
+
+def _build_span(parsed: OptionIn) -> tuple[int, int] | None:
+    return (parsed.span[0], parsed.span[1]) if parsed.span else None
+
+
+def _build_options(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
+    return tuple(
+        m.OpenQuestion(
+            setting=name,
+            default=option.default,
+            choices=tuple(option.choices),
+            text=_build_text(option.text),
+            reason=_build_text(option.reason),
+            settle=_build_text(option.settle),
+            where=option.where,
+            span=_build_span(option),
+        )
+        for name, option in parsed.open.items()
+    )
+
+
+def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:
+    names = ("line", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus")
+    sections = {name: getattr(parsed, name) for name in names}
+    return {name: parse_evidence(section.evidence) for name, section in sections.items() if section is not None}

@@ -1,25 +1,24 @@
-"""What a profile says of a drive model: values only; ``load`` makes them from TOML.
+"""Profile of a drive model as frozen values; ``load`` builds them from TOML.
 
-A locator is ``(space, index)``: C320 ("monitor", n) and ("parameter", group << 8 | item) and ("identity", group);
-DZB100 ("query", n) and ("parameter", n); Modbus ("holding", register).
+A locator is ``(space, index)``, for example ("monitor", n) and ("parameter", group << 8 | item) of the Sunfar family,
+("query", n) of the DZB100, ("holding", register) of Modbus.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from drivebus import i18n
+from drivebus.protocols.family import JogFrequency, Locator, protocol_family
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Scale
-
-Locator = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A sentence in both languages."""
+    """Text in both languages."""
 
     en: str
     zh: str
@@ -27,7 +26,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Where a fact comes from."""
+    """Origin of a fact."""
 
     kind: Literal["manual", "computed", "sister", "assumed", "user", "measured"]
     source: str
@@ -35,7 +34,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Caveat:
-    """What the user must know, with an id (T08, …) and its source."""
+    """Warning for the user, with an id and its source."""
 
     id: str
     text: Text
@@ -44,7 +43,7 @@ class Caveat:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A value read again and again."""
+    """Value that is polled."""
 
     name: str
     """Canonical: state, set_frequency, output_frequency, output_current, output_voltage, output_power,
@@ -58,15 +57,15 @@ class Signal:
     period_s: float = 1.0
     minimum: float | None = None
     maximum: float | None = None
-    """Plausible range: outside it a reading is uncertain (range check of RELIABILITY 4)."""
+    """Plausible range: a reading outside it is uncertain."""
     evidence: Evidence = Evidence("assumed", "")
     uncertain: str | None = None
-    """An i18n key where every reading of it is at best uncertain (its scale is not published): the reading's reason."""
+    """i18n key of the reason why every reading is at best uncertain, as when the scale is not published."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A setting of the drive."""
+    """Parameter of the drive."""
 
     notation: str
     locator: Locator
@@ -85,27 +84,27 @@ class Parameter:
     readable: bool = True
     """False for a write-only register (VC660 2002H ..., DF800 2000H)."""
     listed: bool = True
-    """False where the profile does not know it and only the notation gave its address: raw word, no range."""
+    """False where only the notation gave the address: a raw word without range."""
     uncertain: str | None = None
-    """As a signal's: an i18n key where the scale is not published."""
+    """i18n key of the reason why its value is uncertain."""
 
 
 @dataclass(frozen=True, slots=True)
 class Precondition:
-    """A parameter that must hold a value before the drive obeys the bus (ruling 4)."""
+    """Parameter that must have a value before the drive obeys the bus."""
 
     notation: str
     accepted: tuple[int, ...]
-    """Raw values, any of which will do."""
+    """Raw values, any of which is right."""
     keypad: Text
-    """The keypad step that mends it."""
+    """Keypad step that sets it."""
     unreadable: Text | None = None
-    """Set where the host can't read it: why, and what to supply. Then the user is told, nothing is assumed."""
+    """Reason why the host can't read it, and what to supply; the user is told instead of a value being assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEntry:
-    """One fault code: the keypad's label, the text, cause and remedy where the maker gives them."""
+    """Fault code: label on the keypad, text, and cause and remedy where the maker gives them."""
 
     code: int
     label: str
@@ -116,19 +115,21 @@ class FaultEntry:
 
 @dataclass(frozen=True, slots=True)
 class CommandBit:
-    """One bit (or field value under ``mask``) of a Modbus command word."""
+    """One bit, or one value of the field under ``mask``, of a command word."""
 
     mask: int
     value: int
     pulse: bool = False
-    """Acts on its edge; else a level that every write sets."""
+    """It acts on its edge; otherwise it is a level that every write sets."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandMap:
-    """How a Modbus model takes commands. Names: start, stop, coast, quick_stop, reset, forward, reverse,
-    jog_forward, jog_reverse, jog_stop, pause, hold_ramp. What is absent the model can't do.
-    ``resolved`` puts in the bits that an open question's setting decides (DF800: direction_field)."""
+    """Command word of a register-based model.
+
+    Names: start, stop, coast, quick_stop, reset, forward, reverse, jog_forward, jog_reverse, jog_stop, pause,
+    hold_ramp. The model can't do what is absent.
+    """
 
     register: int
     bits: Mapping[str, CommandBit]
@@ -136,10 +137,10 @@ class CommandMap:
     rewrite_levels_after_pulse: bool = False
     function: int = 6
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
-    """Setting → its value → bits that stand only under that value."""
+    """Option to its values to the bits that apply only under that value."""
 
     def resolved(self, settings: Mapping[str, Any]) -> CommandMap:
-        """The map under these settings, all bits in ``bits``. A setting without a known value adds none."""
+        """Return the map with the bits of these option values added; an unknown value adds none."""
         bits = dict(self.bits)
         for setting, choices in self.variants.items():
             bits |= choices.get(str(settings.get(setting)), {})
@@ -148,19 +149,22 @@ class CommandMap:
 
 @dataclass(frozen=True, slots=True)
 class StatusMap:
-    """How a Modbus model reports its state: bit masks of one status register, by name: ready, fault, under_voltage,
-    running, emergency_stopping, paused, speed_search, dc_braking, jogging, set_reverse, output_reverse."""
+    """Status word of a register-based model: bit masks by name.
+
+    Names: ready, fault, under_voltage, running, emergency_stopping, paused, speed_search, dc_braking, jogging,
+    set_reverse, output_reverse.
+    """
 
     register: int
     bits: Mapping[str, int]
     reserved_mask: int = 0
-    """Bits that must read 0; else the word is not believed."""
+    """Bits that must read 0; otherwise the word is rejected."""
     fault_registers: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class CommLossParameters:
-    """What the drive does when its host falls silent, read from the drive where it can be."""
+    """Parameters that decide what the drive does when communication is lost."""
 
     time_notation: str | None = None
     action_notation: str | None = None
@@ -170,18 +174,18 @@ class CommLossParameters:
 
 @dataclass(frozen=True, slots=True)
 class WriteSupport:
-    """RAM and EEPROM writes (ruling 8)."""
+    """Kinds of parameter writes; an EEPROM write wears the memory."""
 
     ram: bool
     """The drive can write without saving."""
     eeprom: bool = True
     eeprom_address_bit: int | None = None
-    """VC660: index | 8000H saves as well."""
+    """Address bit that makes a write go to EEPROM as well (VC660: 8000H)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModbusFeatures:
-    """What a Modbus model bends."""
+    """Modbus functions and limits of a model."""
 
     functions: tuple[int, ...] = (3, 6)
     max_read: int = 125
@@ -192,7 +196,7 @@ class ModbusFeatures:
 
 @dataclass(frozen=True, slots=True)
 class FrequencyLimits:
-    """Frequency limits of the model in Hz until the drive or the user says narrower."""
+    """Frequency limits of the model in Hz; drive and user may narrow them."""
 
     minimum_hz: float
     maximum_hz: float
@@ -200,7 +204,7 @@ class FrequencyLimits:
 
 @dataclass(frozen=True, slots=True)
 class SerialDefaults:
-    """Factory line settings and what can be chosen."""
+    """Factory serial settings, and the values that can be chosen."""
 
     baud: int
     format: str
@@ -210,52 +214,46 @@ class SerialDefaults:
 
 @dataclass(frozen=True, slots=True)
 class OpenQuestion:
-    """What nothing in the manuals settles: a setting, its default, why, and how to settle it."""
+    """Behaviour that the manuals leave open: an option, its default, the reason, and how to find the value."""
 
     setting: str
     default: str | int | float | bool
     choices: tuple[str | int | float | bool, ...]
-    """The values it can have; empty where any value of the default's type will do."""
+    """Allowed values; empty where any value of the default's type is allowed."""
     text: Text
     reason: Text
     settle: Text
     where: str | None = None
-    """Part of the profile that answers it (``[timing]``); None: a setting, in ``settings`` too."""
+    """Part of the profile that holds the answer (``[timing]``); None for an option of ``settings``."""
     span: tuple[int, int] | None = None
     """Any whole number from the first to the second is a choice as well."""
 
 
-Style = Literal["sifang", "dzb", "consecutive", "hundreds", "register"]
-
-
 @dataclass(frozen=True, slots=True)
 class NotationRule:
-    """How the manual's parameter notation becomes an address; see ``profiles.notation``."""
+    """Notation style of a manual; see ``ProtocolFamily.notations``."""
 
-    style: Style
+    family: str
+    style: str
     highest: int
     """Largest parameter address (the index part of the locator)."""
 
 
-JogFrequency = Literal["drive", "asked", "either"]
-"""drive: its own setting, the bus can't say it; asked: every jog frame carries it; either: asked, else its own."""
-JOG_FREQUENCY_BY_FAMILY: Final[Mapping[str, JogFrequency]] = {"sifang": "either", "dzb": "asked", "modbus": "drive"}
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveProfile:
-    """All that drivebus knows of one drive model."""
+    """Everything that drivebus knows of one drive model."""
 
     model: str
-    """The id used with --model: c320, dzb100, …"""
+    """Name used with ``--model``: c320, dzb100, …"""
     maker: Text
     title: Text
-    family: Literal["sifang", "dzb", "modbus"]
-    grade: Literal["draft", "bench", "proved"]
-    """draft: claims only what a sister's manual supports; bench: every worked frame of its manual passes and a
-    simulated drive of its own exists; proved: on hardware."""
+    family: str
+    """Name of its ``ProtocolFamily``."""
+    grade: Literal["draft", "simulated", "verified"]
+    """draft: from the manual of a related model only; simulated: every worked frame of its manual passes and a
+    simulated drive exists; verified: tried on hardware."""
     encodings: tuple[str, ...]
-    """First is the default: ascii, hex, rtu."""
+    """The first is the default."""
     addresses: tuple[int, int]
     broadcast: int | None
     serial: SerialDefaults
@@ -263,7 +261,7 @@ class DriveProfile:
     limits: FrequencyLimits
     capabilities: frozenset[str]
     """Of: run, reverse, stop, coast, quick_stop, jog, set_frequency, reset_fault, read, write, write_ram, save,
-    identify, broadcast_stop, status. Anything else is refused before sending."""
+    identify, broadcast_stop, status. Any other request is rejected before it is sent."""
     signals: Mapping[str, Signal]
     parameters: Mapping[str, Parameter]
     preconditions: tuple[Precondition, ...]
@@ -272,38 +270,37 @@ class DriveProfile:
     comm_loss: CommLossParameters
     caveats: tuple[Caveat, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Open questions of the family as settings with their value, e.g. monitor_index, setpoint_coding, parity,
-    direction_field; see ``settings`` of the family's page."""
+    """Values of the undocumented options, e.g. monitor_index, setpoint_coding, direction_field."""
     setpoint_scale: Scale = Scale(0.01, decimals=2)
     modbus: ModbusFeatures | None = None
     commands: CommandMap | None = None
     status: StatusMap | None = None
     group_sizes: Mapping[str, int] = field(default_factory=dict)
-    """VC660: group → number of parameters, user supplied; gives Fgg.nn their consecutive index."""
+    """Group to its number of parameters, supplied by the user (VC660): gives Fgg.nn its index."""
     ramp_notations: tuple[str, str] | None = None
     """Parameters of acceleration and deceleration time, where known."""
     keypad: tuple[Text, ...] = ()
     """Keypad steps, in order."""
     wiring: Text | None = None
     source: str = ""
-    """File that it was read from."""
+    """Path of its file."""
     format_version: int = 1
     open_questions: tuple[OpenQuestion, ...] = ()
-    notation: NotationRule = NotationRule("register", 0xFFFF)
+    notation: NotationRule = NotationRule("modbus", "register", 0xFFFF)
     unplaced: Mapping[str, Text] = field(default_factory=dict)
-    """Parameters that the manual names and whose address is unknown until the user supplies something: why."""
+    """Parameters without a known address, each with what the user has to supply."""
     roles: Mapping[str, str] = field(default_factory=dict)
-    """Parameters with a part in the protocol, by part: monitor_selector (what a class-4 reply carries), protocol,
-    address, baud, format, reply_delay. Absent where unknown."""
+    """Parameters of the protocol itself: monitor_selector (content of a class-4 reply), protocol, address, baud,
+    format, reply_delay. Absent where unknown."""
     fault_label: str = ""
     """Label of a code that ``faults`` does not list, e.g. ``Fu.{code}``."""
     fault_text: Text | None = None
-    """Text of such a code, with a place ``{code}``."""
+    """Text of such a code, with the parameter ``{code}``."""
     evidence: Mapping[str, Evidence] = field(default_factory=dict)
-    """Where whole sections come from: line, timing, limits, setpoint, write_rule, comm_loss, commands, status."""
+    """Origin of whole sections: line, timing, limits, setpoint, write, comm_loss, commands, status, modbus."""
 
     def fault(self, code: int) -> FaultEntry:
-        """The entry of a fault code; one made from label and text above where the maker does not publish it."""
+        """Return the entry of a fault code; an unpublished code gets the general label and text."""
         known = self.faults.get(code)
         if known is not None:
             return known
@@ -316,11 +313,11 @@ class DriveProfile:
 
     @property
     def jog_frequency(self) -> JogFrequency | None:
-        """What decides the frequency of a jog, by the family's frames; None where the model can't jog."""
-        return JOG_FREQUENCY_BY_FAMILY[self.family] if "jog" in self.capabilities else None
+        """Where the frequency of a jog comes from; None where the model can't jog."""
+        return protocol_family(self.family).jog_frequency if "jog" in self.capabilities else None
 
     def writable_registers(self) -> frozenset[int]:
-        """Modbus: the only registers that may ever be written (T12), EEPROM forms not counted."""
+        """Return the registers that may be written, without their EEPROM forms; no other register is ever written."""
         listed = {p.locator[1] for p in self.parameters.values() if p.writable and p.locator[0] == "holding"}
         if self.commands is not None:
             listed |= {self.commands.register, self.commands.setpoint_register}

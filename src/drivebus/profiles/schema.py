@@ -1,7 +1,7 @@
-"""The shape of a profile file: pydantic, strict, nothing unknown allowed. What needs two keys at once is in ``check``.
+"""Schema of a profile file: strict pydantic models without unknown keys. Checks of several keys are in ``check``.
 
-A file is TOML with ``format = 1``. Everything that a user may override has a key of its own (signals by name,
-parameters and preconditions by notation, faults by code, caveats by id), so that ``extends`` is a plain merge.
+A file is TOML with ``format = 1``. Whatever a user may override has a key of its own (signals by name, parameters and
+preconditions by notation, faults by code, caveats by id), so that ``extends`` is a plain merge.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 NEWEST_FORMAT = 1
-"""Newest file format that this drivebus reads."""
+"""Newest file format that this version reads."""
 
 Capability = Literal[
     "run",
@@ -67,11 +67,11 @@ Sentence = Annotated[str, StringConstraints(min_length=1)]
 EvidenceLine = Annotated[
     str, StringConstraints(pattern=r"^(manual|computed|sister|assumed|user|measured)([,:]? \S.*)?$")
 ]
-"""First word: the kind of evidence; the rest: where."""
+"""Kind of evidence, then its location."""
 
 
 class StrictTable(BaseModel):
-    """No unknown keys, no coercion."""
+    """Table without unknown keys and without type coercion."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -89,7 +89,7 @@ class ScaleIn(StrictTable):
 
 
 class SetpointIn(StrictTable):
-    """A slip here would be a runaway: bounds catch it, and a setpoint has neither sign nor offset."""
+    """Scale of the setpoint. Narrow bounds catch a wrong factor, which could overspeed a motor."""
 
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
     """Hz a step."""
@@ -101,12 +101,12 @@ class SetpointIn(StrictTable):
 class ValueIn(ScaleIn):
     text: BilingualTextIn
     register_: Annotated[Word | None, Field(alias="register")] = None
-    """Modbus: the address where the notation alone does not give it."""
+    """Register address, where the notation does not give it (register-based families)."""
     unit: Unit = ""
     minimum: float | None = None
     maximum: float | None = None
     scale_published: bool = True
-    """False: a raw word whose step the manual does not give; its readings are uncertain."""
+    """False for a raw word without a published step; its readings are uncertain."""
     evidence: EvidenceLine
 
 
@@ -119,7 +119,7 @@ class ParameterIn(ValueIn):
     writable: bool = True
     readable: bool = True
     maximum_setting: Name | None = None
-    """The setting that holds the maximum, where an open question leaves it to the user."""
+    """Option that holds the maximum, where the user supplies it."""
     choices: dict[str, BilingualTextIn] = {}
     help: BilingualTextIn | None = None
     caveat: str | None = None
@@ -147,12 +147,12 @@ class OptionIn(StrictTable):
     default: OptionValue
     choices: list[OptionValue] = []
     span: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
-    """Any whole number from the first to the second is a choice as well."""
+    """Any whole number from the first to the second is allowed as well."""
     text: BilingualTextIn
     reason: BilingualTextIn
     settle: BilingualTextIn
     where: str | None = None
-    """The part of the profile that answers it, where it is no setting of its own: ``[timing]``."""
+    """Part of the profile that holds the answer, such as ``[timing]``, where it is no option."""
 
 
 class BitIn(StrictTable):
@@ -228,7 +228,8 @@ class CommLossIn(StrictTable):
 
 
 class NotationIn(StrictTable):
-    style: Literal["sifang", "dzb", "consecutive", "hundreds", "register"]
+    style: str
+    """A key of the family's ``ProtocolFamily.notations``."""
     highest: Word = 0xFFFF
 
 
@@ -238,15 +239,16 @@ class UnknownFaultIn(StrictTable):
 
 
 class ProfileIn(StrictTable):
-    """A whole file, after ``extends`` has been merged in."""
+    """Whole file after the merge of ``extends``."""
 
     format: int
     model: Name
     maker: BilingualTextIn
     title: BilingualTextIn
-    family: Literal["sifang", "dzb", "modbus"]
-    grade: Literal["draft", "bench", "proved"]
-    encodings: Annotated[list[Literal["ascii", "hex", "rtu"]], Field(min_length=1)]
+    family: str
+    """Name of a ``ProtocolFamily``."""
+    grade: Literal["draft", "simulated", "verified"]
+    encodings: Annotated[list[str], Field(min_length=1)]
     addresses: Annotated[list[Annotated[int, Field(ge=0, le=247)]], Field(min_length=2, max_length=2)]
     broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
     capabilities: list[Capability]

@@ -12,7 +12,7 @@ from typing import Any
 from drivebus.errors import PortLost, PortUnavailable, PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.bus import SimulatedBus
-from drivebus.simulator.models.catalog import STATION_OPTION_NAMES, make_stations
+from drivebus.simulator.models.catalog import make_stations, station_option_names
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
@@ -81,7 +81,7 @@ def open_port(link: Any) -> SimPort:
     Options: seed, weather, name, echo, load, ramp (seconds), drives (the stations' own line, ``19200-8E1``, where the
     host's is wrong on purpose), and the open settings of the families (``direction_field``, ``setpoint_coding``, …).
     """
-    link.reject_unknown_options("seed", "weather", "name", "echo", "load", "ramp", "drives", *STATION_OPTION_NAMES)
+    link.reject_unknown_options("seed", "weather", "name", "echo", "load", "ramp", "drives", *station_option_names())
     name = link.options.get("name", "")
     bench = _named_buses.get(name)
     if bench is None:
@@ -94,7 +94,8 @@ def open_port(link: Any) -> SimPort:
 
 
 def _create_bus(link: Any, name: str) -> SimulatedBus:
-    settings = {key: value for key, value in link.options.items() if key in STATION_OPTION_NAMES}
+    names = station_option_names()
+    settings = {key: value for key, value in link.options.items() if key in names}
     stations = make_stations(link.path, settings, link.options.get("load", "constant"))
     ramp_s = link.number("ramp", 10.0, 0.1, 3600.0)
     for station in stations if "ramp" in link.options else ():

@@ -7,6 +7,7 @@ its delay. What a request means is the family's own module; nothing of the host'
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -188,3 +189,16 @@ class Station(ABC):
     def keypad_set(self, key: int, value: int) -> None:
         """A person changes a parameter at the keypad: saved, and asked nobody."""
         self.memory.write(key, value, save=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedModel:
+    """Drive model that can be simulated: its station, addresses and options."""
+
+    station: Callable[..., Station]
+    """``(address, motor=…, **options)``."""
+    addresses: range
+    options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Option to its values, chosen by the user."""
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    """Constructor arguments of this model."""

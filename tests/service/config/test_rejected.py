@@ -9,6 +9,7 @@ import pytest
 
 from drivebus import i18n
 from drivebus.errors import ConfigurationError
+from drivebus.profiles import toml_file
 from drivebus.service import config
 from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
 
@@ -102,7 +103,8 @@ def test_brackets_without_end_are_refused_like_any_other_nonsense() -> None:
 
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
-    source = "".join(path.read_text() for path in Path(config.__file__).parent.glob("*.py"))
+    files = [*Path(config.__file__).parent.glob("*.py"), Path(toml_file.__file__)]
+    source = "".join(path.read_text() for path in files)
     kinds = set(re.findall(r'issue\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
     known = i18n.catalogue("en").keys()
     for kind in kinds:

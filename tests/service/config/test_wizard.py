@@ -157,7 +157,14 @@ def test_a_scan_that_finds_nobody_writes_nothing(tmp_path: Path) -> None:
 
 
 def found(address: int, model: str, encoding: str = "ascii", family: str = "c320", baud: int = 9600) -> DetectedDrive:
-    return DetectedDrive((model, "sister"), family, encoding, address, SerialSettings(baud), (b"", b""))
+    return DetectedDrive(
+        models=(model, "sister"),
+        family=family,
+        encoding=encoding,
+        address=address,
+        settings=SerialSettings(baud),
+        exchange=(b"", b""),
+    )
 
 
 def test_t18_whoever_speaks_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,7 +38,7 @@ def view(state: str = "running", fault: str | None = None, presence: str = "onli
         "a",
         1,
         "c320",
-        "bench",
+        "simulated",
         (),
         (),
         presence,

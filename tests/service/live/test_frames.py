@@ -53,7 +53,7 @@ def commanded() -> list[tuple[str, bytes]]:
     return found + [("dzb100", dzb100.Dzb100Codec().encode_request(dzb100.Dzb100Control(1, *word))) for word in words]
 
 
-TOLD = [(each.family, each.data, each.direction == "request") for each in all_vectors()]
+TOLD = [(each.model, each.data, each.direction == "request") for each in all_vectors()]
 TOLD += [(model, data, True) for model, data in commanded()]
 TOLD += [(model, data[:-1] + b"?", True) for model, data in commanded()]  # with something wrong
 

@@ -70,7 +70,7 @@ def description_json(model: str, data: bytes, found: FrameDescription) -> dict[s
         "canonical_hex": found.canonical,
         "ambiguous": other is not None,
         "meant": None if other is None else dict(other),
-        "readings": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.readings],
+        "interpretations": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.interpretations],
     }
 
 
@@ -90,7 +90,7 @@ def description_text(model: str, data: bytes, found: FrameDescription) -> str:
         lines += [output.wrap_for(one, sys.stdout) for one in said]
     if found.canonical is not None and found.canonical != data:
         lines.append(output.text("decode.canonical", hex=output.to_json_value(found.canonical)))
-    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in found.readings]
+    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in found.interpretations]
     return "\n".join(lines)
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
-from drivebus.cli.commands.scan import DEFAULT_MODELS
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.remote import options as remote_options
 from drivebus.cli.remote.options import RemoteCommand
@@ -16,8 +15,7 @@ from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.cli.tui.row_source import RowSource
-    from drivebus.commissioning.scan import DetectedDrive
-    from drivebus.commissioning.scan_plan import ScanPass
+    from drivebus.commissioning.scan import DetectedDrive, ScanPass
     from drivebus.profiles import DriveProfile
     from drivebus.serial_settings import SerialSettings
 
@@ -46,7 +44,9 @@ class MonitorOptions:
 
     @property
     def models(self) -> tuple[str, ...]:
-        return (self.model,) if self.model else DEFAULT_MODELS
+        from drivebus.protocols.family import default_scan_models
+
+        return (self.model,) if self.model else default_scan_models()
 
     def passes(self) -> list[ScanPass]:
         """The scan that finds out who is there, where the options do not say it."""

@@ -17,12 +17,9 @@ from drivebus.cli.scanning import ScanProgressBar, print_scan, print_scan_plan
 
 if TYPE_CHECKING:
     from drivebus.cli.signals import ShutdownSignal
-    from drivebus.commissioning.scan import SniffResult
-    from drivebus.commissioning.scan_plan import ScanPass
+    from drivebus.commissioning.scan import ScanPass, SniffResult
     from drivebus.ports.base import Port
     from drivebus.serial_settings import SerialSettings
-
-DEFAULT_MODELS = ("c320", "dzb100", "vc660", "df800")
 
 
 def parse_words(text: str) -> tuple[str, ...]:
@@ -78,7 +75,7 @@ def make_plan(
 ) -> list[ScanPass]:
     """What will be asked. A LINK with ``?baud=`` or ``&format=`` has chosen, and so has a raw TCP server."""
     from drivebus import ports, profiles
-    from drivebus.commissioning.scan_plan import FIXED_SETTINGS_SCHEMES, plan_scan
+    from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan
     from drivebus.ports.url import parse_port_url
 
     parsed = parse_port_url(link)
@@ -136,8 +133,10 @@ async def _listen(ending: ShutdownSignal, open_port: Any, passes: list[ScanPass]
 
 def search_options() -> list[click.Parameter]:
     """--models and --addresses: whom a scan asks."""
+    from drivebus.protocols.family import default_scan_models
+
     models = options.ParsedType("models", parse_words, "cli.expect.models")
-    usual = ",".join(DEFAULT_MODELS)
+    usual = ",".join(default_scan_models())
     return [
         Option(["--models"], default=usual, type=models, metavar="M,...", example="--models c320,vc660"),
         Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),

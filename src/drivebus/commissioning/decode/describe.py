@@ -1,29 +1,19 @@
-"""A frame explained for a model: what its protocol reads, and what the model's profile says of it.
+"""Description of one frame for a drive model: fields of the protocol with names and units of the profile.
 
-``explain`` is the logic of the ``decode`` verb. It is tolerant where the master is strict, and says so: nothing that
-was learnt here ever goes to a drive.
+The readers are tolerant where the master is strict, and report every difference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from drivebus import profiles
-from drivebus.commissioning.decode import annotate, errata
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import DriveProfile
-from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.describe import Direction, FrameDescription
-
-FAMILY_ENCODINGS: Final[Mapping[str, tuple[str, ...]]] = {
-    "sifang": ("ascii", "hex"),
-    "dzb": ("ascii",),
-    "modbus": ("rtu", "ascii"),
-}
-"""What the protocols of a family know, whatever a model's keypad offers."""
-_ENCODING_BY_FIRST_BYTE: Final = {("sifang", 0x2A): "ascii", ("sifang", 0x5A): "hex", ("modbus", 0x3A): "ascii"}
+from drivebus.protocols.family import protocol_family, resolve
 
 
 def describe_frame(
@@ -34,35 +24,33 @@ def describe_frame(
     direction: str | None = None,
     request: bytes | None = None,
 ) -> FrameDescription:
-    """Explain one frame of a model's line, whatever its bytes are.
+    """Describe one frame of a model, whatever its bytes are.
 
     Without ``encoding`` the first byte decides; without ``direction`` a frame is a response where its ``request`` is
-    given, else what its shape says. A response without its request has its candidate ``readings``.
+    given, else its shape decides. A response without its request has ``interpretations``.
     Raises ProfileError for an unknown model, ConfigurationError for an encoding or direction that it can't have.
     """
     profile = profiles.load(model)
-    chosen, way, read = (
-        _choose_encoding(profile, data, encoding),
-        _check_direction(direction),
-        _DESCRIBERS[profile.family],
-    )
-    found = read(profile, data, chosen, way, request)
-    asked = None if request is None else read(profile, request, chosen, "request", None).fields
-    return errata.apply_errata(profile, data, asked, annotate.annotate(profile, found, asked))
+    describe = resolve(protocol_family(profile.family).describe)
+    chosen = _choose_encoding(profile, data, encoding)
+    description: FrameDescription = describe(profile, data, chosen, _check_direction(direction), request)
+    return description
 
 
-def alternative_fields(found: FrameDescription) -> Mapping[str, Any] | None:
-    """The other reading of bytes that are ambiguous by themselves (C320 hex data, T03); None where they are not."""
-    if not any(key.endswith(".ambiguous") for key, _ in found.errata):
+def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | None:
+    """Return the second interpretation of ambiguous bytes (Sunfar hex data); None where they are not ambiguous."""
+    if not any(key.endswith(".ambiguous") for key, _ in description.errata):
         return None
-    return next((reading.fields for reading in found.readings if reading.note[0].endswith(".nibbles")), None)
+    return next((each.fields for each in description.interpretations if each.note[0].endswith(".nibbles")), None)
 
 
 def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> str:
-    known = FAMILY_ENCODINGS[profile.family]
+    """Return an encoding of the family, also one that the model does not offer."""
+    family = protocol_family(profile.family)
+    known = family.encodings
     if wanted is None:
         default = next((each for each in profile.encodings if each in known), known[0])
-        return _ENCODING_BY_FIRST_BYTE.get((profile.family, data[0]), default) if data else default
+        return family.first_bytes.get(data[0], default) if data else default
     if wanted not in known:
         raise ConfigurationError("explain.encoding", model=profile.model, found=wanted, expected=", ".join(known))
     return wanted
@@ -76,29 +64,3 @@ def _check_direction(wanted: str | None) -> Direction | None:
     if wanted == "response":
         return "response"
     raise ConfigurationError("explain.direction", found=wanted, expected="request, response")
-
-
-def _describe_sunfar(
-    p: DriveProfile, data: bytes, encoding: str, way: Direction | None, request: bytes | None
-) -> FrameDescription:
-    return sunfar.describe(data, encoding, way, request, annotate.sunfar_decode_options(p))
-
-
-def _describe_dzb100(
-    p: DriveProfile, data: bytes, encoding: str, way: Direction | None, request: bytes | None
-) -> FrameDescription:
-    return dzb100.describe(data, encoding, way, request, annotate.dzb100_decode_options(p))
-
-
-def _describe_modbus(
-    p: DriveProfile, data: bytes, encoding: str, way: Direction | None, request: bytes | None
-) -> FrameDescription:
-    return modbus.describe(data, encoding, way, request, p.modbus.error_form if p.modbus else "exception")
-
-
-Describer = Callable[[DriveProfile, bytes, str, Direction | None, bytes | None], FrameDescription]
-_DESCRIBERS: Final[Mapping[str, Describer]] = {
-    "sifang": _describe_sunfar,
-    "dzb": _describe_dzb100,
-    "modbus": _describe_modbus,
-}

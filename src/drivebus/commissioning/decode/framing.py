@@ -1,4 +1,4 @@
-"""Frames out of a capture's records: what a line carried in one piece, and who said it. Pure; time is the capture's."""
+"""Frames of a capture: its records joined to frames, with direction and sender. Times are those of the capture."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ from drivebus.protocols.checksum import crc16
 from drivebus.serial_settings import SerialSettings
 
 MAX_PIECE_GAP_S: Final = 0.02
-"""Bytes heard after a shorter silence belong together: adapters hand them over in pieces, up to 16 ms apart."""
+"""Longest gap within a received frame: adapters deliver bytes in pieces up to 16 ms apart."""
 MIN_REPLY_OCTETS: Final = 5
-"""Octets (Modbus RTU's exception); fewer after an echo are no reply."""
+"""Size of the shortest reply, a Modbus RTU exception; fewer octets after an echo are no reply."""
 MIN_RTU_OCTETS: Final = 4
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CapturedFrame:
-    """Bytes of the line that belong together."""
+    """Bytes on the bus that belong together."""
 
     time_s: float
-    """Since the capture began: when they were handed to the port, or the first of them came from it."""
+    """Time since the start of the capture at which the bytes were sent, or the first of them was received."""
     data: bytes
     received: bool
     from_master: bool
-    """The master said it: sent, or heard as the echo of what was sent."""
+    """Sent by the master, or received as the echo of what it sent."""
     line_errors: int = 0
-    """How many octets had a parity or framing error."""
+    """Number of octets with a parity or framing error."""
     modbus: bool = False
-    """It is, or answers, a frame of Modbus RTU."""
+    """The frame, or the request before it, is Modbus RTU."""
     events: tuple[str, ...] = ()
-    """What else happened since the frame before, as lines of the capture."""
+    """Other records since the preceding frame, as lines of the capture."""
     ended_s: float = 0.0
-    """When the last of its bytes came."""
+    """Time of its last byte."""
 
 
 def split_frames(capture: Capture, all_modbus: bool = False) -> list[CapturedFrame]:
-    """The frames of a capture, in order.
+    """Return the frames of a capture, in order.
 
-    A frame that we sent is Modbus RTU where its CRC fits (another protocol's fits one time in 65,536), and so is what
-    is heard after it, damaged or not. ``all_modbus``: so is everything.
+    A sent frame is Modbus RTU where its CRC fits (by chance once in 65,536), and so are the frames received after it,
+    damaged or not. With ``all_modbus`` every frame is.
     """
     found: list[CapturedFrame] = []
     for exchange in _group_exchanges(_join_records(capture)):
         first = exchange[0]
-        for one in exchange if first.received else _split_echo(first, exchange[1:]):
-            found.append(replace(one, modbus=all_modbus or _is_modbus(one if first.received else first)))
+        for frame in exchange if first.received else _split_echo(first, exchange[1:]):
+            found.append(replace(frame, modbus=all_modbus or _is_modbus(frame if first.received else first)))
     return found
 
 
 def _join_records(capture: Capture) -> list[CapturedFrame]:
-    """What was sent is a frame; what was heard is one together with what came soon after it."""
+    """Join received records with short gaps to frames; each sent record is a frame."""
     found: list[CapturedFrame] = []
     events: list[str] = []
     settings = capture.header.settings
@@ -76,8 +76,16 @@ def _join_records(capture: Capture) -> list[CapturedFrame]:
 
 
 def _new_frame(record: BytesRecord, events: tuple[str, ...]) -> CapturedFrame:
-    at, heard = record.time_s, record.direction == "rx"
-    return CapturedFrame(at, record.data, heard, not heard, record.line_errors, events=events, ended_s=at)
+    received = record.direction == "rx"
+    return CapturedFrame(
+        time_s=record.time_s,
+        data=record.data,
+        received=received,
+        from_master=not received,
+        line_errors=record.line_errors,
+        events=events,
+        ended_s=record.time_s,
+    )
 
 
 def _event_text(event: EventRecord) -> str:
@@ -85,7 +93,7 @@ def _event_text(event: EventRecord) -> str:
 
 
 def _settings_after(event: EventRecord, before: SerialSettings) -> SerialSettings:
-    """Those of a port that was opened; a scan opens it with one after another."""
+    """Return the serial settings after an event: a scan opens the port with several."""
     if event.name != "opened":
         return before
     try:
@@ -94,29 +102,29 @@ def _settings_after(event: EventRecord, before: SerialSettings) -> SerialSetting
         return before
 
 
-def _continues(last: CapturedFrame, record: BytesRecord, line: SerialSettings) -> bool:
-    silence_s = record.time_s - line.seconds(len(record.data)) - last.ended_s
-    return last.received and record.direction == "rx" and silence_s < max(MAX_PIECE_GAP_S, line.seconds(3.5))
+def _continues(last: CapturedFrame, record: BytesRecord, settings: SerialSettings) -> bool:
+    silence_s = record.time_s - settings.seconds(len(record.data)) - last.ended_s
+    return last.received and record.direction == "rx" and silence_s < max(MAX_PIECE_GAP_S, settings.seconds(3.5))
 
 
 def _group_exchanges(frames: list[CapturedFrame]) -> Iterator[list[CapturedFrame]]:
-    """Each frame sent with all that was heard until the next; what was heard before the first stands alone."""
-    starts = [at for at, one in enumerate(frames) if at == 0 or not one.received]
+    """Yield each sent frame with the frames received until the next frame; earlier ones form a separate group."""
+    starts = [at for at, frame in enumerate(frames) if at == 0 or not frame.received]
     for start, end in pairwise([*starts, len(frames)]):
         yield frames[start:end]
 
 
-def _split_echo(asked: CapturedFrame, heard: list[CapturedFrame]) -> Iterator[CapturedFrame]:
-    """An adapter's echo is the master's: the bytes just sent, where enough for a reply came after them."""
-    yield asked
-    size = len(asked.data)
-    octets = sum(len(one.data) for one in heard)
-    if heard and heard[0].data.startswith(asked.data) and octets - size >= MIN_REPLY_OCTETS:
-        yield replace(heard[0], data=asked.data, from_master=True)
-        rest = heard.pop(0)
+def _split_echo(sent: CapturedFrame, received: list[CapturedFrame]) -> Iterator[CapturedFrame]:
+    """Separate the adapter's echo, which is the bytes just sent, if enough bytes for a reply follow it."""
+    yield sent
+    size = len(sent.data)
+    octets = sum(len(frame.data) for frame in received)
+    if received and received[0].data.startswith(sent.data) and octets - size >= MIN_REPLY_OCTETS:
+        yield replace(received[0], data=sent.data, from_master=True)
+        rest = received.pop(0)
         if len(rest.data) > size:
             yield replace(rest, data=rest.data[size:], events=())
-    yield from heard
+    yield from received
 
 
 def _is_modbus(frame: CapturedFrame) -> bool:

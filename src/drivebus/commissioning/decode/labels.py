@@ -1,20 +1,19 @@
-"""The words of a described frame in a language: names of fields, and of the commands, states and codings in them."""
+"""Labels of a described frame in one language: names of fields, and of commands, states and codings."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from drivebus import i18n
-from drivebus.protocols import dzb100
 
 
 def field_label(name: str, language: str) -> str:
-    """A field's name for people, or a coding's (``frequency_hz_by_coding``); else the name that JSON gives it."""
-    return _text_or_none(f"decode.field.{name}", language) or _text_or_none(dzb100.coding_key(name), language) or name
+    """Return the label of a field or of a coding (key of ``frequency_hz_by_coding``); else its JSON name."""
+    return _text_or_none("decode.field." + name.replace("-", "_").replace(".", "_"), language) or name
 
 
 def value_text(name: str, value: Any, language: str) -> str | None:
-    """What a field's value is called: yes and no, orders, states and answers, signals; None where it is no word."""
+    """Return the text of a truth value, command, state, response or signal; None for other values."""
     if isinstance(value, bool) or value is None:
         return i18n.text(f"decode.{str(value).lower()}", language)
     if not isinstance(value, str):

@@ -1,23 +1,15 @@
-"""The dialect of a profile. Three families have code of their own; models never do."""
+"""Factory of dialects: the profile's family decides the class; models have no code of their own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from drivebus.drives.dialects.base import Dialect
-from drivebus.drives.dialects.dzb100 import Dzb100Dialect
-from drivebus.drives.dialects.modbus import ModbusDialect
-from drivebus.drives.dialects.sunfar import SunfarDialect
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.model import DriveProfile
+from drivebus.protocols.family import protocol_family, resolve
 from drivebus.serial_settings import StationTiming
-
-_DIALECT_FACTORIES: dict[str, Callable[..., Dialect]] = {
-    "sifang": SunfarDialect,
-    "dzb": Dzb100Dialect,
-    "modbus": ModbusDialect,
-}
 
 
 def create_dialect(
@@ -42,4 +34,6 @@ def create_dialect(
         known = ", ".join(profile.settings) or "-"
         raise ConfigurationError("drives.setting", model=profile.model, found=unknown[0], expected=known)
     merged = dict(profile.settings) | dict(settings or {})
-    return _DIALECT_FACTORIES[profile.family](profile, address, chosen, merged, timing or profile.timing)
+    make = resolve(protocol_family(profile.family).dialect)
+    dialect: Dialect = make(profile, address, chosen, merged, timing or profile.timing)
+    return dialect

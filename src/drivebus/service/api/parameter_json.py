@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.model import DriveProfile, Locator
+from drivebus.profiles.model import DriveProfile
 from drivebus.profiles.notation import find_entry
+from drivebus.protocols.family import Locator
 from drivebus.values import Reading
 
 Json = dict[str, Any]

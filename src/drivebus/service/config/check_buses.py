@@ -21,9 +21,8 @@ from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.ports.url import NETWORK_SCHEMES, PortUrl, parse_port_url
-from drivebus.profiles.diagnostics import Diagnostic, Issue, issue
+from drivebus.profiles.diagnostics import Diagnostic, Issue, issue, nearest_names
 from drivebus.profiles.model import DriveProfile, Text
-from drivebus.profiles.notation import nearest_names
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.config import build
 from drivebus.service.config.build import ParsedPlant, is_model_path, polled_signals

@@ -15,8 +15,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivebus.errors import ConfigurationError
-from drivebus.profiles import schema_errors, toml_lines
-from drivebus.profiles.diagnostics import Diagnostic, Issue, error_params, issue, to_diagnostic
+from drivebus.profiles.diagnostics import (
+    Diagnostic,
+    Issue,
+    error_params,
+    issue,
+    issues_from_pydantic,
+    to_diagnostic,
+)
+from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
 from drivebus.service.config import build, check
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.model import PlantConfig
@@ -25,7 +32,6 @@ from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 CATALOGUE = "plant_config"
 MAX_COMPLAINTS = 100
 """So many complaints of one file are told: nobody reads more, and a file from afar must not cost more."""
-MAX_FILE_BYTES = 1_000_000
 MAX_VALIDATION_ROUNDS = 8
 """A table without the key it needs is put aside, then what held it: a file is no deeper."""
 PLACEHOLDER_PLANT = {"id": "plant"}
@@ -37,15 +43,15 @@ def load(path: str | Path) -> PlantConfig:
     where = Path(path)
     try:
         with where.open("rb") as file:
-            raw = file.read(MAX_FILE_BYTES + 1)
+            raw = file.read(MAX_TOML_BYTES + 1)
     except OSError as error:
         raise config_error([unreadable_complaint(str(path), error)]) from None
-    return _parse(_decode(raw, str(path)), str(path), where.resolve().parent)
+    return _parse(raw, str(path), where.resolve().parent)
 
 
 def loads(text: str, source: str = "plant.toml", base: Path | None = None) -> PlantConfig:
     """The plant of a text; relative paths count from ``base`` (else from here). Raises as ``load`` does."""
-    return _parse(_decode(text.encode(), source), source, (base or Path()).resolve())
+    return _parse(text.encode(), source, (base or Path()).resolve())
 
 
 def unreadable_complaint(path: str, error: OSError) -> Diagnostic:
@@ -59,31 +65,16 @@ def config_error(complaints: Sequence[Diagnostic]) -> ConfigurationError:
     return ConfigurationError("plant_config.refused", **error_params(complaints))
 
 
-def _decode(raw: bytes, source: str) -> str:
-    """Judges size and encoding only."""
-    if len(raw) > MAX_FILE_BYTES:
-        raise _single_error(source, issue("too_large", (), len(raw), most=MAX_FILE_BYTES), 1)
-    if raw.startswith(b"\xef\xbb\xbf"):
-        raise _single_error(source, issue("bom", (), "EF BB BF"), 1)
-    try:
-        return raw.decode("utf-8").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise _single_error(source, issue("encoding", (), f"{raw[error.start]:02X}H"), line) from None
-
-
 def _single_error(source: str, found: Issue, line: int | None) -> ConfigurationError:
     return config_error([to_diagnostic(found, source, line, CATALOGUE)])
 
 
-def _parse(text: str, source: str, base: Path) -> PlantConfig:
+def _parse(content: bytes, source: str, base: Path) -> PlantConfig:
     try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise config_error([toml_complaint(source, error, text)]) from None
-    except RecursionError:
-        raise _single_error(source, issue("toml", (), "[[[["), 1) from None
-    found: list[Issue | Diagnostic] = list(_check_format(raw))
+        text, raw = decode_toml(content)
+    except TomlFault as fault:
+        raise _single_error(source, fault.issue, fault.line) from None
+    found: list[Issue | Diagnostic] = [one for one in (format_issue(raw, PLANT_FILE_FORMAT),) if one is not None]
     draft = None
     if not found:
         file, faults = _validate(raw)
@@ -98,18 +89,9 @@ def _parse(text: str, source: str, base: Path) -> PlantConfig:
 
 
 def toml_complaint(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:
-    """With the line that the reader stumbled over; the last one where it does not tell."""
-    at = re.search(r"line (\d+)", str(error))
-    line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
-    return to_diagnostic(issue("toml", (), str(error).split(" (at ")[0]), source, line, CATALOGUE)
-
-
-def _check_format(raw: Mapping[str, Any]) -> list[Issue]:
-    version = raw.get("format")
-    if type(version) is int and 1 <= version <= PLANT_FILE_FORMAT:
-        return []
-    kind = "newer" if type(version) is int and version > PLANT_FILE_FORMAT else "format"
-    return [issue(kind, ("format",), version, newest=PLANT_FILE_FORMAT)]
+    """Return the diagnostic of a TOML syntax error."""
+    fault = syntax_fault(error, text)
+    return to_diagnostic(fault.issue, source, fault.line, CATALOGUE)
 
 
 def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
@@ -120,7 +102,7 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
         try:
             return PlantFile.model_validate(rest), faults
         except ValidationError as error:
-            found = schema_errors.issues_from_pydantic(error, PlantFile)
+            found = issues_from_pydantic(error, PlantFile)
         faults += [one for one in found if not _is_consequence(one, faults)]
         for one in found:
             if one.path in (("plant",), ("plant", "id")):
@@ -151,7 +133,7 @@ def _remove_key(data: Any, path: Sequence[str | int]) -> None:
 def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> list[Diagnostic]:
     """Each with the line of its key, or of the nearest table above it."""
     lines: dict[tuple[str, ...], int] = {}
-    for path, line in toml_lines.iter_keys(text):
+    for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
             lines.setdefault(path[:depth], line)
     told = [one if isinstance(one, Diagnostic) else _complaint_at(one, lines, source) for one in found]

@@ -17,8 +17,8 @@ from pydantic import Field, ValidationError
 
 from drivebus import i18n, profiles
 from drivebus.errors import ConfigurationError
-from drivebus.profiles import schema_errors, toml_lines
-from drivebus.profiles.diagnostics import issue, to_diagnostic
+from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
+from drivebus.profiles.toml_file import line_of
 from drivebus.service.config.load import CATALOGUE, config_error, toml_complaint, unreadable_complaint
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel
 
@@ -81,10 +81,8 @@ def read_answers(path: str) -> PlantAnswers:
     except tomllib.TOMLDecodeError as error:
         raise config_error([toml_complaint(path, error, text)]) from None
     except ValidationError as error:
-        faults = schema_errors.issues_from_pydantic(error, _PlantAnswersIn)
-        raise config_error(
-            [to_diagnostic(one, path, toml_lines.line_of(text, one.path), CATALOGUE) for one in faults]
-        ) from None
+        faults = issues_from_pydantic(error, _PlantAnswersIn)
+        raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
     return PlantAnswers(found.title, tuple(_bus_answer(one) for one in found.line))
 
 

@@ -19,6 +19,7 @@ from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.models import c320_variants
 from drivebus.simulator.models.c320_drive import JOGS, STARTS, C320Drive
 from drivebus.simulator.models.c320_tables import (
+    COMM_LOSS_F4,
     COMM_LOSS_F9,
     FREQUENCY_CHANNEL,
     FROM_BUS,
@@ -28,7 +29,7 @@ from drivebus.simulator.models.c320_tables import (
     CommLossSettings,
 )
 from drivebus.simulator.motor import Motor
-from drivebus.simulator.station import StationReply
+from drivebus.simulator.station import SimulatedModel, StationReply
 
 
 class C320Station(C320Drive):
@@ -173,3 +174,26 @@ class C320Station(C320Drive):
         response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
         data = 0 if refusal else request.data
         return SunfarReply(self.address, response, group=request.group, item=request.item, data=data)
+
+
+_OPTIONS = {
+    "monitor_index": ("binary", "bcd"),
+    "watchdog": ("own", "all"),
+    "digits": ("strict", "tolerant"),
+    "nibble": ("off", "on"),
+    "class0_fault": ("code", "information"),
+}
+
+
+def _model(**fixed: Any) -> SimulatedModel:
+    return SimulatedModel(station=C320Station, addresses=range(31), options=_OPTIONS, fixed=fixed)
+
+
+MODELS = {
+    "c320": _model(),
+    "c300": _model(current_at_1=True),
+    "e300": _model(step_hz=0.1, current_at_1=True, comm_loss=COMM_LOSS_F4),
+    "e500": _model(step_hz=0.1, selector=0x308),
+    "e550": _model(step_hz=0.1, comm_loss=COMM_LOSS_F4),
+}
+"""By their manuals E500 selects its monitor with F3.08; E300 and E550 keep F9.3 and F9.4 in F4.3 and F4.4."""

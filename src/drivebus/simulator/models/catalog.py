@@ -1,84 +1,56 @@
-"""Which pretend drives there are, and the texts that name them: ``c320@0-3,7+vc660@8``. Values only."""
+"""Catalogue of the simulated drives, and the texts that select them: ``c320@0-3,7+vc660@8``.
+
+Each protocol family names its simulated models (``ProtocolFamily.simulated_models``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from drivebus.errors import ConfigurationError
-from drivebus.simulator.models.c320 import C320Station
-from drivebus.simulator.models.c320_tables import COMM_LOSS_F4
-from drivebus.simulator.models.df800 import DF800Station
-from drivebus.simulator.models.dzb100 import DZB100Station
-from drivebus.simulator.models.vc660 import VC660Station
+from drivebus.protocols.family import protocol_families, resolve
 from drivebus.simulator.motor import Motor, MotorLoad
-from drivebus.simulator.station import Station
-
-_CODINGS = ("hex-0.1", "hex-0.01", "decimal-0.1", "hex-1")
-_STATION_OPTIONS: Mapping[type[Station], tuple[range, Mapping[str, tuple[str, ...]]]] = {
-    C320Station: (
-        range(31),
-        {
-            "monitor_index": ("binary", "bcd"),
-            "watchdog": ("own", "all"),
-            "digits": ("strict", "tolerant"),
-            "nibble": ("off", "on"),
-            "class0_fault": ("code", "information"),
-        },
-    ),
-    DZB100Station: (
-        range(32),
-        {
-            "setpoint_coding": _CODINGS,
-            "query_coding": _CODINGS,
-            "parameter_coding": _CODINGS,
-            "b_digit": ("06", "state"),
-            "fault_coding": ("decimal", "hex"),
-        },
-    ),
-    VC660Station: (range(248), {"pulses": ("edge", "write")}),
-    DF800Station: (range(1, 248), {"encoding": ("rtu", "ascii"), "direction_field": ("b3b2", "b2b3")}),
-}
-"""Addresses, and settings with their values."""
-
-MODELS: Mapping[str, tuple[type[Station], Mapping[str, Any]]] = {
-    "c320": (C320Station, {}),
-    "c300": (C320Station, {"current_at_1": True}),
-    "e300": (C320Station, {"step_hz": 0.1, "current_at_1": True, "comm_loss": COMM_LOSS_F4}),
-    "e500": (C320Station, {"step_hz": 0.1, "selector": 0x308}),
-    "e550": (C320Station, {"step_hz": 0.1, "comm_loss": COMM_LOSS_F4}),
-    "dzb100": (DZB100Station, {}),
-    "vc660": (VC660Station, {}),
-    "df800": (DF800Station, {}),
-}
-
-"""Their own manuals: E500 selects its monitor with F3.08; E300 and E550 keep F9.3 and F9.4 in F4.3 and F4.4."""
+from drivebus.simulator.station import SimulatedModel, Station
 
 LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "winch": MotorLoad.hoist}
 
-STATION_OPTION_NAMES = frozenset(name for _, settings in _STATION_OPTIONS.values() for name in settings)
+
+def simulated_models() -> dict[str, SimulatedModel]:
+    """Return every simulated model by name."""
+    found: dict[str, SimulatedModel] = {}
+    for family in protocol_families():
+        for models in family.simulated_models:
+            found |= resolve(models)
+    return found
+
+
+def station_option_names() -> frozenset[str]:
+    """Return the option names of all simulated models."""
+    return frozenset(name for model in simulated_models().values() for name in model.options)
 
 
 def make_station(
     model: str, address: int, settings: Mapping[str, str] | None = None, load: str = "constant"
 ) -> Station:
-    """One drive. ``settings`` of other families are passed over. Raises ConfigurationError."""
-    if model not in MODELS:
-        raise ConfigurationError("sim.model", found=model, expected=", ".join(MODELS))
-    family, fixed = MODELS[model]
-    addresses, known = _STATION_OPTIONS[family]
+    """Return one simulated drive; ``settings`` of other models are ignored. Raises ConfigurationError."""
+    models = simulated_models()
+    chosen = models.get(model)
+    if chosen is None:
+        raise ConfigurationError("sim.model", found=model, expected=", ".join(models))
+    addresses = chosen.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
         raise ConfigurationError("sim.address", model=model, found=address, expected=expected)
     if load not in LOADS:
         raise ConfigurationError("sim.setting", name="load", found=load, expected=", ".join(LOADS))
-    chosen = dict(fixed)
+    options = dict(chosen.fixed)
     for name, value in (settings or {}).items():
-        if name in known:
-            if value not in known[name]:
-                raise ConfigurationError("sim.setting", name=name, found=value, expected=", ".join(known[name]))
-            chosen[name] = value
-    return family(address, motor=Motor(load=LOADS[load]()), **chosen)
+        if name in chosen.options:
+            if value not in chosen.options[name]:
+                expected = ", ".join(chosen.options[name])
+                raise ConfigurationError("sim.setting", name=name, found=value, expected=expected)
+            options[name] = value
+    return chosen.station(address, motor=Motor(load=LOADS[load]()), **options)
 
 
 def make_stations(text: str, settings: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:

@@ -15,7 +15,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedModel, Station
 
 COMMAND, FREQUENCY = 0x2000, 0x2001
 MAX_READ = 4
@@ -196,3 +196,12 @@ class DF800Station(Station):
 
     def trip_code(self, trip: Trip) -> int:
         return list(Trip).index(trip) + 1
+
+
+MODELS = {
+    "df800": SimulatedModel(
+        station=DF800Station,
+        addresses=range(1, 248),
+        options={"encoding": ("rtu", "ascii"), "direction_field": ("b3b2", "b2b3")},
+    )
+}

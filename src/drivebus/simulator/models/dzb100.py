@@ -14,7 +14,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedModel, Station
 
 WordCoding = Literal["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"]
 
@@ -201,3 +201,19 @@ class DZB100Station(Station):
 
     def trip_code(self, trip: Trip) -> int:
         return FAULT_CODES[trip]
+
+
+_CODINGS = ("hex-0.1", "hex-0.01", "decimal-0.1", "hex-1")
+MODELS = {
+    "dzb100": SimulatedModel(
+        station=DZB100Station,
+        addresses=range(32),
+        options={
+            "setpoint_coding": _CODINGS,
+            "query_coding": _CODINGS,
+            "parameter_coding": _CODINGS,
+            "b_digit": ("06", "state"),
+            "fault_coding": ("decimal", "hex"),
+        },
+    )
+}

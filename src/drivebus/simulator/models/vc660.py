@@ -44,7 +44,7 @@ from drivebus.simulator.models.vc660_tables import (
 )
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import RejectReason
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedModel, Station
 
 
 class VC660Station(Station):
@@ -282,3 +282,6 @@ class VC660Station(Station):
 
     def trip_code(self, trip: Trip) -> int:
         return FAULT_BITS[trip]
+
+
+MODELS = {"vc660": SimulatedModel(station=VC660Station, addresses=range(248), options={"pulses": ("edge", "write")})}

@@ -1,4 +1,4 @@
-"""What a Modbus model's profile says of registers: names and scaled values, command bits, and registers of no table.
+"""Descriptions of Modbus frames with the facts of a profile: registers, command bits, misprints of the manual.
 
 Added fields: ``parameter`` (notation), ``frequency_hz`` or ``scaled``, ``commands`` (names of the command word's bits),
 ``values`` (each register of a read with notation, raw and value), ``saves`` (the write goes to EEPROM as well).
@@ -7,25 +7,47 @@ Added fields: ``parameter`` (notation), ``frequency_hz`` or ``scaled``, ``comman
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
-from drivebus.commissioning.decode.quantity import Annotations, FieldDict, entry_at, quantity_fields, scaled_value
+from drivebus.commissioning.decode.annotate import FieldDict, annotate, entry_at, quantity_fields, scaled_value
+from drivebus.commissioning.decode.errata import canonical_of_misprint, misprint_of
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.notation import format_locator
-from drivebus.protocols.describe import FrameDescription, Note, note
+from drivebus.protocols import modbus
+from drivebus.protocols.describe import Direction, FrameDescription, Note, note
 
 DIRECTION_TOGGLE: Final = 0x000C
-"""DF800 2000H, bits 2 and 3: 11 toggles, whichever way round the field is (T16)."""
+"""Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
 
 
-def annotate_modbus(profile: DriveProfile, found: FrameDescription, asked: Mapping[str, Any]) -> Annotations:
-    """Fields, errata and hazards that the profile adds to a frame."""
-    fields = found.fields
+def describe(
+    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+) -> FrameDescription:
+    """Describe a frame. A misprinted reply of the manual shows the fields that were meant, and stays invalid."""
+    error_form = profile.modbus.error_form if profile.modbus else "exception"
+    description = modbus.describe(data, encoding, direction, request, error_form)
+    sent = {} if request is None else modbus.describe(request, encoding, "request", None, error_form).fields
+    misprint = misprint_of(profile.model, data)
+    annotated = _annotate(profile, description, sent)
+    if misprint is None:
+        return replace(annotated, canonical=canonical_of_misprint(profile.model, annotated))
+    fields = annotated.fields
+    if not annotated.valid:
+        meant = modbus.describe(misprint.canonical, encoding, description.direction)
+        fields = _annotate(profile, meant, sent).fields
+    errata = (*annotated.errata, misprint.erratum)
+    return replace(annotated, fields=fields, errata=errata, canonical=misprint.canonical)
+
+
+def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mapping[str, Any]) -> FrameDescription:
+    """Add the facts of the profile; ``sent`` holds the fields of the request, if known."""
+    fields = description.fields
     hazards: list[Note] = []
     added = FieldDict()
-    errata = _model_errata(profile, fields) if found.valid and found.direction == "request" else []
-    if "registers" in fields and "register" in asked:
-        added |= _register_rows(profile, asked["register"], fields["registers"])
+    errata = _model_errata(profile, fields) if description.valid and description.direction == "request" else []
+    if "registers" in fields and "register" in sent:
+        added |= _register_rows(profile, sent["register"], fields["registers"])
     elif "register" in fields:
         register, saves = _strip_eeprom_bit(profile, fields["register"])
         notation = format_locator(("holding", register), profile)
@@ -34,11 +56,11 @@ def annotate_modbus(profile: DriveProfile, found: FrameDescription, asked: Mappi
         if "value" in fields:
             added |= _written_fields(profile, register, fields["value"]) | ({"saves": True} if saves else {})
             hazards = _write_hazards(profile, register, fields["value"])
-    return added, tuple(errata), tuple(hazards)
+    return annotate(description, added, tuple(errata), tuple(hazards))
 
 
 def _strip_eeprom_bit(profile: DriveProfile, register: int) -> tuple[int, bool]:
-    """The register without the bit that saves to EEPROM, and whether that bit was there (T14)."""
+    """Return the register without the EEPROM bit, and whether the bit was set."""
     bit = profile.write_support.eeprom_address_bit
     if bit and register & bit and register ^ bit <= profile.notation.highest:
         return register ^ bit, True
@@ -53,7 +75,7 @@ def _is_known_register(profile: DriveProfile, register: int) -> bool:
 
 
 def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
-    """Where a request asks for what this model's manual does not have (T12)."""
+    """Report functions, counts and registers that the manual of this model does not have."""
     notes, rule = [], profile.modbus
     function, count = fields.get("function"), fields.get("count", 1)
     if rule and function is not None and function not in rule.functions:
@@ -65,9 +87,9 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
     if "register" in fields:
         register, _ = _strip_eeprom_bit(profile, fields["register"])
         span = range(register, register + min(count, 8)) if function in (3, 4) else (register,)
-        strange = [each for each in span if not _is_known_register(profile, each)]
-        if strange:
-            shown = ", ".join(f"{each:04X}H" for each in strange)
+        unknown = [each for each in span if not _is_known_register(profile, each)]
+        if unknown:
+            shown = ", ".join(f"{each:04X}H" for each in unknown)
             notes.append(note("explain.no_table", model=profile.model, registers=shown))
     return notes
 
@@ -85,7 +107,7 @@ def _register_rows(profile: DriveProfile, first: int, words: list[int]) -> Field
 
 
 def _register_row(profile: DriveProfile, register: int, word: int) -> FieldDict:
-    """One register of a reply: notation, raw, and name, value and unit where the profile has them."""
+    """Return one register of a reply: notation, raw word, and name, value and unit where the profile has them."""
     row = FieldDict(notation=format_locator(("holding", register), profile), raw=word)
     entry = entry_at(profile, ("holding", register))
     if entry is None:
@@ -105,7 +127,7 @@ def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDic
 
 
 def _command_names(profile: DriveProfile, word: int) -> list[str]:
-    """Names of the commands that a command word gives; levels that are off are not named."""
+    """Return the names of the commands in a command word; levels that are off are not named."""
     if profile.commands is None:
         return []
     bits = profile.commands.resolved(profile.settings).bits

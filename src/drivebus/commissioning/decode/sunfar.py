@@ -1,0 +1,34 @@
+"""Descriptions of Sunfar frames with the facts of a profile.
+
+Added fields: ``scaled``, a text with unit, and ``fault``, the label on the keypad.
+"""
+
+from __future__ import annotations
+
+from drivebus.commissioning.decode.annotate import annotate, entries, fault_fields, quantity_fields
+from drivebus.profiles import DriveProfile
+from drivebus.protocols import sunfar
+from drivebus.protocols.describe import Direction, FrameDescription
+
+
+def describe(
+    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+) -> FrameDescription:
+    """Describe a frame; parameters, monitors and frequencies are named by the protocol, other quantities here."""
+    description = sunfar.describe(data, encoding, direction, request, decode_options(profile))
+    fields = description.fields
+    notation = fields.get("parameter") or fields.get("monitor")
+    entry = next((entry for entry in entries(profile) if entry.notation == notation), None)
+    added = {} if entry is None or entry.unit == "Hz" else quantity_fields(entry, fields.get("data"))
+    return annotate(description, added | fault_fields(profile, fields))
+
+
+def decode_options(profile: DriveProfile) -> sunfar.SunfarDecodeOptions:
+    """Return the frequency step, the frequencies and the monitor coding of a model."""
+    hertz = [entry.locator for entry in entries(profile) if entry.unit == "Hz"]
+    return sunfar.SunfarDecodeOptions(
+        frequency_step_hz=profile.setpoint_scale.factor,
+        frequency_monitors=frozenset(index for space, index in hertz if space == "monitor"),
+        frequency_parameters=frozenset((index >> 8, index & 0xFF) for space, index in hertz if space == "parameter"),
+        monitor_index="bcd" if profile.settings.get("monitor_index") == "bcd" else "binary",
+    )

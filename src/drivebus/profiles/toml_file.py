@@ -1,0 +1,136 @@
+"""TOML files of a user: decoding with diagnostics, and the line of each key.
+
+``tomllib`` keeps no positions, so the lines are found by a second reader. It follows tables, keys and values of valid
+TOML over lines and decides nothing about values.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from drivebus.profiles.diagnostics import Issue, issue
+
+MAX_TOML_BYTES: Final = 1_000_000  # a profile or plant.toml has some kilobytes
+
+
+TomlPath = tuple[str, ...]
+"""Names of the tables and the key; an array of tables has its index as a name."""
+
+
+_KEY = r"""(?:[A-Za-z0-9_\-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
+_DOTTED = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
+_TABLE = re.compile(rf"\s*\[\s*({_DOTTED})\s*\]")
+_ARRAY = re.compile(rf"\s*\[\[\s*({_DOTTED})\s*\]\]")
+_ASSIGN = re.compile(rf"\s*({_DOTTED})\s*=\s*")
+_INLINE = re.compile(rf"[{{,]\s*({_DOTTED})\s*=")
+_PART = re.compile(_KEY)
+_STRING = re.compile(r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
+
+
+class TomlFault(Exception):
+    """Text that is no TOML file of a known format."""
+
+    def __init__(self, found: Issue, line: int | None) -> None:
+        super().__init__(found.kind)
+        self.issue = found
+        self.line = line
+
+
+def decode_toml(raw: bytes) -> tuple[str, dict[str, Any]]:
+    """Return the text and the data of a file's bytes. Raises TomlFault for size, encoding or syntax."""
+    if len(raw) > MAX_TOML_BYTES:
+        raise TomlFault(issue("too_large", (), len(raw), most=MAX_TOML_BYTES), 1)
+    if raw.startswith(b"\xef\xbb\xbf"):
+        raise TomlFault(issue("bom", (), "EF BB BF"), 1)
+    try:
+        text = raw.decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise TomlFault(issue("encoding", (), f"{raw[error.start]:02X}H"), line) from None
+    try:
+        return text, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise syntax_fault(error, text) from None
+    except RecursionError:
+        raise TomlFault(issue("toml", (), "[[[["), 1) from None
+
+
+def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
+    """Return the fault at the line of a syntax error; at the last line where ``tomllib`` gives none."""
+    at = re.search(r"line (\d+)", str(error))
+    line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
+    return TomlFault(issue("toml", (), str(error).split(" (at ")[0]), line)
+
+
+def format_issue(data: Mapping[str, Any], newest: int) -> Issue | None:
+    """Return the issue of a missing, unknown or newer ``format``."""
+    version = data.get("format")
+    if type(version) is int and 1 <= version <= newest:
+        return None
+    kind = "newer" if type(version) is int and version > newest else "format"
+    return issue(kind, ("format",), version, newest=newest)
+
+
+def line_of(text: str, path: Sequence[str | int]) -> int | None:
+    """Return the 1-based line of the key or of its nearest parent; None where neither is in the text."""
+    wanted = tuple(str(part) for part in path)
+    best: tuple[int, int] | None = None
+    for found, line in iter_keys(text):
+        depth = len(found)
+        if found == wanted[:depth] and (best is None or depth > best[0]):
+            best = (depth, line)
+    return best[1] if best else None
+
+
+def has_key(text: str, path: Sequence[str | int]) -> bool:
+    """Whether the key itself, not only a parent, is in the text."""
+    wanted = tuple(str(part) for part in path)
+    return any(found == wanted for found, _ in iter_keys(text))
+
+
+def iter_keys(text: str) -> Iterator[tuple[TomlPath, int]]:
+    """Yield every key of the text with its line, in order."""
+    blank = _STRING.sub(_blank_match, text)
+    table: TomlPath = ()
+    counts: dict[TomlPath, int] = {}
+    depth = 0
+    for number, (line, masked) in enumerate(zip(text.split("\n"), blank.split("\n"), strict=True), 1):
+        if depth > 0:
+            depth += _nesting(masked)
+            continue
+        bracket = masked.lstrip().startswith("[")
+        array, header = (_ARRAY.match(line), _TABLE.match(line)) if bracket else (None, None)
+        assign = _ASSIGN.match(line) if "=" in masked else None
+        if array:
+            name = _split_key(array[1])
+            counts[name] = counts.get(name, -1) + 1
+            table = (*name, str(counts[name]))
+            yield table, number
+        elif header:
+            table = _split_key(header[1])
+            yield table, number
+        elif assign:
+            key = table + _split_key(assign[1])
+            yield key, number
+            for inner in _INLINE.finditer(line, assign.end()):
+                if masked[inner.end() - 1] == "=":
+                    yield key + _split_key(inner[1]), number
+            depth = max(0, _nesting(masked[assign.end() :]))
+
+
+def _split_key(dotted: str) -> TomlPath:
+    return tuple(part.strip("\"'") for part in _PART.findall(dotted))
+
+
+def _nesting(masked: str) -> int:
+    """Return the brackets that the line leaves open; strings and comments are blank already."""
+    return sum(masked.count(char) for char in "[{") - sum(masked.count(char) for char in "]}")
+
+
+def _blank_match(match: re.Match[str]) -> str:
+    """Blank a string or comment; positions and newlines stay, brackets and keys in it go."""
+    mark = " " if match[0].startswith("#") else "s"
+    return re.sub(r"[^\n]", mark, match[0])
