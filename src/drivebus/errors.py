@@ -1,43 +1,43 @@
-"""The whole error tree. Each error carries numbers, a scope and whether trying again may help.
+"""All errors of drivebus. Each carries numbers, a scope, and whether a retry may help.
 
     DrivebusError
-    ├── ConfigurationError      a file, a link or an argument is wrong (exit 2)
+    ├── ConfigurationError      invalid file, port URL or argument (exit 2)
     │   ├── ProfileError
     │   └── PortUrlError
-    ├── ProtocolError           these bytes are not the frame that was expected (exit 3)
+    ├── ProtocolError           these bytes are not the expected frame (exit 3)
     │   ├── LengthError · HeaderError · AddressError · EchoError · AlphabetError · CodeError
     │   └── ChecksumError · TerminatorError · TrailingError
     ├── BusError
-    │   ├── NoReply             nothing (or nothing whole) came before the deadline
-    │   ├── LineError           parity or framing marks, collision
-    │   ├── Expired             the command was too old to send
+    │   ├── NoReply             no whole reply before the deadline
+    │   ├── LineError           parity or framing error, collision, no silence
+    │   ├── Expired             the command was too old to be sent
     │   ├── NotPermitted        a frame that may act had no valid permit
-    │   ├── Superseded          a newer stop removed it from the queue
+    │   ├── Superseded          a newer stop removed the request from the queue
     │   └── PortError
-    │       ├── PortUnavailable can't be opened: why, and what to do
+    │       ├── PortUnavailable can't be opened: reason and remedy
     │       └── PortLost        was open and is gone
     ├── DriveError
-    │   ├── Refused             the drive said no, with its code
-    │   ├── CapabilityError     this family or model can't do that: refused before sending
-    │   ├── LimitError          outside the drive's limits: refused before sending
-    │   ├── PreflightError      the drive does not listen to the bus: what to set on the keypad
-    │   ├── StartInhibited           not now: stale status, foreign master, bad link, no ownership
-    │   ├── TargetNotReached          the drive reported something else than was asked for
-    │   ├── OutcomeUnknown      sent, and nobody can say whether it was done (exit 4)
+    │   ├── DriveRejected       the drive rejected the request, with its error code
+    │   ├── CapabilityError     this family or model can't do that: rejected before sending
+    │   ├── LimitError          outside the drive's limits: rejected before sending
+    │   ├── PreflightError      the drive is not set to obey the bus: what to set on the keypad
+    │   ├── StartInhibited      no motion now: stale status, foreign master, bad link, no control
+    │   ├── TargetNotReached    the drive reports another state than requested
+    │   ├── OutcomeUnknown      sent, and it is not known whether it was done (exit 4)
     │   ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
-    │   └── WearBudget          too many EEPROM writes of that parameter today
-    └── ServiceError              the service that owns the buses said no; nothing was sent
-        ├── NotFound            no such operation, drive, group, bus, alarm or case
-        ├── InvalidParameters         wrong parameters: each with its path, found and expected
-        ├── Forbidden           the right is missing
-        ├── ControlNotHeld            somebody else commands this drive now
-        ├── ArmRequired           a start from afar takes two steps
+    │   └── EepromBudgetExceeded too many EEPROM writes of that parameter today
+    └── ServiceError            the service that owns the buses rejected the request; nothing was sent
+        ├── NotFound            no such operation, drive, group, bus, alarm or incident
+        ├── InvalidParameters   wrong parameters: each with its path, found and expected
+        ├── PermissionDenied    the right is missing
+        ├── ControlNotHeld      another user has control of this drive, or no user has
+        ├── ArmRequired         a remote start takes two steps
         ├── Interlocked         an interlock forbids the start
-        ├── WaiverRequired        the drive would run on when this host dies, and nobody has allowed that
+        ├── WaiverRequired      the drive may run on when this host fails, and no waiver permits that
         ├── AuditUnavailable    the start can't be written into the audit trail
-        └── ServiceUnavailable  the plant does not answer
+        └── ServiceUnavailable  the service does not answer
 
-``key`` is a sentence in the catalogues (``i18n``), ``params`` are its numbers; ``str()`` is English.
+``key`` is a message of the catalogues (``i18n``), ``params`` are its values; ``str()`` is English.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from drivebus import i18n
 
 
 class ErrorScope(StrEnum):
-    """What an error spoils: this request only, the station, or the whole port."""
+    """Extent of an error: this request only, the station, the port, or the configuration."""
 
     REQUEST = "request"
     STATION = "station"
@@ -63,7 +63,7 @@ class DrivebusError(Exception):
     scope: ClassVar[ErrorScope] = ErrorScope.REQUEST
     retryable: ClassVar[bool] = False
     outcome: Any = None
-    """The ``drives.state.Outcome`` of a command that ended in this error: its word and its evidence."""
+    """The ``drives.state.Outcome`` of a command that ended in this error: status and evidence."""
 
     def __init__(self, key: str, /, **params: Any) -> None:
         self.key = key
@@ -71,7 +71,7 @@ class DrivebusError(Exception):
         super().__init__(key, params)
 
     def text(self, language: str = "en") -> str:
-        """The sentence in ``language`` ("en" or "zh")."""
+        """Return the message in ``language`` ("en" or "zh")."""
         return i18n.text(self.key, language, **self.params)
 
     def __str__(self) -> str:
@@ -79,21 +79,21 @@ class DrivebusError(Exception):
 
 
 class ConfigurationError(DrivebusError):
-    """A file, link or argument is wrong; names file, line, key, found, expected, remedy where known."""
+    """Invalid file, port URL or argument; names file, line, key, found, expected, remedy where known."""
 
     scope = ErrorScope.CONFIGURATION
 
 
 class ProfileError(ConfigurationError):
-    """A profile file is refused."""
+    """Invalid profile file."""
 
 
 class PortUrlError(ConfigurationError):
-    """A LINK or its options can't be understood."""
+    """Invalid port URL or option."""
 
 
 class ProtocolError(DrivebusError):
-    """These bytes are not the frame that was expected. ``expected`` and ``found`` are the two numbers."""
+    """These bytes are not the expected frame. ``expected`` and ``found`` are the two values."""
 
     retryable = True
 
@@ -101,12 +101,12 @@ class ProtocolError(DrivebusError):
         self.expected = expected
         self.found = found
         self.size = size
-        """Bytes that the refused frame took, where it was whole and valid for somebody else; else 0."""
+        """Size of the rejected frame where it was whole and valid for another station; else 0."""
         super().__init__(key, expected=expected, found=found, **params)
 
 
 class LengthError(ProtocolError):
-    """Too long, too short, or a byte count that can't be."""
+    """Too long, too short, or an impossible byte count."""
 
 
 class HeaderError(ProtocolError):
@@ -114,7 +114,7 @@ class HeaderError(ProtocolError):
 
 
 class AddressError(ProtocolError):
-    """Another station answered. ``size`` is set when its frame was whole."""
+    """Another station replied. ``size`` is set when its frame was whole."""
 
 
 class EchoError(ProtocolError):
@@ -122,15 +122,15 @@ class EchoError(ProtocolError):
 
 
 class AlphabetError(ProtocolError):
-    """A byte is no digit of the frame's alphabet (T19)."""
+    """A byte is no digit of the frame's alphabet."""
 
 
 class CodeError(ProtocolError):
-    """A response code, state, function or other enumerated value that nobody documented."""
+    """Undocumented response code, state, function or other enumerated value."""
 
 
 class ChecksumError(ProtocolError):
-    """Checksum received and computed differ."""
+    """The received checksum differs from the computed one."""
 
 
 class TerminatorError(ProtocolError):
@@ -142,18 +142,18 @@ class TrailingError(ProtocolError):
 
 
 class BusError(DrivebusError):
-    """The bus could not do it."""
+    """The bus could not perform the request."""
 
 
 class NoReply(BusError):
-    """Nothing, or nothing whole, came before the deadline."""
+    """No whole reply came before the deadline."""
 
     scope = ErrorScope.STATION
     retryable = True
 
 
 class LineError(BusError):
-    """Parity or framing marks, or a collision on the wire."""
+    """Parity or framing error, collision on the wire, or no silence to send in."""
 
     retryable = True
 
@@ -177,21 +177,21 @@ class PortError(BusError):
 
 
 class PortUnavailable(PortError):
-    """The port can't be opened: the sentence says why and what to do."""
+    """The port can't be opened: the message gives the reason and the remedy."""
 
 
 class PortLost(PortError):
-    """The port was open and is gone; what was pending has an unknown outcome."""
+    """The port was open and is gone; pending commands have an unknown outcome."""
 
 
 class DriveError(DrivebusError):
-    """The drive, or its rules, said no."""
+    """The drive, or its rules, rejected the request."""
 
     scope = ErrorScope.STATION
 
 
 class DriveRejected(DriveError):
-    """The drive answered with its own error code (``params["code"]``)."""
+    """The drive replied with its own error code (``params["code"]``)."""
 
 
 class CapabilityError(DriveError):
@@ -203,7 +203,7 @@ class LimitError(DriveError):
 
 
 class PreflightError(DriveError):
-    """The drive is not set to listen to the bus; names the parameters and keypad steps."""
+    """The drive is not set to obey the bus; names the parameters and keypad steps."""
 
 
 class StartInhibited(DriveError):
@@ -211,11 +211,11 @@ class StartInhibited(DriveError):
 
 
 class TargetNotReached(DriveError):
-    """The drive reported something else than was asked for."""
+    """The drive reports another state than requested."""
 
 
 class OutcomeUnknown(DriveError):
-    """Sent, and nothing tells whether it was done."""
+    """Sent, and it is not known whether it was done."""
 
 
 class StopUnconfirmed(DriveError):
@@ -227,11 +227,11 @@ class EepromBudgetExceeded(DriveError):
 
 
 class ServiceError(DrivebusError):
-    """The service that owns the buses said no; nothing was sent."""
+    """The service that owns the buses rejected the request; nothing was sent."""
 
 
 class NotFound(ServiceError):
-    """No such operation, drive, group, bus, alarm or case."""
+    """No such operation, drive, group, bus, alarm or incident."""
 
 
 class InvalidParameters(ServiceError):
@@ -243,11 +243,11 @@ class PermissionDenied(ServiceError):
 
 
 class ControlNotHeld(ServiceError):
-    """Somebody else holds the drive's lease, or nobody does and the command needs one."""
+    """The user does not have control of the drive, and the command needs it."""
 
 
 class ArmRequired(ServiceError):
-    """A start from afar takes two steps: arm, then start within ten seconds, once."""
+    """A remote start takes two steps: arm, then start within ten seconds, once."""
 
 
 class Interlocked(ServiceError):
@@ -255,16 +255,16 @@ class Interlocked(ServiceError):
 
 
 class WaiverRequired(ServiceError):
-    """The drive does not certainly stop when this host dies, and nobody has recorded that it may start all the same."""
+    """The drive may run on when this host fails, and no waiver permits its start."""
 
 
 class AuditUnavailable(ServiceError):
-    """The audit trail can't be written: no start (G14)."""
+    """The audit trail can't be written: no start."""
 
     retryable = True
 
 
 class ServiceUnavailable(ServiceError):
-    """The plant does not answer."""
+    """The service does not answer."""
 
     retryable = True

@@ -81,7 +81,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     },
     Station: {
         "start_inhibited": "same",
-        "state": "value",
+        "state": "name",
         "quarantined_until": "until",
         "next_probe_at": "until",
         "sync_rejections": "same",
@@ -252,6 +252,7 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "many": lambda ones, thing, now, _: len(ones),
     "attempts": lambda attempts, job, now, _: attempts if job.priority is not RequestPriority.STOP else None,
     "value": lambda one, thing, now, _: one.value,
+    "name": lambda one, thing, now, _: one.name,
     "data": lambda data, job, now, _: b"" if job.is_sync_probe else data,
     "owner": lambda station, job, now, _: station.start_inhibited if job.permit is not None else None,
     "owners": lambda stations, scheduler, now, _: [station.address for station in stations],
