@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.__main__ import PROJECT_FOLDER, current_commit
-from drivebus.service.api.operations import TrendParams
+from drivebus.service.api.operations.history import TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
 from drivebus.service.historian.blocks import encode_points

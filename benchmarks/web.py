@@ -87,11 +87,11 @@ def _constant_fields(name: str) -> Json:
         "commanded_hz": 25.0,
         "minimum_hz": 0.0,
         "maximum_hz": 50.0,
-        "host_dies": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
+        "comm_loss": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
         "lease": None,
         "latched": False,
         "stop_pending": False,
-        "blocked": [],
+        "start_blockers": [],
         "alarms": {},
     }
 

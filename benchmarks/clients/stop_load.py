@@ -120,7 +120,7 @@ class _SocketStops:
 
     async def stop(self, drive: str) -> str:
         try:
-            return str((await self._client.call("drive.stop", {"drive": drive}, STOP_LOAD_ACTOR))["outcome"]["word"])
+            return str((await self._client.call("drive.stop", {"drive": drive}, STOP_LOAD_ACTOR))["outcome"]["status"])
         except DrivebusError as error:
             return error.key
 
@@ -136,7 +136,7 @@ class _WebStops:
 
     async def stop(self, drive: str) -> str:
         status, body = await self._connection.request("POST", f"/api/v1/drives/{drive}/stop", {})
-        return str(json.loads(body)["outcome"]["word"]) if status == 200 else str(status)
+        return str(json.loads(body)["outcome"]["status"]) if status == 200 else str(status)
 
 
 def station_errors(plant: LoadedService, buses: Sequence[Json]) -> Counter[str]:

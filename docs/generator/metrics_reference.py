@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivebus.profiles.model import Text
-from drivebus.web.metrics_table import BUS_METRICS, DRIVE_METRICS, PLANT_METRICS, Metric
+from drivebus.web.metrics import BUS_METRICS, DRIVE_METRICS, PLANT_METRICS, Metric
 from generator.words import say, side, table
 
 HEADS = {"kind": Text("kind", "类型"), "labels": Text("labels", "标签")}

@@ -1,50 +1,33 @@
-"""The API as a page: every address with its right, parameters and answer, from the table that routes are made of."""
+"""The API as a page: every route with its access, parameters and result, from the declarations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
-from drivebus import i18n
 from drivebus.profiles.model import Text
-from drivebus.web.api.descriptions import RESPONSE_MODELS, STATUS_MEANINGS
-from drivebus.web.api.table import API_PREFIX, API_ROUTES, ApiRoute
-from drivebus.web.route_policy import ROUTE_POLICIES
+from drivebus.service.api.operations import API_PREFIX, OPERATIONS, Operation
+from drivebus.service.api.operations.operation import ApiObject
+from drivebus.types import Json
+from drivebus.web.api.openapi import STATUS_MEANINGS
+from drivebus.web.app import declared_routes
 from generator.words import side, table
 
-Json = dict[str, Any]
-
 HEADS = {
-    "address": Text("address", "地址"),
+    "address": Text("path", "路径"),
     "needs": Text("needs", "需要"),
     "status": Text("status", "状态码"),
     "meaning": Text("meaning", "含义"),
     "parameter": Text("parameter", "参数"),
     "in": Text("in", "位置"),
     "value": Text("value", "取值"),
-    "must": Text("must be given", "必需"),
+    "must": Text("required", "必需"),
 }
 PLACES = {"path": Text("path", "路径"), "query": Text("query", "查询"), "body": Text("body", "正文")}
 YES, NO = Text("yes", "是"), Text("no", "否")
 RIGHT = Text("Right: `{right}`.", "权限：`{right}`。")
 AUDITED = Text(" Written into the audit trail.", "记入审计记录。")
-ANSWER = Text("Answer: {keys}.", "应答：{keys}。")
-FILE = Text("Answer: the file itself.", "应答：文件本身。")
-MEANINGS = {
-    401: "未登录，或会话已结束",
-    403: "没有此权限，或请求来自外部页面",
-    404: "没有这个名称",
-    405: "不能用这种方式：请用别的方法",
-    408: "请求体没有在十秒内到达",
-    409: "现在不行：会说明须先做什么",
-    413: "超过 1 MiB；不需要权限处超过 4 KiB",
-    415: "不是 application/json",
-    422: "参数错误、超出限值或该变频器做不到；未发送任何东西",
-    429: "尝试次数过多",
-    502: "变频器或线路拒绝，或给出别的应答",
-    503: "无法连接工厂或其审计记录；未启动任何东西",
-    504: "已发送，但无人知道是否已执行",
-}
+RESULT = Text("Result: {keys}.", "结果：{keys}。")
+FILE = Text("Result: the file itself.", "结果：文件本身。")
 
 
 def parts(language: str) -> dict[str, str]:
@@ -53,55 +36,53 @@ def parts(language: str) -> dict[str, str]:
 
 
 def _errors(language: str) -> str:
-    said = STATUS_MEANINGS if language == "en" else MEANINGS
-    return table(_heads("status", "meaning", language=language), [[code, said[code]] for code in STATUS_MEANINGS])
+    rows = [[status, side(text, language)] for status, text in STATUS_MEANINGS.items()]
+    return table(_heads("status", "meaning", language=language), rows)
 
 
 def _account(language: str) -> str:
-    """What the door itself answers: who is it, users, tokens."""
-    ours = {(route.method, API_PREFIX + route.path) for route in API_ROUTES}
+    """The routes that are no operations: page, session, users, tokens, live values, metrics."""
+    operations = {(one.method, API_PREFIX + one.path) for one in OPERATIONS.values()}
     rows = [
-        (f"`{one.method} {one.path}`", f"`{one.access}`")
-        for one in ROUTE_POLICIES
-        if (one.method, one.path) not in ours
+        (f"`{route.method} {route.path}`", f"`{route.access}`")
+        for route in declared_routes()
+        if (route.method, route.path) not in operations
     ]
     return table(_heads("address", "needs", language=language), rows)
 
 
 def _operations(language: str) -> str:
-    return "\n".join(part for route in API_ROUTES for part in _route(route, language))
+    return "\n".join(part for operation in OPERATIONS.values() for part in _operation(operation, language))
 
 
-def _route(route: ApiRoute, language: str) -> Iterator[str]:
-    yield f"### `{route.method} {API_PREFIX}{route.path}`\n"
-    right = side(RIGHT, language).format(right=route.operation.right)
-    audited = side(AUDITED, language) if route.operation.mutates else ""
-    stop = "." if language == "en" else "。"
-    blank = " " if language == "en" else ""
-    said = f"{i18n.text(f'api.{route.name}', language)}{stop}{blank}{right}{audited}{blank}{_answer(route, language)}"
-    yield said.strip() + "\n"
-    rows = [*_rows(route, language)]
-    if rows:
+def _operation(operation: Operation, language: str) -> Iterator[str]:
+    yield f"### `{operation.method} {API_PREFIX}{operation.path}`\n"
+    right = side(RIGHT, language).format(right=operation.right)
+    audited = side(AUDITED, language) if operation.mutates else ""
+    stop, blank = (".", " ") if language == "en" else ("。", "")
+    summary = side(operation.summary, language)
+    yield f"{summary}{stop}{blank}{right}{audited}{blank}{_result(operation, language)}".strip() + "\n"
+    if rows := [*_rows(operation, language)]:
         yield table(_heads("parameter", "in", "value", "must", language=language), rows)
 
 
-def _answer(route: ApiRoute, language: str) -> str:
-    if route.name == "history.export":
+def _result(operation: Operation, language: str) -> str:
+    if operation.download:
         return side(FILE, language)
-    model = RESPONSE_MODELS.get(route.name)
-    keys = [f"`{name}`" for name in model.model_fields] if model is not None else []
-    return side(ANSWER, language).format(keys=", ".join(keys)) if keys else ""
+    if operation.response is ApiObject:
+        return ""
+    keys = ", ".join(f"`{name}`" for name in operation.response.model_fields)
+    return side(RESULT, language).format(keys=keys)
 
 
-def _rows(route: ApiRoute, language: str) -> Iterator[list[str]]:
-    schemas = route.operation.params.model_json_schema().get("properties", {})
-    required = route.required_params()
-    for name in route.path_params:
+def _rows(operation: Operation, language: str) -> Iterator[list[str]]:
+    schemas = operation.params.model_json_schema().get("properties", {})
+    required = operation.required_params()
+    for name in operation.path_params:
         yield [f"`{name}`", side(PLACES["path"], language), _value(schemas[name]), side(YES, language)]
-    where = side(PLACES["body" if route.has_body else "query"], language)
-    for name, schema in route.param_schemas().items():
-        must = side(YES if name in required else NO, language)
-        yield [f"`{name}`", where, _value(schema), must]
+    where = side(PLACES["body" if operation.has_body else "query"], language)
+    for name, schema in operation.param_schemas().items():
+        yield [f"`{name}`", where, _value(schema), side(YES if name in required else NO, language)]
 
 
 def _value(schema: Json) -> str:

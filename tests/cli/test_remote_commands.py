@@ -21,17 +21,17 @@ from drivebus.cli.root import cli
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
+from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
-from drivebus.web.api.table import API_PREFIX
 from fixtures.child_process import ENVIRONMENT, lines_until, running_command
-from fixtures.running_service import RunningService, running_service, token
+from fixtures.running_service import RunningService, http_service, token
 
 FAN = ("--drive", "fan-1")
 
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with running_service(Path(tmp_path_factory.mktemp("plant"))) as found:
+    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
         found.run_in_loop(lambda: found.kit.grant_waivers())
         found.run_in_loop(lambda: all_seen(found))
         yield found
@@ -130,7 +130,7 @@ def test_bus_stop_stops_the_whole_plant(plant: RunningService, service: str) -> 
     everybody = sorted(plant.kit.service.plant.drives)
     assert (sorted(found["confirmed"]), found["unconfirmed"]) == (everybody, [])
     for drive in everybody:
-        plant.run_in_loop(lambda drive=drive: plant.kit.call("drive.release", drive=drive))  # type: ignore[misc]
+        plant.run_in_loop(lambda drive=drive: plant.kit.call("start_inhibit.release", drive=drive))  # type: ignore[misc]
 
 
 def test_a_limit_refuses_through_the_service_as_it_does_on_a_line(service: str) -> None:

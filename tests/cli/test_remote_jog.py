@@ -16,7 +16,7 @@ from drivebus.testing import virtual_time
 
 Json = dict[str, Any]
 TEXT = {"en": "done", "zh": "完成"}
-OUTCOME = {"word": "confirmed", "key": "x", "text": TEXT, "params": {}, "notes": [], "frames": []}
+OUTCOME = {"status": "confirmed", "key": "x", "text": TEXT, "params": {}, "notes": [], "frames": []}
 
 
 class Client:
@@ -35,7 +35,7 @@ class Client:
         answers: dict[str, Json] = {
             "drives.get": {"lease": None},
             "lease.take": {"lease": {"session": "s"}},
-            "drive.arm": {"arm": "word"},
+            "drive.arm": {"arm_token": "word"},
             "drive.jog": {"jog": "j", "lease_s": 0.5, "outcome": OUTCOME},
         }
         return answers.get(operation, {"outcome": OUTCOME})
@@ -69,7 +69,7 @@ def test_a_jog_is_begun_renewed_and_ended(is_local: bool) -> None:
         steps = [] if is_local else ["drive.arm"]
         begun = ["drives.get", "lease.take", *steps, "drive.jog"]
         assert client.operations == [*begun, *["drive.jog_renew"] * 3, "drive.jog_end", "lease.release"]
-        given = {"direction": "reverse", "frequency_hz": 5.0} | ({} if is_local else {"arm": "word"})
+        given = {"direction": "reverse", "frequency_hz": 5.0} | ({} if is_local else {"arm_token": "word"})
         assert (
             dict(client.asked)["drive.jog"] == given and held.stop_outcome is not None and held.stop_outcome.succeeded
         )

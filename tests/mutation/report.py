@@ -34,13 +34,13 @@ AUTHORIZATION_MODULES = (
     "web.dependencies",
     "web.routes.session",
     "web.middleware.request_body",
-    "web.routes.context",
+    "web.context",
     "web.middleware.auth",
     "web.routes.schemas",
     "web.middleware.host_check",
     "web.routes.users",
     "web.middleware.denial_log",
-    "web.route_policy",
+    "web.route",
     "web.middleware.session_expiry",
 )
 AUTHORIZATION_TESTS = (

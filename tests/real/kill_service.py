@@ -130,7 +130,7 @@ class KilledServiceStory:
             number += 1
             reason = f"{self.found.kills}-{number}-{self.rng.randrange(10**9)}"
             with suppress(DrivebusError):
-                await client.call("drive.waiver", {"drive": drive, "reason": reason}, KILL_TEST_ACTOR)
+                await client.call("waiver.grant", {"drive": drive, "reason": reason}, KILL_TEST_ACTOR)
                 self.answers.append(reason)
             with suppress(DrivebusError):
                 await client.call("drive.run", {"drive": drive, "frequency_hz": 5.0 + number % 40}, KILL_TEST_ACTOR)
@@ -165,7 +165,7 @@ class KilledServiceStory:
         for line in lines:
             with suppress(ValueError):  # the torn last line of the killed one
                 entries.append(json.loads(line))
-        done = [one for one in entries if one.get("what") == "drive.waiver" and one.get("outcome") == "done"]
+        done = [one for one in entries if one.get("what") == "waiver.grant" and one.get("outcome") == "done"]
         return {one["params"]["reason"] for one in done}
 
     def _violation(self, text: str) -> None:

@@ -34,10 +34,10 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
             await asyncio.sleep(5)
             await kit.grant_waivers("fan-1")
             found = await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert found["outcome"]["word"] == "confirmed"
+            assert found["outcome"]["status"] == "confirmed"
             assert kit.trail.outcomes("drive.run") == ["asked", "confirmed"]
             stopped = await kit.call("drive.stop", drive="fan-1")
-            assert stopped["outcome"]["word"] == "confirmed"
+            assert stopped["outcome"]["status"] == "confirmed"
             assert kit.trail.outcomes("drive.stop") == ["confirmed"]
 
     run(story())
@@ -56,16 +56,16 @@ def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
             await kit.call("lease.take", ann, drive="fan-1")
             with pytest.raises(ArmRequired):
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0)
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
-            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
             with pytest.raises(ArmRequired) as served:
-                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=25.0, arm=arm)
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=25.0, arm_token=arm)
             assert served.value.key == "plant.arm_void", "before any stop has voided it"
             await kit.call("lease.renew", ann, drive="fan-1")
             await kit.call("drive.stop", ann, drive="fan-1")
             await kit.call("lease.take", ann, drive="fan-1")
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
             assert kit.service.plant.drives["fan-1"].status().state is not DriveState.RUNNING
 
     run(story())
@@ -78,9 +78,9 @@ def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
             with pytest.raises(WaiverRequired):
                 await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
             view = await kit.call("drives.get", drive="pump-1")
-            assert "plant.waiver_needed" in [one["key"] for one in view["blocked"]]
+            assert "plant.waiver_needed" in [one["key"] for one in view["start_blockers"]]
             await kit.grant_waivers("pump-1")
-            assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+            assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
 
     run(story())
 
@@ -152,7 +152,7 @@ def test_to_save_parameters_takes_a_right_of_its_own() -> None:
             with pytest.raises(PermissionDenied):
                 await kit.call("parameters.write", tuner, drive="fan-1", values=values, save=True)
             found = await kit.call("parameters.write", tuner, drive="fan-1", values=values)
-            assert found["outcome"]["word"] == "confirmed"
+            assert found["outcome"]["status"] == "confirmed"
 
     run(story())
 

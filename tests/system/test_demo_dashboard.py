@@ -52,14 +52,14 @@ def browser(demo: Demo) -> Iterator[httpx.Client]:
     """Logged in by the address that was printed."""
     base, _, code = demo[1]["url"].partition("#login=")
     with httpx.Client(base_url=base, headers={"Origin": base.rstrip("/")}) as client:
-        done = client.post("api/v1/login-once", json={"code": code})
+        done = client.post("api/v1/login/code", json={"code": code})
         assert done.status_code == 200, done.text
         yield client
 
 
 def test_the_address_logs_in_once(demo: Demo, browser: httpx.Client) -> None:
     base, _, code = demo[1]["url"].partition("#login=")
-    again = httpx.post(f"{base}api/v1/login-once", json={"code": code}, headers={"Origin": base.rstrip("/")})
+    again = httpx.post(f"{base}api/v1/login/code", json={"code": code}, headers={"Origin": base.rstrip("/")})
     assert again.status_code == 401
 
 
@@ -92,7 +92,7 @@ def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
     known = [time_ms for time_ms, value in zip(points["t"], points["mean"], strict=True) if value is not None]
     assert known[-1] - known[0] > 0.95 * HOURS * 3_600_000
     assert max(value for value in points["max"] if value is not None) > 10.0
-    markers = browser.get("api/v1/history/markers", params={**span, "drive": "spindle-1"}).json()["items"]
+    markers = browser.get("api/v1/history/events", params={**span, "drive": "spindle-1"}).json()["items"]
     assert {"command"} <= {marker["kind"] for marker in markers}
 
 

@@ -19,11 +19,16 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.config.model import BusConfig
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.testing.virtual_time import run
-from drivebus.web.metrics import fetch_scrape_data
-from drivebus.web.metrics_exposition import exposition
-from drivebus.web.metrics_points import ScrapeData, metric_points
-from drivebus.web.metrics_table import METRIC_PREFIX, METRICS, SIGNAL_METRICS
-from fixtures.running_service import real_service, token
+from drivebus.web.metrics import (
+    METRIC_PREFIX,
+    METRICS,
+    SIGNAL_METRICS,
+    ScrapeData,
+    exposition,
+    fetch_scrape_data,
+    metric_points,
+)
+from fixtures.running_service import http_service, real_service, token
 from fixtures.service import DRIVES, ServiceKit, plant_config, running_service
 from fixtures.web_app import WebAppHarness
 
@@ -122,9 +127,11 @@ def test_what_is_scraped_is_the_plants_state() -> None:
             assert of(found, "drive_commanded_frequency_hertz", drive="pump-1") is None
             assert of(found, "drive_state", drive="fan-1", state="running") == 1
             assert of(found, "drive_state", drive="fan-1", state="stopped") == 0
-            assert of(found, "drive_leased", drive="fan-1") == 1 and of(found, "drive_leased", drive="fan-2") == 0
+            assert (
+                of(found, "drive_controlled", drive="fan-1") == 1 and of(found, "drive_controlled", drive="fan-2") == 0
+            )
             assert of(found, "drive_info", drive="fan-1", bus="a", address="1", model="c320") == 1
-            assert of(found, "stops_asked_total") == of(found, "stops_confirmed_total") == 1
+            assert of(found, "stop_requests_total") == of(found, "stops_confirmed_total") == 1
             for bus in told.buses:
                 id = bus["id"]
                 assert of(found, "bus_up", bus=id) == 1
@@ -160,8 +167,8 @@ def test_g17_a_drive_that_falls_silent_has_no_values_any_more() -> None:
             assert of(found, "drive_presence", drive="fan-1", presence="offline") == 1
             assert of(found, "drive_state", drive="fan-1", state="unknown") == 1
             assert of(found, "drive_state", drive="fan-1", state="stopped") == 0
-            assert of(found, "drive_reading_good", drive="fan-1", signal="output_frequency") == 0
-            age_s = of(found, "drive_reading_age_seconds", drive="fan-1", signal="output_frequency")
+            assert of(found, "drive_signal_valid", drive="fan-1", signal="output_frequency") == 0
+            age_s = of(found, "drive_signal_age_seconds", drive="fan-1", signal="output_frequency")
             assert age_s is not None and age_s > 19.0
             assert of(found, "drive_errors_total", drive="fan-1", error="NoReply")
             assert of(found, "bus_errors_total", bus="a", error="NoReply")
@@ -184,7 +191,7 @@ def test_g17_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -
             found = series(told)
             assert of(found, "drive_output_current_amperes", drive="pump-1") is None
             assert of(found, "drive_output_current_amperes", drive="pump-2") is not None
-            good = of(found, "drive_reading_good", drive="pump-1", signal="output_current")
+            good = of(found, "drive_signal_valid", drive="pump-1", signal="output_current")
             assert good == float("quality" not in reading)
 
     run(story())
@@ -292,8 +299,8 @@ class Gone:
 
 async def test_g17_a_plant_that_does_not_answer_fails_the_scrape(tmp_path: Path) -> None:
     gone: Any = Gone()
-    house = WebAppHarness(tmp_path, plant=gone)
-    client = await house.log_in("viewer")
+    harness = WebAppHarness(tmp_path, service=gone)
+    client = await harness.log_in("viewer")
     answer = await client.get("/metrics")
     assert (answer.status_code, answer.json()["error"]["kind"]) == (503, "ServiceUnavailable")
     await client.aclose()
@@ -304,7 +311,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     def same(kit: ServiceKit) -> ServiceClient:
         return kit.service
 
-    with running_service(tmp_path_factory.mktemp("plant"), same) as found:
+    with http_service(tmp_path_factory.mktemp("plant"), same) as found:
         yield found.url
 
 

@@ -19,7 +19,7 @@ from verification.security.audit_tampering import CHECKPOINT_FILE, TAMPERINGS, T
 
 CHANGES_PER_TRAIL = 200
 """Changes of one trail, before another one is made."""
-AUDITED_ACTIONS = ("drive.run", "drive.stop", "parameters.write", "login", "drive.waiver", "configuration.reload")
+AUDITED_ACTIONS = ("drive.run", "drive.stop", "parameters.write", "login", "waiver.grant", "configuration.reload")
 RECORDS_PER_FILE = 4_000
 
 

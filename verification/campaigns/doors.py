@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from drivebus.service.auth.actor import Actor
-from drivebus.service.ipc.service_client import Json
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from verification.campaign import Campaign, CampaignRun
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ class CountingService:
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
         self.calls.append(operation)
         return {"file": "x.csv", "text": "", "next": None} if operation == "history.export" else {}
+
+    async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
+        self.calls.append(operation)
+        return b"{}"
 
     async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
         """The page's one subscription would be heard; no stranger ever begins one."""
@@ -92,7 +96,8 @@ class UnauthorizedClients:
         return StolenCredentials(good.secret, (old.secret, ended.secret), "dbt_old")
 
     async def _send(self, stranger: UnauthorizedRequest, before: tuple[Any, Any]) -> None:
-        from drivebus.web.route_policy import WEBSOCKET, AccessLevel, policies_for
+        from drivebus.web.app import declared_routes
+        from drivebus.web.route import WEBSOCKET, AccessLevel, RouteTable
 
         try:
             answer = await _send_to_app(self.app, stranger)
@@ -106,7 +111,7 @@ class UnauthorizedClients:
         if self.plant.calls and not _is_cross_origin_read(stranger):
             self.session.violation(f"{stranger} reached {self.plant.calls}")
         self.plant.calls.clear()
-        known = policies_for(stranger.path.partition("?")[0])
+        known = RouteTable(declared_routes()).match(stranger.path.partition("?")[0])
         public = any(one.access is AccessLevel.PUBLIC and one.method == stranger.method for one in known)
         if answer in (101, 200, 204) and not public and not _is_cross_origin_read(stranger):
             self.session.violation(f"{stranger} was answered {answer}")

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET
+from drivebus.web.app import declared_routes
+from drivebus.web.route import WEBSOCKET
 
+ROUTES = declared_routes()
 OWN_ORIGIN = "http://127.0.0.1:8080"
 HTTP_METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "BREW")
 FOREIGN_ORIGINS = (
@@ -39,7 +41,7 @@ CLIENT_ADDRESSES = ("127.0.0.1", "10.0.0.9", "fe80::1")
 BODIES: tuple[Any, ...] = (
     {},
     {"frequency_hz": 50.0},
-    {"frequency_hz": 50.0, "arm": "x"},
+    {"frequency_hz": 50.0, "arm_token": "x"},
     {"drive": "fan-1"},
     {"how": "stop"},
     {"values": {"F0.1": 1.0}, "save": True},
@@ -121,7 +123,7 @@ def random_request(rng: Random, credentials: StolenCredentials) -> UnauthorizedR
 
 
 def _target(rng: Random) -> tuple[str, str]:
-    entry = rng.choice(ROUTE_POLICIES)
+    entry = rng.choice(ROUTES)
     path = entry.path
     for place in ("{drive}", "{group}", "{bus}", "{alarm}", "{case}", "{user}", "{token}", "{language}", "{path:path}"):
         path = path.replace(place, rng.choice(("fan-1", "fans", "administrator", "1", "..", "%2e%2e", "a" * 300)))
@@ -181,7 +183,7 @@ def _body(rng: Random) -> bytes:
         case 1:
             return rng.randbytes(rng.randrange(200))
         case 2:
-            return b"frequency_hz=50&arm=x"
+            return b"frequency_hz=50&arm_token=x"
         case 3:
             return b"[" * rng.choice((10, 10_000))
     return json.dumps(rng.choice(BODIES)).encode()

@@ -12,8 +12,9 @@ from drivebus.bus import timer as timers
 from drivebus.clock import wall_ms
 from drivebus.service.alarms import AlarmEngine, SystemAlarm
 from drivebus.service.alarms.service import AlarmService
-from drivebus.service.api import operations as ops
 from drivebus.service.api.dispatcher import Dispatcher
+from drivebus.service.api.operations.history import TimeRangeParams
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.queries import Queries
 from drivebus.service.audit import AuditTrail
 from drivebus.service.auth.actor import Actor, local_actor
@@ -29,6 +30,7 @@ from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.systemd import SystemdNotifier
+from drivebus.service.runtime.fairness import encode_json_cooperatively
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.runtime.reload import ConfigReload
 from drivebus.service.runtime.supervision import SupervisionCycle
@@ -179,6 +181,10 @@ class Service:
         """See ``ServiceClient.call``."""
         return await self.dispatcher.call(operation, params, actor)
 
+    async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
+        """See ``ServiceClient.call_json``."""
+        return await encode_json_cooperatively(await self.call(operation, params, actor))
+
     def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
         """See ``ServiceClient.live``. Raises PermissionDenied."""
         self.dispatcher.check_may_view(actor)
@@ -190,10 +196,10 @@ class Service:
 
 
 def _audit_handlers(audit: AuditTrail) -> dict[str, OperationHandler]:
-    async def list_records(params: ops.TimeRangeParams, actor: Actor) -> Json:
+    async def list_records(params: TimeRangeParams, actor: Actor) -> Json:
         return await audit.query(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
 
-    async def verify(params: ops.NoParams, actor: Actor) -> Json:
+    async def verify(params: NoParams, actor: Actor) -> Json:
         return await audit.verify()
 
     return {"audit.list": list_records, "audit.verify": verify}

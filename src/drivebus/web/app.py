@@ -1,69 +1,79 @@
-"""``make_app``: the page, the API and the door in front of them, as one ASGI app over a ``ServiceClient``."""
+"""``make_app``: the page, the API and the middleware in front of them, as one ASGI app over a ``ServiceClient``."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
+from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.service_client import ServiceClient
-from drivebus.web import error_handlers
-from drivebus.web.api import openapi
+from drivebus.web import metrics
+from drivebus.web.api.openapi import install_openapi
 from drivebus.web.api.routes import api_router
-from drivebus.web.live.endpoint import live_router
-from drivebus.web.metrics import metrics_router
+from drivebus.web.context import WebContext
+from drivebus.web.errors import install_error_handlers
+from drivebus.web.live import endpoint as live
+from drivebus.web.live.endpoint import LiveEndpoint
 from drivebus.web.middleware.auth import AuthMiddleware
 from drivebus.web.middleware.denial_log import DenialLog
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.security_headers import SecurityHeadersMiddleware
-from drivebus.web.routes.context import RouteContext
-from drivebus.web.routes.session import session_router
-from drivebus.web.routes.static_files import static_router
-from drivebus.web.routes.users import users_router
+from drivebus.web.route import AccessRouter, Route, RouteTable
+from drivebus.web.routes import session, static_files, users
 
 
 class _WebApp(FastAPI):
-    """With the headers also on answers to errors that nobody foresaw."""
+    """FastAPI app with the security headers also on responses to unexpected errors."""
 
     def build_middleware_stack(self) -> ASGIApp:
         return SecurityHeadersMiddleware(super().build_middleware_stack())
 
 
-def make_app(client: ServiceClient, access: AuthService, web: WebConfig, routers: Sequence[APIRouter] = ()) -> FastAPI:
-    """``routers`` are further ones of gateways; each of their routes needs its line in ``web.rights``."""
-    refusals = DenialLog(client, access.clock)
+FIXED_ROUTERS = (session.router, users.router, static_files.router, live.router, metrics.router)
+"""Routers of the routes that are no operations of the service."""
+
+
+def declared_routes(operations: Iterable[Operation] = OPERATIONS.values()) -> list[Route]:
+    """Return every route of an app with the access that it requires."""
+    return [route for router in (*FIXED_ROUTERS, api_router(operations)) for route in router.routes]
+
+
+def make_app(
+    client: ServiceClient,
+    auth: AuthService,
+    web: WebConfig,
+    *,
+    operations: Iterable[Operation] = OPERATIONS.values(),
+    routers: Sequence[AccessRouter] = (),
+) -> FastAPI:
+    """Return the app; ``routers`` are additional ones."""
+    every = (*FIXED_ROUTERS, api_router(operations), *routers)
+    denials = DenialLog(client, auth.clock)
 
     @asynccontextmanager
-    async def life(_: FastAPI) -> AsyncIterator[None]:
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
-        await refusals.flush()
+        await denials.flush()
 
+    table = RouteTable(route for router in every for route in router.routes)
     app = _WebApp(
         docs_url=None,
         redoc_url=None,
-        openapi_url="/api/v1/openapi.json",
+        openapi_url=None,
         redirect_slashes=False,
-        lifespan=life,
-        middleware=[
-            Middleware(AuthMiddleware, access=access, hosts=HostCheck(web), refusals=refusals),
-        ],
+        lifespan=lifespan,
+        middleware=[Middleware(AuthMiddleware, auth=auth, hosts=HostCheck(web), denials=denials, routes=table)],
     )
-    error_handlers.install_error_handlers(app)
-    desk = RouteContext(access, client, refusals)
-    for router in (
-        session_router(desk),
-        users_router(desk),
-        static_router(),
-        api_router(client),
-        live_router(client),
-        metrics_router(client),
-        *routers,
-    ):
-        app.include_router(router)
-    openapi.install_openapi(app)
+    app.state.context = WebContext(auth=auth, client=client, denials=denials)
+    app.state.live = LiveEndpoint(client)
+    install_error_handlers(app)
+    for router in every:
+        app.include_router(router.fastapi)
+    install_openapi(app)
     return app

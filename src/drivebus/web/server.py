@@ -1,4 +1,4 @@
-"""The embedded uvicorn: where it listens, its limits, and how it ends (S14, S15)."""
+"""``HttpServer``: uvicorn inside this process, with its address, its limits and its end."""
 
 from __future__ import annotations
 
@@ -21,21 +21,20 @@ from drivebus.web.middleware.connection_limits import LimitedHttpProtocol, Limit
 LOOPBACK = "127.0.0.1"
 MAX_CONNECTIONS = 512
 KEEP_ALIVE_TIMEOUT_S = 15
-SHUTDOWN_GRACE_S = 2
-"""So long running requests may take when the process ends."""
+SHUTDOWN_GRACE_S = 2  # for requests under way when the process ends
 MAX_WEBSOCKET_MESSAGE_BYTES = 64 * 1024
 _HOST_CHECK_INTERVAL_S = 0.5
 
 
-def listen_host(web: WebConfig, access: AuthService) -> str:
-    """This machine only, unless there is TLS and an administrator (S15)."""
-    if is_loopback(web.host) or (web.certificate is not None and not access.needs_setup):
+def listen_host(web: WebConfig, auth: AuthService) -> str:
+    """Return the configured host only with TLS and an administrator, else this machine's own."""
+    if is_loopback(web.host) or (web.certificate is not None and not auth.needs_setup):
         return web.host
     return LOOPBACK
 
 
 class EmbeddedServer(uvicorn.Server):
-    """uvicorn without its hands on the signals: it would raise SIGTERM again and skip every ``finally``."""
+    """uvicorn without its signal handlers, which would raise SIGTERM again and skip every ``finally``."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -43,12 +42,12 @@ class EmbeddedServer(uvicorn.Server):
 
 
 class HttpServer:
-    """Serves until it is told to stop; moves to the configured address once it may."""
+    """Serves until ``stop``; moves to the configured address once it may listen there."""
 
-    def __init__(self, app: FastAPI, access: AuthService, web: WebConfig, on_address: Callable[[str], None]) -> None:
-        """``said`` gets the address, each time that there is a new one."""
+    def __init__(self, app: FastAPI, auth: AuthService, web: WebConfig, on_address: Callable[[str], None]) -> None:
+        """``on_address`` gets each new address as a URL."""
         self.app = app
-        self.access = access
+        self.auth = auth
         self.web = web
         self.on_address = on_address
         self._stop_requested = asyncio.Event()
@@ -57,12 +56,12 @@ class HttpServer:
         self._stop_requested.set()
 
     async def run(self) -> None:
-        """Raises ConfigurationError where it can't listen there, or the certificate can't be used."""
+        """Raises ConfigurationError for an address or certificate that cannot be used."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
         while not self._stop_requested.is_set():
-            await self._serve(listen_host(self.web, self.access))
+            await self._serve(listen_host(self.web, self.auth))
 
     async def _serve(self, host: str) -> None:
         listener = bind_listener(host, self.web.port)
@@ -71,9 +70,7 @@ class HttpServer:
         self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
         serving = asyncio.create_task(server.serve([listener]))
         try:
-            while (
-                not self._stop_requested.is_set() and host == listen_host(self.web, self.access) and not serving.done()
-            ):
+            while not self._stop_requested.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._stop_requested.wait(), _HOST_CHECK_INTERVAL_S)
         finally:
@@ -82,8 +79,8 @@ class HttpServer:
 
 
 def server_config(app: FastAPI, web: WebConfig) -> uvicorn.Config:
-    """Raises ConfigurationError for a certificate or key that can't be used."""
-    made = uvicorn.Config(
+    """Raises ConfigurationError for a certificate or key that cannot be used."""
+    config = uvicorn.Config(
         app,
         http=LimitedHttpProtocol,
         ws=LimitedWebSocketProtocol,
@@ -98,9 +95,9 @@ def server_config(app: FastAPI, web: WebConfig) -> uvicorn.Config:
         timeout_keep_alive=KEEP_ALIVE_TIMEOUT_S,
         timeout_graceful_shutdown=SHUTDOWN_GRACE_S,
     )
-    made.load()
-    made.ssl = None if web.certificate is None else _tls_context(web)
-    return made
+    config.load()
+    config.ssl = None if web.certificate is None else _tls_context(web)
+    return config
 
 
 def _tls_context(web: WebConfig) -> ssl.SSLContext:
@@ -115,7 +112,7 @@ def _tls_context(web: WebConfig) -> ssl.SSLContext:
 
 
 def bind_listener(host: str, port: int) -> socket.socket:
-    """A listening socket. Raises ConfigurationError where the address is taken or not ours."""
+    """Return a listening socket. Raises ConfigurationError for an address that is in use or not of this machine."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.socket(family, kind, protocol)

@@ -20,9 +20,9 @@ from drivebus.errors import (
     StartInhibited,
     StopUnconfirmed,
 )
-from drivebus.service.api.dispatcher import AUDIT_BEST_EFFORT, MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
-from drivebus.service.api.operations import OPERATIONS
-from drivebus.service.api.param_errors import param_fault
+from drivebus.service.api.dispatcher import MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
+from drivebus.service.api.errors import param_fault
+from drivebus.service.api.operations import OPERATIONS, Audit
 from drivebus.service.audit import AuditEntry
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
@@ -108,7 +108,7 @@ def test_s01_who_may_not_look_does_not() -> None:
     ("name", "params"),
     [
         ("drive.run", FAN | {"frequency_hz": 20.0}),
-        ("drive.waiver", FAN | {"reason": "because"}),
+        ("waiver.grant", FAN | {"reason": "because"}),
         ("drive.stop", FAN),
         ("drives.list", {}),
     ],
@@ -128,7 +128,7 @@ def test_a_plant_that_ends_takes_stops_and_questions_and_one_that_has_ended_noth
         finally:
             kit.service.plant.state = "running"
 
-    at_a_desk(story, drive_run={}, drive_waiver={}, drive_stop={}, drives_list={})
+    at_a_desk(story, drive_run={}, waiver_grant={}, drive_stop={}, drives_list={})
 
 
 def test_faults_that_a_question_finds_itself_are_told_like_all_others() -> None:
@@ -152,40 +152,38 @@ def test_the_times_are_those_of_the_rulings() -> None:
 
 def test_g14_only_control_goes_on_without_a_record() -> None:
     """Whatever starts, or allows more than before, does not."""
-    commands = {one.name for one in OPERATIONS.values() if one.mutates and not one.is_stop}
-    assert commands >= AUDIT_BEST_EFFORT, "a stop comes before its record anyway"
-    assert commands - AUDIT_BEST_EFFORT == {
+    assert {one.name for one in OPERATIONS.values() if one.audit is Audit.REQUIRED} == {
         "drive.arm",
         "drive.run",
         "drive.jog",
         "group.arm",
         "group.start",
         "parameters.write",
-        "drive.waiver",
-        "drive.unwaive",
+        "waiver.grant",
+        "waiver.revoke",
         "drive.limits",
         "configuration.reload",
     }
 
 
-@pytest.mark.parametrize("name", ["drive.reset", "drive.waiver"])
+@pytest.mark.parametrize("name", ["drive.reset", "waiver.grant"])
 def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         kit.trail.fails_silently = True
-        params = FAN | ({"reason": "because"} if name == "drive.waiver" else {})
-        if name in AUDIT_BEST_EFFORT:
+        params = FAN | ({"reason": "because"} if name == "waiver.grant" else {})
+        if OPERATIONS[name].audit is Audit.BEST_EFFORT:
             assert await desk.call(name, params, LOCAL) == {}
             (ended,) = kit.trail.entries
             assert (ended.what, ended.outcome, ended.of) == (name, "done", None)
             return
         with pytest.raises(AuditUnavailable):
             await desk.call(name, params, LOCAL)
-        what = {"what": "drive.waiver"}
+        what = {"what": "waiver.grant"}
         assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
         (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.about) == ("store", "audit.jsonl")
 
-    at_a_desk(story, drive_reset={}, drive_waiver={})
+    at_a_desk(story, drive_reset={}, waiver_grant={})
 
 
 def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
@@ -259,22 +257,22 @@ def test_whoever_stopped_something_waits_a_second_for_its_record_and_no_longer(t
         await asyncio.sleep(takes_s)
         assert kit.trail.outcomes("drive.stop") == ["confirmed"]
 
-    at_a_desk(story, drive_stop={"outcome": {"word": "confirmed"}})
+    at_a_desk(story, drive_stop={"outcome": {"status": "confirmed"}})
 
 
 DONE: list[tuple[Json, str, list[str]]] = [
     ({}, "done", []),
-    ({"outcome": {"word": "confirmed", "frames": ["a"]}}, "confirmed", ["a"]),
+    ({"outcome": {"status": "confirmed", "frames": ["a"]}}, "confirmed", ["a"]),
     ({"outcome": {"frames": ["a"]}}, "done", ["a"]),
     (
         {
-            "outcome": {"word": "confirmed", "frames": ["a", "b"]},
-            "followers": {"fan-2": {"code": "plant.not_owner"}, "fan-3": {"word": "confirmed", "frames": ["c"]}},
+            "outcome": {"status": "confirmed", "frames": ["a", "b"]},
+            "followers": {"fan-2": {"code": "plant.not_owner"}, "fan-3": {"status": "confirmed", "frames": ["c"]}},
         },
         "confirmed, plant.not_owner",
         ["a", "b", "c"],
     ),
-    ({"outcomes": {"fan-1": {"word": "acknowledged", "frames": ["d"]}}}, "acknowledged", ["d"]),
+    ({"outcomes": {"fan-1": {"status": "acknowledged", "frames": ["d"]}}}, "acknowledged", ["d"]),
 ]
 
 
@@ -334,6 +332,6 @@ def test_s08_to_save_is_a_right_besides_that_to_write() -> None:
 def test_an_operator_may_not_what_an_engineer_may() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         with pytest.raises(PermissionDenied):
-            await desk.call("drive.waiver", FAN | {"reason": "because"}, remote_actor())
+            await desk.call("waiver.grant", FAN | {"reason": "because"}, remote_actor())
 
-    at_a_desk(story, drive_waiver={})
+    at_a_desk(story, waiver_grant={})

@@ -10,9 +10,15 @@ from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
 from drivebus.errors import InvalidParameters
-from drivebus.service.api.errors import error_from_json, error_to_json
+from drivebus.service.api.errors import (
+    FAULT_MESSAGES,
+    error_from_json,
+    error_to_json,
+    param_fault,
+    params_error,
+    pydantic_faults,
+)
 from drivebus.service.api.operations import OPERATIONS
-from drivebus.service.api.param_errors import FAULT_MESSAGES, param_fault, params_error, pydantic_faults
 from drivebus.service.historian.queries import check_time_order
 from drivebus.testing.virtual_time import run
 from drivebus.web.routes import schemas

@@ -75,7 +75,7 @@ def test_no_secret_is_written(tmp_path: Path) -> None:
     said = {
         "password": "hunter2",
         "new_password": ["hunter2"],
-        "deep": {"Api-Token": "hunter2", "l": [{"arm": "hunter2"}]},
+        "deep": {"Api-Token": "hunter2", "l": [{"arm_token": "hunter2"}]},
         "url": "postgresql://plant:hunter2@db/plant",
         "header": "Bearer hunter2",
         "token": None,

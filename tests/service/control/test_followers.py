@@ -36,10 +36,10 @@ def targets(kit: ServiceKit) -> list[float]:
 
 async def asked(kit: ServiceKit, operation: str) -> None:
     """The leader gets 30 Hz from Ann, who owns it."""
-    arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm"] if operation == "drive.run" else None
-    given = {} if arm is None else {"arm": arm}
+    arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"] if operation == "drive.run" else None
+    given = {} if arm is None else {"arm_token": arm}
     found = await kit.call(operation, ANN, drive="fan-1", frequency_hz=30.0, **given)
-    assert found["followers"]["fan-2"]["word"] == "acknowledged"
+    assert found["followers"]["fan-2"]["status"] == "acknowledged"
 
 
 @pytest.mark.parametrize("operation", ["drive.set_frequency", "drive.run"])
@@ -89,7 +89,7 @@ def test_nobody_starts_behind_a_leader_that_has_not_started() -> None:
             await kit.grant_waivers()
             kit.station("fan-1").faults.mute = True  # it hears, and nobody knows what it made of it
             found = (await kit.call("group.start", group="fans", frequency_hz=20.0))["outcomes"]
-            assert found["fan-1"].get("word") is None
+            assert found["fan-1"].get("status") is None
             assert (found["fan-2"]["code"], found["fan-2"]["params"]["leader"]) == ("plant.leader_not_done", "fan-1")
             assert kit.station("fan-2").motor.starts == 0
             kit.station("fan-1").faults.mute = False
@@ -127,7 +127,7 @@ def test_a_follower_stopped_while_its_leader_gets_the_groups_frequency_is_left_a
             change = await between(kit)
             await kit.call("drive.stop", BOB, drive="fan-2")
             left = (await change)["outcomes"]
-            assert left["fan-1"]["word"] == "acknowledged"
+            assert left["fan-1"]["status"] == "acknowledged"
             assert left["fan-2"]["code"] == "plant.stopped_meanwhile"
 
     run(story())
@@ -151,11 +151,11 @@ def test_a_refused_run_of_a_leader_leaves_its_arm_for_the_next_try() -> None:
     async def story() -> None:
         async with running_service(LED) as kit:
             await running(kit, ("fan-1", ANN))
-            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm"]
+            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
             with pytest.raises(ControlNotHeld):
-                await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=30.0, arm=arm)
+                await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=30.0, arm_token=arm)
             await kit.call("lease.take", ANN, drive="fan-2")
-            await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=30.0, arm=arm)
+            await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=30.0, arm_token=arm)
 
     run(story())
 

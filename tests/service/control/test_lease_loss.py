@@ -27,15 +27,15 @@ def test_the_end_of_a_jog_voids_what_was_armed_before_it(lost: bool) -> None:
             await asyncio.sleep(2)
             await kit.grant_waivers()
             await kit.call("lease.take", ANN, drive="fan-1")
-            first, second = [(await kit.call("drive.arm", ANN, drive="fan-1"))["arm"] for _ in range(2)]
-            jog = (await kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm=first))["jog"]
+            first, second = [(await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"] for _ in range(2)]
+            jog = (await kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=first))["jog"]
             if lost:
                 await asyncio.sleep(2)
             else:
                 await kit.call("drive.jog_end", ANN, drive="fan-1", jog=jog)
             starts = kit.station("fan-1").motor.starts
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm=second)
+                await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=second)
             assert kit.station("fan-1").motor.starts == starts
 
     run(story())

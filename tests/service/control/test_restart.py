@@ -107,11 +107,11 @@ def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file(
                 await kit.call("drive.limits", drive="pump-1", maximum_hz=900.0)
         async with running_service(store=store) as kit:
             view = await kit.call("drives.get", drive="pump-1")
-            assert view["host_dies"]["waiver"] == "test bench (tester)"
+            assert view["comm_loss"]["waiver"] == "test bench (tester)"
             assert (view["minimum_hz"], view["maximum_hz"], view["directions"]) == (5.0, 40.0, ["forward"])
-            await kit.call("drive.unwaive", drive="pump-1")
+            await kit.call("waiver.revoke", drive="pump-1")
         async with running_service(store=store) as kit:
-            assert (await kit.call("drives.get", drive="pump-1"))["host_dies"]["waiver"] is None
+            assert (await kit.call("drives.get", drive="pump-1"))["comm_loss"]["waiver"] is None
         drives = tuple(replace(drive, limits=DriveLimits(maximum_hz=30.0)) for drive in DRIVES)
         async with running_service(
             plant_config(drives=drives), store=store

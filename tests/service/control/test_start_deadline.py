@@ -76,7 +76,7 @@ def test_each_further_drive_of_a_group_has_a_clock_of_its_own(
             await kit.grant_waivers()
             begun = kit.service.plant.now()
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
-            assert [one.get("word") for one in found["outcomes"].values()] == ["confirmed"] * 3
+            assert [one.get("status") for one in found["outcomes"].values()] == ["confirmed"] * 3
             assert kit.service.plant.now() - begun > context.CHECKS_TIMEOUT_S
 
     run(story())
@@ -116,7 +116,7 @@ def test_a_group_that_has_to_wait_for_its_first_turn_begins_when_that_comes(monk
             await stop
             begun = kit.service.plant.now()
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
-            assert found["outcomes"]["fan-1"]["word"] == "confirmed"
+            assert found["outcomes"]["fan-1"]["status"] == "confirmed"
             assert kit.service.plant.now() - begun > context.CHECKS_TIMEOUT_S
 
     run(story())

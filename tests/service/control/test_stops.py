@@ -52,7 +52,7 @@ def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
             await ready(kit, "fan-1")
             kit.trail.broken = True
             found = await kit.call("drive.stop", remote_actor("bob"), drive="fan-1")
-            assert found["outcome"]["word"] == "confirmed"
+            assert found["outcome"]["status"] == "confirmed"
             with pytest.raises(AuditUnavailable):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert [one.params["what"] for one in kit.trail.entries if one.what == "audit.refused"] == ["drive.run"]
@@ -74,7 +74,7 @@ def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None
             for drive in ("fan-1", "pump-1"):
                 assert state(kit, drive).turning
                 found = await kit.call("drive.stop", drive=drive)
-                assert found["outcome"]["word"] == "confirmed"
+                assert found["outcome"]["status"] == "confirmed"
                 assert state(kit, drive) is DriveState.STOPPED
 
     run(story())
@@ -100,7 +100,7 @@ def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> N
 
 
 async def blocked(kit: ServiceKit, drive: str) -> list[dict[str, object]]:
-    found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["blocked"]
+    found: list[dict[str, object]] = (await kit.call("drives.get", drive=drive))["start_blockers"]
     return found
 
 
@@ -129,7 +129,7 @@ def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
             await ready(kit, "fan-1")
             kit.trail.broken = True
             found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
-            assert found["outcome"]["word"] == "acknowledged"  # what a C320 can show of it
+            assert found["outcome"]["status"] == "acknowledged"  # what a C320 can show of it
             assert [one.what for one in kit.trail.entries[-1:]] == ["drive.set_frequency"], (
                 "its end; nothing was refused"
             )
@@ -180,10 +180,10 @@ def test_a_stop_of_anyone_voids_what_was_armed() -> None:
             await ready(kit)
             ann = remote_actor()
             await kit.call("lease.take", ann, drive="fan-1")
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
             await kit.call("drive.stop", remote_actor("bob"), drive="fan-1")
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
 
     run(story())
 
@@ -197,20 +197,20 @@ def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_sess
             ann, twin = remote_actor(), remote_actor("ann", session="another")
             for drive in ("fan-1", "fan-2"):
                 await kit.call("lease.take", ann, drive=drive)
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", ann, drive="fan-2", frequency_hz=20.0, arm=arm)
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+                await kit.call("drive.run", ann, drive="fan-2", frequency_hz=20.0, arm_token=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
             for _ in range(3):
                 await asyncio.sleep(3.4)
                 await kit.call("lease.renew", ann, drive="fan-1")
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
+                await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
             await kit.call("lease.release", ann, drive="fan-1")
             await kit.call("lease.take", twin, drive="fan-1")
             with pytest.raises(ArmRequired):
-                await kit.call("drive.run", twin, drive="fan-1", frequency_hz=20.0, arm=arm)
+                await kit.call("drive.run", twin, drive="fan-1", frequency_hz=20.0, arm_token=arm)
 
     run(story())
 
@@ -223,11 +223,11 @@ def test_the_whole_plant_is_stopped_and_stays_latched_until_it_is_released() -> 
             found = await kit.call("plant.stop", remote_actor(role=Role.OPERATOR))
             assert await commanded_hz(kit, "fan-1", "pump-1") == [None, None]
             assert {bus: one["confirmed"] for bus, one in found["buses"].items()} == {"a": True, "b": True}
-            assert found["outcomes"]["pump-1"]["word"] == "confirmed"
+            assert found["outcomes"]["pump-1"]["status"] == "confirmed"
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert "drives.latched" in [one["key"] for one in await blocked(kit, "fan-1")]
-            await kit.call("drive.release", drive="fan-1")
+            await kit.call("start_inhibit.release", drive="fan-1")
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 
     run(story())
@@ -280,8 +280,8 @@ def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> 
             await ready(kit)
             ann = remote_actor()
             await kit.call("lease.take", ann, drive="fan-1")
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
-            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm=arm)
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
+            await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
             for _ in range(5):
                 await asyncio.sleep(3)
                 await kit.call("lease.renew", ann, drive="fan-1")
@@ -334,7 +334,7 @@ def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -
             begun = kit.service.plant.now()
             told = await kit.service.stop()
             assert kit.service.plant.now() - begun <= 3.0
-            assert told["fan-1"]["kind"] == "StopUnconfirmed" and "word" not in told["fan-1"]
+            assert told["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in told["fan-1"]
 
     run(story())
 
@@ -350,7 +350,7 @@ def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> N
             await asyncio.sleep(4.5)
             await kit.call("drive.stop", drive="fan-1")
             found = (await start)["outcomes"]
-            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
+            assert [found[drive].get("status") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
             assert found["pump-1"]["kind"] == "Superseded"
             assert kit.station("pump-1").motor.starts == 0
 
@@ -364,8 +364,8 @@ def test_a_group_whose_owner_is_gone_starts_no_further_drive() -> None:
             ann = remote_actor()
             for drive in GROUP.drives:
                 await kit.call("lease.take", ann, drive=drive)
-            arm = (await kit.call("group.arm", ann, group="fans"))["arm"]
-            found = (await kit.call("group.start", ann, group="fans", frequency_hz=20.0, arm=arm))["outcomes"]
+            arm = (await kit.call("group.arm", ann, group="fans"))["arm_token"]
+            found = (await kit.call("group.start", ann, group="fans", frequency_hz=20.0, arm_token=arm))["outcomes"]
             assert [found[drive].get("kind") for drive in GROUP.drives] == [None, None, "ControlNotHeld"]
             assert kit.station("pump-1").motor.starts == 0
 
@@ -377,9 +377,9 @@ def test_a_group_is_stopped_together() -> None:
         async with running_service(plant_config(groups=(replace(GROUP, stagger_s=0.0),))) as kit:
             await ready(kit)
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
-            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+            assert {one["status"] for one in found["outcomes"].values()} == {"confirmed"}
             found = await kit.call("group.stop", remote_actor("bob"), group="fans")
-            assert {one["word"] for one in found["outcomes"].values()} == {"confirmed"}
+            assert {one["status"] for one in found["outcomes"].values()} == {"confirmed"}
 
     run(story())
 
@@ -398,7 +398,7 @@ def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(stagger_s: fl
                 phases = [kit.station(drive).motor.phase.value for drive in group.drives]
                 most = max(most, phases.count("accelerating"))
             assert most == 1
-            assert {one["word"] for one in (await start)["outcomes"].values()} == {"confirmed"}
+            assert {one["status"] for one in (await start)["outcomes"].values()} == {"confirmed"}
 
     run(story())
 
@@ -411,7 +411,7 @@ def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
             await kit.call("group.start", group="fans", frequency_hz=20.0)
             assert kit.station("fan-2").motor.target_hz == 10.0
             found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
-            assert found["followers"]["fan-2"]["word"] == "acknowledged"
+            assert found["followers"]["fan-2"]["status"] == "acknowledged"
             assert kit.station("fan-2").motor.target_hz == 15.0
             await kit.call("group.set_frequency", group="fans", frequency_hz=24.0)
             assert kit.station("fan-2").motor.target_hz == 12.0
@@ -442,8 +442,8 @@ def test_a_jog_from_afar_ends_half_a_second_after_the_hand() -> None:
             await kit.call("lease.take", ann, drive="fan-1")
             with pytest.raises(ArmRequired):
                 await kit.call("drive.jog", ann, drive="fan-1")
-            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm"]
-            jog = (await kit.call("drive.jog", ann, drive="fan-1", frequency_hz=5.0, arm=arm))["jog"]
+            arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
+            jog = (await kit.call("drive.jog", ann, drive="fan-1", frequency_hz=5.0, arm_token=arm))["jog"]
             for _ in range(5):
                 await asyncio.sleep(0.15)
                 await kit.call("drive.jog_renew", ann, drive="fan-1", jog=jog)
@@ -462,7 +462,7 @@ def test_a_jog_is_ended_by_letting_go() -> None:
             await ready(kit)
             jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
             found = await kit.call("drive.jog_end", drive="fan-1", jog=jog)
-            assert found["outcome"]["word"] == "confirmed"
+            assert found["outcome"]["status"] == "confirmed"
             assert LOCAL.name == kit.service.plant.leases.get("fan-1", kit.service.plant.now()).actor.name  # type: ignore[union-attr]
 
     run(story())
@@ -525,9 +525,9 @@ def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> N
             with pytest.raises(ServiceUnavailable):
                 await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
             await asyncio.sleep(0.1)
-            assert (await kit.call("drive.stop", drive="fan-2"))["outcome"]["word"] == "confirmed"
+            assert (await kit.call("drive.stop", drive="fan-2"))["outcome"]["status"] == "confirmed"
             found = (await start)["outcomes"]
-            assert [found[drive].get("word") for drive in GROUP.drives] == ["confirmed", None, None]
+            assert [found[drive].get("status") for drive in GROUP.drives] == ["confirmed", None, None]
             assert [*(await ending)] == ["fan-1"]
 
     run(story())
@@ -582,7 +582,7 @@ def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> 
             await asyncio.sleep(1)
             (alarm,) = [one for one in kit.service.plant.alarms.active() if one.kind == "store"]
             assert alarm.text.en.startswith("history can't be written: database or disk is full;")
-            assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["word"] == "confirmed"
+            assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
             kit.history.problem = None
             await asyncio.sleep(1)
             assert "store" not in kinds(kit)

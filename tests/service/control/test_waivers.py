@@ -47,8 +47,8 @@ def about(kit: ServiceKit) -> list[dict[str, str]]:
 def test_a_waiver_of_another_drive_of_this_name_is_ignored_and_said_in_both_languages(what: str) -> None:
     async def refused(kit: ServiceKit) -> None:
         view = await kit.call("drives.get", drive="fan-1")
-        assert view["host_dies"]["waiver"] is None
-        assert "plant.waiver_of_another" in [one["key"] for one in view["blocked"]]
+        assert view["comm_loss"]["waiver"] is None
+        assert "plant.waiver_of_another" in [one["key"] for one in view["start_blockers"]]
         with pytest.raises(WaiverRequired) as error:
             await start(kit)
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
@@ -58,7 +58,7 @@ def test_a_waiver_of_another_drive_of_this_name_is_ignored_and_said_in_both_lang
 
     async def mended(kit: ServiceKit) -> None:
         await kit.grant_waivers("fan-1")
-        blocked = (await kit.call("drives.get", drive="fan-1"))["blocked"]
+        blocked = (await kit.call("drives.get", drive="fan-1"))["start_blockers"]
         assert not [one for one in blocked if one["key"].startswith("plant.waiver")]
 
     async def whole() -> None:
@@ -104,7 +104,7 @@ def test_a_waiver_that_was_kept_without_its_drive_is_ignored() -> None:
 
 def test_a_waiver_that_was_taken_back_is_none_of_another() -> None:
     async def taken_back(kit: ServiceKit) -> None:
-        await kit.call("drive.unwaive", drive="fan-1")
+        await kit.call("waiver.revoke", drive="fan-1")
         await refused(kit)
 
     async def refused(kit: ServiceKit) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from drivebus.errors import InvalidParameters
 from drivebus.profiles.model import Text
-from drivebus.service.api.operations import ExportParams
+from drivebus.service.api.operations.history import ExportParams
 from drivebus.service.historian import Historian, export
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples
 from peers import need_module

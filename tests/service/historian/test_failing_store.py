@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.api.operations import TimeRangeParams
+from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as room
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError

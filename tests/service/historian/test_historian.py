@@ -13,7 +13,7 @@ import pytest
 
 from drivebus.errors import InvalidParameters, NotFound
 from drivebus.profiles.model import Text
-from drivebus.service.api.operations import TimeRangeParams, TrendParams
+from drivebus.service.api.operations.history import TimeRangeParams, TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import FLUSH_INTERVAL_S, Historian
 from drivebus.service.live.views import Sample

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drivebus.service.api.operations import TimeRangeParams
+from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
 from drivebus.service.historian.points import DAY_MS

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivebus.service.api.operations import TimeRangeParams
+from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian, compaction, writer
 from drivebus.service.historian.points import DAY_MS, HOUR_MS, ResolutionLevel

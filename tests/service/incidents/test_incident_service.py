@@ -59,9 +59,9 @@ def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_pat
                 one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
             ]
             assert told == ["raised"], "once, though it got its case afterwards"
-            (listed,) = (await kit.call("cases.list"))["items"]
+            (listed,) = (await kit.call("incidents.list"))["items"]
             assert listed["id"] == alarm["case"] == "000001-fan-1"
-            case = await kit.call("cases.get", case=alarm["case"])
+            case = await kit.call("incidents.get", incident=alarm["case"])
             assert case["view"]["fault"]["code"] == 5 and case["view"]["state"] == "fault"
             states = [one["state"] for one in case["states"]]
             assert states[-1] == "fault" and "running" in states
@@ -97,7 +97,7 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
             assert [(one["id"], one["cleared_ms"] is None) for one in kept] == [(alarm["id"], False)]
             assert (await kit.call("alarms.history", drive="fan-2"))["items"] == []
             with pytest.raises(NotFound):
-                await kit.call("cases.get", case="000009-fan-1")
+                await kit.call("incidents.get", incident="000009-fan-1")
 
     run(story())
 
@@ -113,10 +113,10 @@ def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(t
             (tmp_path / "incidents").unlink()
             await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
             await asyncio.sleep(1)
-            assert (await kit.call("cases.list"))["items"] == [], "a shelf is no trip"
+            assert (await kit.call("incidents.list"))["items"] == [], "a shelf is no trip"
             kit.station("fan-2").trip(Trip.OVERLOAD)
             await asyncio.sleep(12)
-            assert [one["drive"] for one in (await kit.call("cases.list"))["items"]] == ["fan-2"]
+            assert [one["drive"] for one in (await kit.call("incidents.list"))["items"]] == ["fan-2"]
             (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
             assert store["cleared_ms"] is not None
 

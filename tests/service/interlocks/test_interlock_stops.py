@@ -39,14 +39,14 @@ def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_
             await asyncio.sleep(15)
             await kit.grant_waivers()
             await asyncio.sleep(1)
-            blocked = (await kit.call("drives.get", drive="pump-1"))["blocked"]
+            blocked = (await kit.call("drives.get", drive="pump-1"))["start_blockers"]
             assert [one["key"] for one in blocked] == ["interlocks.violated"]
             assert blocked[0]["params"]["interlock"] == "air"
             assert "fan-1.state is stopped" in blocked[0]["text"]["en"] and "送风" in blocked[0]["text"]["zh"]
             with pytest.raises(Interlocked, match=r"fan-1\.output_frequency is 0 Hz"):
                 await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
-            assert (await kit.call("drives.get", drive="fan-1"))["blocked"] == []
+            assert (await kit.call("drives.get", drive="fan-1"))["start_blockers"] == []
 
     run(story())
 

@@ -63,7 +63,7 @@ def test_s14_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(comman
             await asyncio.sleep(5)
             await kit.grant_waivers()
             *_, start, stop = await asked(kit, *QUESTIONS, (command, place), ("drive.stop", {"drive": "fan-1"}))
-            assert "Superseded" in json.dumps(start) and stop["result"]["outcome"]["word"] == "confirmed"
+            assert "Superseded" in json.dumps(start) and stop["result"]["outcome"]["status"] == "confirmed"
             await asyncio.sleep(3)
             assert [kit.station(fan).motor.starts for fan in ("fan-1", "fan-2")] == [0, 0]
 
@@ -74,7 +74,7 @@ def test_s14_a_stop_of_everything_holds_whatever_release_came_before_it() -> Non
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            release = "drive.release", {"drive": "fan-1"}
+            release = "start_inhibit.release", {"drive": "fan-1"}
             await asked(kit, *QUESTIONS, release, ("plant.stop", {}))
             assert (await kit.call("drives.get", drive="fan-1"))["latched"]
 

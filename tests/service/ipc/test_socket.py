@@ -263,11 +263,11 @@ def test_s14_a_stop_goes_before_the_questions_that_came_with_it(tmp_path: Path) 
         server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
         await client.call("plant.get", {}, LOCAL)
-        given = ["buses.list"] * 50 + ["drive.waiver", "drive.stop"]
+        given = ["buses.list"] * 50 + ["waiver.grant", "drive.stop"]
         await asyncio.gather(*(client.call(name, {}, LOCAL) for name in given))
         asked = [operation for operation, _, _ in paper.asked]
         assert len(asked) == 53 and asked.index("drive.stop") < 5
-        assert asked.index("drive.waiver") < asked.index("drive.stop")  # no start that comes after its stop
+        assert asked.index("waiver.grant") < asked.index("drive.stop")  # no start that comes after its stop
         await client.close()
         await server.close()
 

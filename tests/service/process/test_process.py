@@ -102,12 +102,12 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
             process.send_signal(signal.SIGHUP)
             await seen(client, "fan-2")
             for drive in ("fan-1", "fan-2"):
-                await client.call("drive.waiver", {"drive": drive, "reason": "test bench"}, ME)
+                await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
             await client.call("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}, ME)
             stopped = await asyncio.to_thread(verb, "stop-all", str(file), "--json")
             assert stopped.returncode == 0, stopped
             assert json.loads(stopped.stdout)["buses"]["a"]["confirmed"] is True
-            await client.call("drive.release", {"drive": "fan-2"}, ME)
+            await client.call("start_inhibit.release", {"drive": "fan-2"}, ME)
             await client.call("drive.run", {"drive": "fan-2", "frequency_hz": 20.0}, ME)
             await client.close()
 

@@ -53,7 +53,7 @@ def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.M
     """6.6: in the form that was asked for, like every other line."""
 
     async def ended(setting: Any, *, web: bool, announce: str, on_ready: Any) -> dict[str, Any]:
-        return {"fan-1": None, "fan-2": {"word": "confirmed"}}
+        return {"fan-1": None, "fan-2": {"status": "confirmed"}}
 
     lines: list[str] = []
     monkeypatch.setattr("drivebus.service.process.main.run_service", ended)

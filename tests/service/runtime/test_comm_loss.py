@@ -38,7 +38,7 @@ async def write(kit: ServiceKit, **values: float) -> None:
 
 
 async def badge(kit: ServiceKit) -> str:
-    found: str = (await kit.call("drives.get", drive="fan-1"))["host_dies"]["kind"]
+    found: str = (await kit.call("drives.get", drive="fan-1"))["comm_loss"]["kind"]
     return found
 
 
@@ -94,7 +94,7 @@ def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_wh
             station.keypad_set(0x4_03, action)
             station.keypad_set(0x4_04, time)
             await asyncio.sleep(8)
-            found = (await kit.call("drives.get", drive="small"))["host_dies"]
+            found = (await kit.call("drives.get", drive="small"))["comm_loss"]
             assert (found["kind"], found["after_s"]) == (kind, time / 10)
             if kind != "trips":
                 with pytest.raises(WaiverRequired):

@@ -20,11 +20,11 @@ def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
         drives = (*DRIVES[:2], *(replace(drive, model="df800") for drive in DRIVES[2:]))
         async with running_service(plant_config(buses=buses, drives=drives)) as kit:
             await asyncio.sleep(5)
-            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 0, "confirmed": 0, "acknowledged": 0}
+            assert (await kit.call("plant.statistics"))["stops"] == {"requested": 0, "confirmed": 0, "acknowledged": 0}
             await kit.call("drive.stop", drive="fan-1")
-            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 1, "confirmed": 1, "acknowledged": 0}
+            assert (await kit.call("plant.statistics"))["stops"] == {"requested": 1, "confirmed": 1, "acknowledged": 0}
             await kit.call("plant.stop")
-            assert (await kit.call("plant.statistics"))["stops"] == {"asked": 5, "confirmed": 3, "acknowledged": 1}
+            assert (await kit.call("plant.statistics"))["stops"] == {"requested": 5, "confirmed": 3, "acknowledged": 1}
 
     run(story())
 

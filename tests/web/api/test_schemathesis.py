@@ -13,13 +13,13 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
-from drivebus.web.api.table import API_PREFIX
-from fixtures.running_service import PASSWORD, RunningService, running_service, token
+from fixtures.running_service import PASSWORD, RunningService, http_service, token
 
 EXAMPLES = os.environ.get("DRIVEBUS_API_EXAMPLES", "2")
 HERE = Path(__file__).parent
-ENDS_ITSELF = ("/logout", "/logout-everywhere", "/password", "/session/active")
+ENDS_ITSELF = ("/logout", "/logout?all=true", "/password", "/session/activity")
 """A session that ends in the middle would only show that it has ended."""
 
 
@@ -59,14 +59,14 @@ def cookie(plant: RunningService) -> dict[str, str]:
 
 @pytest.mark.timeout(600)
 def test_schemathesis_finds_nothing_with_the_token_of_an_engineer(tmp_path: Path) -> None:
-    with running_service(tmp_path) as plant:
+    with http_service(tmp_path) as plant:
         found = findings(plant, {"Authorization": f"Bearer {token(Role.ENGINEER)}"}, tmp_path)
         assert not found, found
 
 
 @pytest.mark.timeout(600)
 def test_schemathesis_finds_nothing_with_the_session_of_an_administrator(tmp_path: Path) -> None:
-    with running_service(tmp_path) as plant:
+    with http_service(tmp_path) as plant:
         ours = [word for path in ENDS_ITSELF for word in ("--exclude-path", API_PREFIX + path)]
         found = findings(
             plant, cookie(plant), tmp_path, "--include-tag", "users and tokens", "--include-tag", "account", *ours

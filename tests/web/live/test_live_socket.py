@@ -14,9 +14,9 @@ import websockets
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
-from drivebus.web.api.table import API_PREFIX
-from fixtures.running_service import PASSWORD, RunningService, running_service, token
+from fixtures.running_service import PASSWORD, RunningService, http_service, token
 
 Json = dict[str, Any]
 PATIENCE_S = 30.0
@@ -24,7 +24,7 @@ PATIENCE_S = 30.0
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with running_service(Path(tmp_path_factory.mktemp("plant"))) as found:
+    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
         yield found
 
 

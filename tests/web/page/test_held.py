@@ -21,7 +21,7 @@ def page(stage: Stage, visit: Any) -> Any:
 
 
 def enabled(stage: Stage, page: Any, drive: str) -> Any:
-    stage.call("drive.waiver", drive=drive, reason="watched bench")
+    stage.call("waiver.grant", drive=drive, reason="watched bench")
     page.click("[data-do=take]")
     page.locator(".lease.mine").wait_for()
     page.click(".control summary")
@@ -93,7 +93,7 @@ def test_a_jog_whose_renewal_fails_is_given_up_and_said_so(stage: Stage, page: A
 
 def test_a_hold_without_its_first_step_moves_nothing(stage: Stage, visit: Any) -> None:
     """Nobody jogs by leaning on the keyboard."""
-    stage.call("drive.waiver", drive="pump-1", reason="watched bench")
+    stage.call("waiver.grant", drive="pump-1", reason="watched bench")
     page = visit("#/drive/pump-1")
     page.click("[data-do=take]")
     page.locator(".lease.mine").wait_for()

@@ -36,7 +36,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
     def word(key: str, **params: Any) -> str:
         return i18n.text(key, language, **params)
 
-    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/fleet", language=language, role="operator")
     tile = page.locator(".tile", has=page.locator("[data-drive=fan-1]"))
     tile.locator(f".state:has-text('{word('drives.state_stopped')}')").wait_for()
@@ -81,7 +81,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
 def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_back(stage: Stage, visit: Any) -> None:
     """Stale data and a lost line hinder no stop; what became of it is told (6.5, G17)."""
-    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
     run_at(page, "20")
@@ -103,7 +103,7 @@ def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is
     answers = [
         {"status": 503, "json": {"error": problem | {"code": "plant.unavailable", "status": 503}}},
         {"status": 403, "json": {"error": problem | {"code": "access.csrf", "status": 403}}},
-        {"status": 200, "json": {"outcomes": {"fan-1": {"word": "confirmed"}}, "buses": {}}},
+        {"status": 200, "json": {"outcomes": {"fan-1": {"status": "confirmed"}}, "buses": {}}},
     ]
     page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)))
     page.click("[data-stop=all]")
@@ -114,7 +114,7 @@ def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is
 
 def test_a_stop_needs_no_hand_and_takes_it_from_nobody(stage: Stage, visit: Any) -> None:
     """6.5: no lease, no second step; the one who has the drive in hand keeps it."""
-    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     hers, his = visit("#/drive/fan-1"), visit("#/drive/fan-1", role="operator")
     take(hers)
     run_at(hers, "20")
@@ -164,7 +164,7 @@ def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, 
 
 def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, visit: Any) -> None:
     """S16: the first step alone moves nothing, and Escape takes it back."""
-    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
     asked: list[str] = []

@@ -98,7 +98,7 @@ def test_an_alarm_is_acknowledged_and_its_case_opened(stage: Stage, visit: Any, 
     with page.expect_download() as saved:
         page.get_by_role("button", name=word("save_capture")).click()
     assert saved.value.suggested_filename.endswith(".dbcap") and saved.value.path().stat().st_size > 200
-    page.route("**/api/v1/cases/*", unread)
+    page.route("**/api/v1/incidents/*", unread)
     page.reload()
     parameters = page.get_by_role("region", name=word("case_parameters")).locator("tbody tr")
     expect(parameters.filter(has_text="F9.4")).to_contain_text(i18n.text("drives.no_answer", "en"))

@@ -181,7 +181,7 @@ def test_why_a_value_is_doubtful_or_absent_stands_beside_it(visit: Any, language
 
 def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
     """Edit, look at the difference, write to RAM; saving is a step of its own, and taken once."""
-    stage.call("drive.waiver", drive="fan-1", reason="watched bench")
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1?tab=parameters")
     page.click("[data-do=take]")
     page.locator(".lease.mine").wait_for()

@@ -13,6 +13,7 @@ from drivebus.testing.virtual_time import run
 from drivebus.web.middleware.auth import AuthMiddleware, client_address, session_cookie
 from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.web.middleware.host_check import HostCheck
+from drivebus.web.route import RouteTable
 from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
 
 
@@ -63,14 +64,14 @@ def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told:
 def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
     method: str, path: str, status: int, key: str, tmp_path: Path
 ) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        answer = await house.client().request(method, path)
+        answer = await harness.client().request(method, path)
         assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
         assert answer.headers["connection"] == "close"
         assert answer.headers.get("allow") == {"PUT": "POST", "FETCH": "GET, POST"}.get(method)
-        (told,) = house.plant.records
+        (told,) = harness.service.records
         assert told[0] == {
             "what": "refused",
             "target": f"{method} {path if status == 401 else '-'}",
@@ -83,32 +84,32 @@ def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
 
 
 def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        secret = await house.token("operator", "view", "stop")
+        secret = await harness.token("operator", "view", "stop")
         for scheme in ("Bearer", "bearer", "BEARER"):
-            client = house.client(authorization=f"{scheme}  {secret} ")
+            client = harness.client(authorization=f"{scheme}  {secret} ")
             assert (await client.get("/api/v1/drives")).status_code == 200
         answer = await client.get("/api/v1/tokens")
         assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.only_session")
         answer = await client.post("/api/v1/drives/fan-1/reset")
         assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.forbidden")
         assert answer.json()["error"]["params"] == {"right": "operate"}
-        wrong = house.client(authorization=f"Basic {secret}")
+        wrong = harness.client(authorization=f"Basic {secret}")
         assert (await wrong.get("/api/v1/drives")).status_code == 401
 
     run(story())
 
 
 def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("viewer")
+        client = await harness.log_in("viewer")
         answer = await client.get("/api/v1/session", headers={"origin": "http://evil.example"})
         assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
-        refused = await client.post("/api/v1/session/active", headers={"origin": "http://evil.example"})
+        refused = await client.post("/api/v1/session/activity", headers={"origin": "http://evil.example"})
         assert (refused.status_code, refused.json()["error"]["code"]) == (403, "access.foreign_origin")
 
     run(story())
@@ -116,10 +117,10 @@ def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_ot
 
 def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(tmp_path: Path) -> None:
     """A page that was closed has forgotten it; the cookie is still there."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         del client.headers["X-Drivebus-CSRF"]
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         assert answer.status_code == 200
@@ -130,7 +131,7 @@ def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(t
 
 
 def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(tmp_path: Path) -> None:
-    house, heard = WebAppHarness(tmp_path), list[str]()
+    harness, heard = WebAppHarness(tmp_path), list[str]()
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
         heard.append(scope["type"])
@@ -139,21 +140,27 @@ def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(
         raise AssertionError
 
     async def story() -> None:
-        guard = AuthMiddleware(app, house.access, HostCheck(WebConfig()), house.denials)
+        guard = AuthMiddleware(
+            app,
+            auth=harness.auth,
+            hosts=HostCheck(WebConfig()),
+            denials=harness.denials,
+            routes=RouteTable([]),
+        )
         await guard({"type": "lifespan"}, nothing, nothing)
         assert heard == ["lifespan"]
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         wire = AppWebSocket(
-            house.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}
+            harness.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}
         )
         await wire.route
-        assert wire.close_code == 4403 and house.plant.records[-1][0]["outcome"] == "access.foreign_origin"
+        assert wire.close_code == 4403 and harness.service.records[-1][0]["outcome"] == "access.foreign_origin"
 
     run(story())
 
 
 def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path, users=False)
+    harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
         for method, path, status in (
@@ -162,7 +169,7 @@ def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_the
             ("POST", "/logout", 409),
             ("GET", "/session", 200),
         ):
-            answer = await house.client().request(method, f"/api/v1{path}")
+            answer = await harness.client().request(method, f"/api/v1{path}")
             assert answer.status_code == status
             assert status == 200 or answer.json()["error"]["code"] == "access.setup_needed"
 
@@ -170,11 +177,11 @@ def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_the
 
 
 def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        house.clock.now += 900.0
+        client = await harness.log_in("operator")
+        harness.clock.now += 900.0
         for path, status, code in (("reset", 403, "access.idle"), ("stop", 200, None)):
             answer = await client.post(f"/api/v1/drives/fan-1/{path}")
             assert (answer.status_code, answer.json().get("error", {}).get("code")) == (status, code)
@@ -183,30 +190,30 @@ def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
 
 
 def test_s07_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        (session,) = house.access.sessions.of_user("operator")
+        client = await harness.log_in("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         for method, path, awake in (
             ("GET", "/drives", False),
             ("POST", "/drives/fan-1/lease/renew", False),
             ("POST", "/stop", True),
         ):
-            house.clock.now += 1.0
+            harness.clock.now += 1.0
             before = session.active
             assert (await client.request(method, f"/api/v1{path}")).status_code == 200
-            assert session.active == (house.clock.now if awake else before)
+            assert session.active == (harness.clock.now if awake else before)
 
     run(story())
 
 
 def test_s01_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         answer = await client.post("/api/v1/stop", headers={"authorization": "Bearer dbt_x"})
-        assert answer.status_code == 401 and house.plant.calls == []
+        assert answer.status_code == 401 and harness.service.calls == []
 
     run(story())

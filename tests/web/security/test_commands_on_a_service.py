@@ -15,7 +15,8 @@ from httpx import AsyncClient
 from drivebus.bus.trace import TraceEvent
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.testing.virtual_time import run
-from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET, AccessLevel
+from drivebus.web.app import declared_routes
+from drivebus.web.route import WEBSOCKET, AccessLevel
 from fixtures.service import ServiceKit, running_service
 from fixtures.web_app import WebAppHarness
 
@@ -27,11 +28,11 @@ def on_a_plant(directory: Path, story: Story) -> None:
 
     async def whole() -> None:
         async with running_service() as kit:
-            house = WebAppHarness(directory, plant=kit.service)
-            house.denials.__init__(kit.service, house.clock)  # type: ignore[misc]
+            harness = WebAppHarness(directory, service=kit.service)
+            harness.denials.__init__(kit.service, harness.clock)  # type: ignore[misc]
             await asyncio.sleep(5)
             await kit.grant_waivers()
-            await story(kit, house)
+            await story(kit, harness)
 
     run(whole())
 
@@ -39,8 +40,8 @@ def on_a_plant(directory: Path, story: Story) -> None:
 async def started(client: AsyncClient, drive: str = "fan-1", hz: float = 20.0) -> Any:
     """Lease, arm, run: as the page does it."""
     assert (await client.post(f"/api/v1/drives/{drive}/lease")).status_code == 200
-    arm = (await client.post(f"/api/v1/drives/{drive}/arm")).json()["arm"]
-    return await client.post(f"/api/v1/drives/{drive}/run", json={"frequency_hz": hz, "arm": arm})
+    arm = (await client.post(f"/api/v1/drives/{drive}/arm")).json()["arm_token"]
+    return await client.post(f"/api/v1/drives/{drive}/run", json={"frequency_hz": hz, "arm_token": arm})
 
 
 class Heard:
@@ -59,22 +60,22 @@ class Heard:
 def test_s01_whoever_has_not_the_right_puts_no_frame_on_any_bus(tmp_path: Path) -> None:
     """Every route with nothing, with something forged, and as each weaker role: the buses carry their polls only."""
 
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         heard = Heard(kit)
         await asyncio.sleep(10)
         polls = set(heard.sent)
         assert polls
         strangers = [
-            house.client(),
-            house.client(authorization="Bearer dbt_x"),
-            house.client(cookie="drivebus_session=x"),
+            harness.client(),
+            harness.client(authorization="Bearer dbt_x"),
+            harness.client(cookie="drivebus_session=x"),
         ]
         clients = [(None, client) for client in strangers]
         clients += [
-            (ROLE_RIGHTS[role], await house.log_in(role)) for role in (Role.VIEWER, Role.OPERATOR, Role.ENGINEER)
+            (ROLE_RIGHTS[role], await harness.log_in(role)) for role in (Role.VIEWER, Role.OPERATOR, Role.ENGINEER)
         ]
         for rights, client in clients:
-            for entry in ROUTE_POLICIES:
+            for entry in declared_routes():
                 if entry.method == WEBSOCKET or entry.access is AccessLevel.PUBLIC or entry.access in (rights or ()):
                     continue
                 if rights is not None and entry.access is AccessLevel.SESSION:
@@ -92,12 +93,12 @@ def test_s01_whoever_has_not_the_right_puts_no_frame_on_any_bus(tmp_path: Path) 
 def test_s16_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path: Path) -> None:
     """The very same octets, cookie, CSRF token and all, after the drive was stopped, and from another session."""
 
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         done = await started(client)
-        assert done.json()["outcome"]["word"] == "confirmed", done.text
+        assert done.json()["outcome"]["status"] == "confirmed", done.text
         recorded = done.request
-        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["word"] == "confirmed"
+        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
         station = kit.station("fan-1")
         for wait_s in (0.0, 1.0, 60.0):
             await asyncio.sleep(wait_s)
@@ -109,20 +110,20 @@ def test_s16_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path
             assert station.motor.starts == 1 and not station.motor.energised
         assert (await client.post("/api/v1/logout")).status_code == 200
         cookies = dict(recorded.headers)
-        again = await house.client().request("POST", recorded.url, content=recorded.content, headers=cookies)
+        again = await harness.client().request("POST", recorded.url, content=recorded.content, headers=cookies)
         assert again.status_code == 401
 
     on_a_plant(tmp_path, story)
 
 
 def test_s16_what_somebody_armed_serves_nobody_else(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        ann, eve = await house.log_in("operator"), await house.log_in("engineer")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        ann, eve = await harness.log_in("operator"), await harness.log_in("engineer")
         assert (await ann.post("/api/v1/drives/fan-1/lease")).status_code == 200
-        arm = (await ann.post("/api/v1/drives/fan-1/arm")).json()["arm"]
+        arm = (await ann.post("/api/v1/drives/fan-1/arm")).json()["arm_token"]
         assert (await eve.post("/api/v1/drives/fan-2/lease")).status_code == 200
         for client, drive in ((eve, "fan-1"), (eve, "fan-2"), (ann, "fan-2")):
-            answer = await client.post(f"/api/v1/drives/{drive}/run", json={"frequency_hz": 20.0, "arm": arm})
+            answer = await client.post(f"/api/v1/drives/{drive}/run", json={"frequency_hz": 20.0, "arm_token": arm})
             assert answer.status_code == 409, answer.text
         assert [kit.station(drive).motor.starts for drive in ("fan-1", "fan-2")] == [0, 0]
 
@@ -133,20 +134,20 @@ def test_s16_what_somebody_armed_serves_nobody_else(tmp_path: Path) -> None:
 def test_s20_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) -> None:
     """The client's, told in any header or body, and the server's own wall clock: only monotonic time counts."""
 
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         real = kit.service.plant.wall_ms
         kit.service.plant.wall_ms = lambda: real() + skew_s * 1000
         when = formatdate(kit.service.plant.wall_ms() / 1000)
         client.headers.update({"date": when, "x-request-time": when, "if-unmodified-since": when})
-        assert (await started(client)).json()["outcome"]["word"] == "confirmed"
+        assert (await started(client)).json()["outcome"]["status"] == "confirmed"
         told = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0, "time_ms": 0})
         assert told.status_code == 422, "nobody tells the plant what time it is"
         await client.post("/api/v1/drives/fan-1/lease/renew")
         kit.service.plant.wall_ms = real
         told = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0})
         assert told.status_code == 200 and kit.station("fan-1").motor.target_hz == 21.0, told.text
-        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["word"] == "confirmed"
+        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 
     on_a_plant(tmp_path, story)
 
@@ -171,8 +172,8 @@ FIELDS: list[tuple[str, str, Any]] = [
 
 
 def test_s08_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
         heard = Heard(kit)
         await asyncio.sleep(5)
@@ -188,17 +189,17 @@ def test_s08_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_pat
 
 
 def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         assert (await started(client)).status_code == 200
-        house.clock.now += 900.0
+        harness.clock.now += 900.0
         for _ in range(20):
             await asyncio.sleep(3)
             assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
         answer = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 30.0})
         assert answer.json()["error"]["code"] == "access.idle"
         assert kit.station("fan-1").motor.output_hz == pytest.approx(20.0)
-        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["word"] == "confirmed"
+        assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 
     on_a_plant(tmp_path, story)
 
@@ -206,13 +207,13 @@ def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tm
 def test_s14_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Path) -> None:
     """The questions wait for their turn; the first step of a start does not, or it would be younger than the stop."""
 
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
         questions = [client.get("/api/v1/buses") for _ in range(20)]
         steps = client.post("/api/v1/drives/fan-1/arm"), client.post("/api/v1/drives/fan-1/stop")
         *_, armed, _ = await asyncio.gather(*questions, *steps)
-        body = {"frequency_hz": 20.0, "arm": armed.json().get("arm")}
+        body = {"frequency_hz": 20.0, "arm_token": armed.json().get("arm_token")}
         answer = await client.post("/api/v1/drives/fan-1/run", json=body)
         assert answer.json()["error"]["kind"] == "ArmRequired"
         assert kit.station("fan-1").motor.starts == 0
@@ -221,11 +222,13 @@ def test_s14_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path:
 
 
 def test_s14_a_stop_of_everything_holds_whatever_release_was_asked_before_it(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, house: WebAppHarness) -> None:
-        client = await house.log_in("operator")
+    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+        client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
         questions = [client.get("/api/v1/buses") for _ in range(20)]
-        await asyncio.gather(*questions, client.post("/api/v1/drives/fan-1/release"), client.post("/api/v1/stop"))
+        await asyncio.gather(
+            *questions, client.post("/api/v1/drives/fan-1/start-inhibit/release"), client.post("/api/v1/stop")
+        )
         assert (await client.get("/api/v1/drives/fan-1")).json()["latched"]
 
     on_a_plant(tmp_path, story)

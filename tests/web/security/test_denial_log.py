@@ -122,7 +122,7 @@ def test_s14_so_many_kinds_are_told_in_a_period_and_the_others_together() -> Non
             await door.record_denial("POST", f"/{n}", "k", EVE)
         await door.record_denial("POST", "/0", "k", EVE)
         assert [target for target, *_ in told(plant)] == [f"POST /{n}" for n in range(MAX_KINDS_PER_PERIOD)]
-        assert sum(task.get_name() == "refusals" for task in asyncio.all_tasks()) == 1
+        assert sum(task.get_name() == "denial log" for task in asyncio.all_tasks()) == 1
         await door.flush()
         assert told(plant)[MAX_KINDS_PER_PERIOD:] == [("POST /0", "eve@10.0.0.9", 1, "k"), ("* *", "*", 5, "*")]
         await door.record_denial("POST", "/0", "k", EVE)

@@ -10,18 +10,19 @@ import pytest
 
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.testing.virtual_time import run
+from drivebus.web.app import declared_routes
 from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
-from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET, AccessLevel
+from drivebus.web.route import WEBSOCKET, AccessLevel
 from fixtures.web_app import BASE, PASSWORD, WebAppHarness
 
 HOUR_S = 3600.0
 
 
-async def guess(house: WebAppHarness, name: str, host: str = "10.0.0.9") -> int:
+async def guess(harness: WebAppHarness, name: str, host: str = "10.0.0.9") -> int:
     """The status of a login with a wrong password, from an address of its own."""
     import httpx
 
-    transport = httpx.ASGITransport(app=house.app, client=(host, 40000))
+    transport = httpx.ASGITransport(app=harness.app, client=(host, 40000))
     async with httpx.AsyncClient(transport=transport, base_url=BASE) as client:
         answer = await client.post("/api/v1/login", json={"name": name, "password": "wrong password"})
         if answer.status_code == 429:
@@ -32,62 +33,62 @@ async def guess(house: WebAppHarness, name: str, host: str = "10.0.0.9") -> int:
 
 def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
     """1,200 guesses from 1,200 addresses: at most 100 are looked at, and the user who is logged in stops at will."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        mine = await house.log_in("operator")
+        mine = await harness.log_in("operator")
         looked_at = 0
         for n in range(1200):
-            house.clock.now += HOUR_S / 1200
-            looked_at += await guess(house, "operator", f"10.{n >> 8}.{n & 255}.1") == 401
+            harness.clock.now += HOUR_S / 1200
+            looked_at += await guess(harness, "operator", f"10.{n >> 8}.{n & 255}.1") == 401
             if n % 120 == 0:
                 assert (await mine.post("/api/v1/stop")).status_code == 200
-                assert (await mine.post("/api/v1/session/active")).status_code == 200
+                assert (await mine.post("/api/v1/session/activity")).status_code == 200
         assert 10 < looked_at <= 100
-        assert [call[0] for call in house.plant.calls] == ["plant.stop"] * 10
+        assert [call[0] for call in harness.service.calls] == ["plant.stop"] * 10
 
     run(story())
 
 
 def test_s05_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        statuses = [await guess(house, f"user{n}") for n in range(300)]
+        statuses = [await guess(harness, f"user{n}") for n in range(300)]
         assert statuses.count(401) == 10
-        await house.log_in("operator")
+        await harness.log_in("operator")
 
     run(story())
 
 
 def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
         for n in range(500):
-            await guess(house, f"user{n % 100}")
-        told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
+            await guess(harness, f"user{n % 100}")
+        told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
         assert {entry["outcome"] for entry in told} == {"access.wrong_password", "access.too_many"}
         assert len(told) <= 1 + MAX_KINDS_PER_PERIOD
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        told = [entry for entry, _ in house.plant.records if entry["what"] == "refused"]
+        told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
         assert sum(entry["params"]["times"] for entry in told) == 500
 
     run(story())
 
 
 def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path, users=False)
+    harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
-        client = house.client()
-        for entry in ROUTE_POLICIES:
+        client = harness.client()
+        for entry in declared_routes():
             if entry.access is AccessLevel.PUBLIC or entry.method == WEBSOCKET:
                 continue
             for headers in ({}, {"authorization": "Bearer x"}, {"cookie": "drivebus_session=x"}):
                 answer = await client.request(entry.method, entry.path, headers=headers)
                 assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.setup_needed"), entry
-        assert house.plant.calls == []
+        assert harness.service.calls == []
         for name, password in (("admin", "admin"), ("administrator", "administrator"), ("drivebus", "drivebus")):
             answer = await client.post("/api/v1/login", json={"name": name, "password": password})
             assert answer.status_code == 401
@@ -97,30 +98,30 @@ def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -
 
 
 def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path, users=False)
+    harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
-        client = house.client()
+        client = harness.client()
         body = {"secret": "guess", "name": "ann", "password": PASSWORD}
         assert (await client.post("/api/v1/setup", json=body)).status_code == 401
-        body["secret"] = house.access.setup_secret.issue()
+        body["secret"] = harness.auth.setup_secret.issue()
         answer = await client.post("/api/v1/setup", json=body)
         assert (answer.status_code, answer.json()["role"]) == (200, "administrator")
         assert (await client.get("/api/v1/drives")).status_code == 200
-        assert (await house.client().post("/api/v1/setup", json=body)).status_code == 409
-        assert [entry["what"] for entry, _ in house.plant.records] == ["refused", "set-up", "refused"]
-        assert body["secret"] not in repr(house.plant.records) and PASSWORD not in repr(house.plant.records)
+        assert (await harness.client().post("/api/v1/setup", json=body)).status_code == 409
+        assert [entry["what"] for entry, _ in harness.service.records] == ["refused", "set-up", "refused"]
+        assert body["secret"] not in repr(harness.service.records) and PASSWORD not in repr(harness.service.records)
 
     run(story())
 
 
 def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_stop(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        house.access.user_file.change(lambda register: type(register)(register.users[:2]))
-        assert house.access.needs_setup
+        client = await harness.log_in("operator")
+        harness.auth.user_file.change(lambda register: type(register)(register.users[:2]))
+        assert harness.auth.needs_setup
         assert (await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5})).status_code == 409
         assert (await client.post("/api/v1/stop")).status_code == 200
 
@@ -129,15 +130,15 @@ def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_st
 
 def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
     """A secret that somebody planted before the login is worth nothing after it."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         before = client.cookies["drivebus_session"]
         answer = await client.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
         after = answer.cookies["drivebus_session"]
-        assert before != after and house.access.session_credential(before) is None
-        planted = house.client(cookie="drivebus_session=planted")
+        assert before != after and harness.auth.session_credential(before) is None
+        planted = harness.client(cookie="drivebus_session=planted")
         answer = await planted.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
         assert answer.cookies["drivebus_session"] != "planted"
 
@@ -148,10 +149,10 @@ def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> 
     ("base", "name", "secure"), [(BASE, "drivebus_session", False), ("https://127.0.0.1:8080", "__Host-drivebus", True)]
 )
 def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = house.client(base)
+        client = harness.client(base)
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         first, *rest = answer.headers["set-cookie"].split("; ")
         flags = {"HttpOnly", "SameSite=strict", "Path=/", "Max-Age=43200"} | ({"Secure"} if secure else set())
@@ -166,13 +167,13 @@ def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool
 
 def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
     """What the page does by itself (it looks, it renews leases) is nobody's hand."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         run_it: dict[str, Any] = {"url": "/api/v1/drives/fan-1/run", "json": {"frequency_hz": 5.0}}
         for _ in range(15):
-            house.clock.now += 60
+            harness.clock.now += 60
             assert (await client.get("/api/v1/drives")).status_code == 200
             assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
         answer = await client.post(**run_it)
@@ -181,7 +182,7 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
         assert (await client.get("/api/v1/drives")).status_code == 200
         assert (await client.post("/api/v1/drives/fan-1/stop")).status_code == 200
         assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
-        assert (await client.post("/api/v1/session/active")).json()["idle"] is True, "only a password wakes it"
+        assert (await client.post("/api/v1/session/activity")).json()["idle"] is True, "only a password wakes it"
         again = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         client.headers["X-Drivebus-CSRF"] = again.json()["csrf"]
         assert (await client.post(**run_it)).status_code == 200
@@ -191,37 +192,37 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
 
 def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
     """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted (S05)."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         old, before = client.cookies["drivebus_session"], (await client.get("/api/v1/session")).json()
-        house.clock.now += SESSION_IDLE_TIMEOUT_S
-        assert (await client.post("/api/v1/session/wake", json={"password": "wrong password"})).status_code == 403
+        harness.clock.now += SESSION_IDLE_TIMEOUT_S
+        assert (await client.post("/api/v1/session/unlock", json={"password": "wrong password"})).status_code == 403
         assert (await client.post("/api/v1/stop")).status_code == 200
-        woken = await client.post("/api/v1/session/wake", json={"password": PASSWORD})
+        woken = await client.post("/api/v1/session/unlock", json={"password": PASSWORD})
         after = woken.json()
         assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
-        assert house.access.session_credential(old) is None and after["csrf"] == before["csrf"], (
+        assert harness.auth.session_credential(old) is None and after["csrf"] == before["csrf"], (
             "another tab can stop at once"
         )
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
-        assert answer.status_code == 200 and house.plant.calls[-1][2].session == before["session"]
-        house.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S
+        assert answer.status_code == 200 and harness.service.calls[-1][2].session == before["session"]
+        harness.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S
         assert (await client.get("/api/v1/drives")).status_code == 401, "twelve hours are twelve hours"
-        told = [(entry["what"], entry["outcome"]) for entry, _ in house.plant.records if entry["what"] == "wake"]
-        assert told == [("wake", "done")]
+        told = [(entry["what"], entry["outcome"]) for entry, _ in harness.service.records if entry["what"] == "unlock"]
+        assert told == [("unlock", "done")]
 
     run(story())
 
 
 def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        house.clock.now += SESSION_IDLE_TIMEOUT_S
-        guesses = [await client.post("/api/v1/session/wake", json={"password": f"wrong {n}"}) for n in range(15)]
+        client = await harness.log_in("operator")
+        harness.clock.now += SESSION_IDLE_TIMEOUT_S
+        guesses = [await client.post("/api/v1/session/unlock", json={"password": f"wrong {n}"}) for n in range(15)]
         assert [answer.status_code for answer in guesses] == [403] * 10 + [429] * 5
         assert (await client.post("/api/v1/stop")).status_code == 200
 
@@ -229,13 +230,13 @@ def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
 
 
 def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         for _ in range(5):
-            house.clock.now += SESSION_IDLE_TIMEOUT_S - 1
-            assert (await client.post("/api/v1/session/active")).json()["idle"] is False
+            harness.clock.now += SESSION_IDLE_TIMEOUT_S - 1
+            assert (await client.post("/api/v1/session/activity")).json()["idle"] is False
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200
 
@@ -244,49 +245,49 @@ def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
 
 def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path) -> None:
     """G14: who administers waits for the trail, who logs in, looks or stops does not."""
-    house = WebAppHarness(tmp_path)
-    house.plant.audit_fails = True
+    harness = WebAppHarness(tmp_path)
+    harness.service.audit_fails = True
 
     async def story() -> None:
-        client = await house.log_in("administrator")
+        client = await harness.log_in("administrator")
         assert (await client.post("/api/v1/stop")).status_code == 200
-        before = house.access.database
+        before = harness.auth.database
         body = {"name": "eve", "role": "viewer", "password": PASSWORD}
         refused = await client.post("/api/v1/users", json=body)
         assert (refused.status_code, refused.json()["error"]["code"]) == (503, "access.no_record")
         assert (await client.patch("/api/v1/users/viewer", json={"role": "engineer"})).status_code == 503
         assert (await client.post("/api/v1/tokens", json={"name": "t", "rights": ["view"]})).status_code == 503
-        assert house.access.database == before
+        assert harness.auth.database == before
         assert (await client.post("/api/v1/logout")).status_code == 200
 
     run(story())
 
 
 def test_a_code_of_the_demo_logs_in_once(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        code = await house.access.issue_code("operator", 3600)
-        client = house.client()
-        assert (await client.get(f"/api/v1/login-once?code={code}")).status_code == 405
-        assert (await client.post("/api/v1/login-once", json={"code": code})).json()["user"] == "operator"
-        assert (await house.client().post("/api/v1/login-once", json={"code": code})).status_code == 401
+        code = await harness.auth.issue_code("operator", 3600)
+        client = harness.client()
+        assert (await client.get(f"/api/v1/login/code?code={code}")).status_code == 405
+        assert (await client.post("/api/v1/login/code", json={"code": code})).json()["user"] == "operator"
+        assert (await harness.client().post("/api/v1/login/code", json={"code": code})).status_code == 401
 
     run(story())
 
 
 def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        admin = await house.log_in("administrator")
+        admin = await harness.log_in("administrator")
         body = {"name": "王伟", "role": "operator", "password": PASSWORD}
         made = (await admin.post("/api/v1/users", json=body)).json()["user"]
         assert made == {
             "name": "王伟",
             "role": "operator",
             "disabled": False,
-            "created_ms": house.clock.wall_ms(),
+            "created_ms": harness.clock.wall_ms(),
             "sessions": 0,
             "tokens": 0,
         }
@@ -294,7 +295,7 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
         assert (await admin.patch("/api/v1/users/王伟", json={"password": "short"})).status_code == 422
         new = {"password": "another pass phrase", "role": "engineer"}
         assert (await admin.patch("/api/v1/users/王伟", json=new)).json()["user"]["role"] == "engineer"
-        wang = house.client()
+        wang = harness.client()
         assert (await wang.post("/api/v1/login", json={"name": "王伟", "password": new["password"]})).status_code == 200
         listed = (await admin.get("/api/v1/users")).json()["users"]
         assert [user["sessions"] for user in listed if user["name"] == "王伟"] == [1]
@@ -302,23 +303,23 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
         assert (await admin.delete("/api/v1/users/王伟")).status_code == 200
         assert (await wang.get("/api/v1/drives")).status_code == 401
         assert (await admin.delete("/api/v1/users/王伟")).status_code == 404
-        told = [(entry["what"], entry["outcome"]) for entry, _ in house.plant.records if "user." in entry["what"]]
+        told = [(entry["what"], entry["outcome"]) for entry, _ in harness.service.records if "user." in entry["what"]]
         assert told[:4] == [
             ("user.add", "asked"),
             ("user.add", "done"),
             ("user.add", "asked"),
             ("user.add", "access.name_taken"),
         ]
-        assert PASSWORD not in repr(house.plant.records) and "another pass" not in repr(house.plant.records)
+        assert PASSWORD not in repr(harness.service.records) and "another pass" not in repr(harness.service.records)
 
     run(story())
 
 
 def test_a_new_password_of_ones_own(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client, elsewhere = await house.log_in("viewer"), await house.log_in("viewer")
+        client, elsewhere = await harness.log_in("viewer"), await harness.log_in("viewer")
         wrong = await client.post("/api/v1/password", json={"old": "wrong", "new": "another pass phrase"})
         assert wrong.status_code == 403, "401 would say that the session is over"
         done = await client.post("/api/v1/password", json={"old": PASSWORD, "new": "another pass phrase"})

@@ -11,10 +11,11 @@ import pytest
 
 from drivebus.service.config.model import WebConfig
 from drivebus.testing.virtual_time import run
-from drivebus.web.route_policy import ROUTE_POLICIES, WEBSOCKET
+from drivebus.web.app import declared_routes
+from drivebus.web.route import WEBSOCKET
 from fixtures.web_app import BASE, AppWebSocket, WebAppHarness
 
-CHANGING = [entry for entry in ROUTE_POLICIES if entry.method not in ("GET", WEBSOCKET)]
+CHANGING = [entry for entry in declared_routes() if entry.method not in ("GET", WEBSOCKET)]
 FOREIGN = [
     "http://evil.example",
     "null",
@@ -37,19 +38,19 @@ FORMS: dict[str, dict[str, Any]] = {
 }
 
 
-def effects(house: WebAppHarness) -> list[Any]:
-    return house.plant.calls
+def effects(harness: WebAppHarness) -> list[Any]:
+    return harness.service.calls
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
     """As a foreign page's form, fetch or link: the cookie comes along, the CSRF token does not."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("administrator")
+        client = await harness.log_in("administrator")
         del client.headers["X-Drivebus-CSRF"]
-        before = house.access.database
+        before = harness.auth.database
         for entry in CHANGING:
             if "log" in entry.path or "setup" in entry.path:
                 continue
@@ -57,41 +58,41 @@ def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
                 more = FORMS[form] | {"headers": FORMS[form].get("headers", {}) | origin}
                 answer = await client.request(entry.method, entry.path.replace("{drive}", "fan-1"), **more)
                 assert answer.status_code == 403, (entry, origin, answer.text)
-        assert effects(house) == [] and house.access.database == before
+        assert effects(harness) == [] and harness.auth.database == before
 
     run(story())
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
 def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("administrator")
-        token = await house.token("administrator", "view", "stop", "operate")
+        client = await harness.log_in("administrator")
+        token = await harness.token("administrator", "view", "stop", "operate")
         for entry in CHANGING:
             for more in ({}, {"authorization": f"Bearer {token}"}):
                 answer = await client.request(entry.method, entry.path, headers={"origin": origin, **more})
                 assert answer.status_code == 403, (entry, answer.text)
-        assert effects(house) == []
+        assert effects(harness) == []
         own = await client.post("/api/v1/stop", headers={"origin": BASE})
-        assert own.status_code == 200 and len(effects(house)) == 1
+        assert own.status_code == 200 and len(effects(harness)) == 1
 
     run(story())
 
 
-@pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login-once"])
+@pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login/code"])
 def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
         body = {"name": "operator", "password": "correct horse battery"}
         for headers in ({"origin": "http://evil.example"}, {"origin": "null"}):
-            assert (await house.client().post(path, json=body, headers=headers)).status_code == 403
-        form = await house.client().post(path, data=body)
-        text = await house.client().post(path, content=json.dumps(body), headers={"content-type": "text/plain"})
+            assert (await harness.client().post(path, json=body, headers=headers)).status_code == 403
+        form = await harness.client().post(path, data=body)
+        text = await harness.client().post(path, content=json.dumps(body), headers={"content-type": "text/plain"})
         assert (form.status_code, text.status_code) == (415, 415)
-        assert house.access.sessions.of_user("operator") == []
+        assert harness.auth.sessions.of_user("operator") == []
 
     run(story())
 
@@ -99,32 +100,32 @@ def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "application/json-patch+json"])
 def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
     """What a form can send is never JSON: a browser asks first before it sends that elsewhere."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         for headers in ({"content-type": kind}, {"content-type": "application/json", "content-encoding": "gzip"}):
             answer = await client.post("/api/v1/drives/fan-1/run", content='{"frequency_hz": 50}', headers=headers)
             assert answer.status_code == 415
-        assert effects(house) == []
+        assert effects(harness) == []
 
     run(story())
 
 
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "TRACE", "FOO"])
 def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("administrator")
-        readable = {entry.path for entry in ROUTE_POLICIES if entry.method == "GET"}
+        client = await harness.log_in("administrator")
+        readable = {entry.path for entry in declared_routes() if entry.method == "GET"}
         for entry in CHANGING:
             if entry.path in readable and method == "GET":
                 continue
             answer = await client.request(method, entry.path, headers={"x-http-method-override": entry.method})
             assert answer.status_code == 405, (entry, answer.status_code)
             assert "access-control-allow-origin" not in answer.headers
-        assert effects(house) == []
+        assert effects(harness) == []
 
     run(story())
 
@@ -147,10 +148,10 @@ def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path:
 )
 def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str, status: int, tmp_path: Path) -> None:
     """DNS rebinding: for the browser that page and this service are one origin, and only Host tells."""
-    house = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
+    harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def story() -> None:
-        client = house.client()
+        client = harness.client()
         assert (await client.get("/api/v1/session", headers={"host": host})).status_code == status
         page = await client.get("/", headers={"host": host})
         assert page.status_code == status
@@ -160,10 +161,10 @@ def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str
 
 
 def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
+    harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def story() -> None:
-        client = house.client(host="plant.example", origin="https://plant.example")
+        client = harness.client(host="plant.example", origin="https://plant.example")
         body = {"name": "operator", "password": "correct horse battery"}
         answer = await client.post("/api/v1/login", json=body)
         cookie = answer.headers["set-cookie"]
@@ -174,18 +175,18 @@ def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_
     run(story())
 
 
-async def cookie_of(house: WebAppHarness, role: str = "operator") -> tuple[Any, dict[str, str]]:
-    client = await house.log_in(role)
+async def cookie_of(harness: WebAppHarness, role: str = "operator") -> tuple[Any, dict[str, str]]:
+    client = await harness.log_in(role)
     headers = {"host": "127.0.0.1:8080", "cookie": "drivebus_session=" + client.cookies["drivebus_session"]}
     return client, headers
 
 
 def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        _, headers = await cookie_of(house)
-        wire = AppWebSocket(house.app, headers | {"origin": BASE})
+        _, headers = await cookie_of(harness)
+        wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(1)
         assert wire.is_open
         await wire.disconnect()
@@ -195,15 +196,15 @@ def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("origin", [None, *FOREIGN])
 def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        _, headers = await cookie_of(house)
-        wire = AppWebSocket(house.app, headers if origin is None else headers | {"origin": origin})
+        _, headers = await cookie_of(harness)
+        wire = AppWebSocket(harness.app, headers if origin is None else headers | {"origin": origin})
         await wire.route
-        assert (wire.is_open, wire.close_code, house.plant.calls) == (False, 4403, [])
+        assert (wire.is_open, wire.close_code, harness.service.calls) == (False, 4403, [])
         target = "/api/v1/live" if origin is None else "-"  # a foreign one is refused before its address is looked at
-        assert house.plant.records[-1][0]["target"] == f"WEBSOCKET {target}"
+        assert harness.service.records[-1][0]["target"] == f"WEBSOCKET {target}"
 
     run(story())
 
@@ -212,25 +213,25 @@ def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path:
     "credential", [{}, {"cookie": "drivebus_session=" + "A" * 43}, {"authorization": "Bearer dbt_A"}]
 )
 def test_s04_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        wire = AppWebSocket(house.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
+        wire = AppWebSocket(harness.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
         await wire.route
-        assert (wire.is_open, wire.close_code, house.plant.calls) == (False, 4401, [])
+        assert (wire.is_open, wire.close_code, harness.service.calls) == (False, 4401, [])
 
     run(story())
 
 
 def test_s04_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        token = await house.token("operator", "view")
-        wire = AppWebSocket(house.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
+        token = await harness.token("operator", "view")
+        wire = AppWebSocket(harness.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
         await asyncio.sleep(1)
         assert wire.is_open
-        operator = await house.log_in("operator")
+        operator = await harness.log_in("operator")
         mine = (await operator.get("/api/v1/tokens")).json()["tokens"][0]["id"]
         await operator.delete(f"/api/v1/tokens/{mine}")
         await asyncio.sleep(1)
@@ -239,40 +240,40 @@ def test_s04_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
     run(story())
 
 
-async def log_out(house: WebAppHarness, client: Any) -> None:
+async def log_out(harness: WebAppHarness, client: Any) -> None:
     assert (await client.post("/api/v1/logout")).status_code == 200
 
 
-async def log_out_everywhere(house: WebAppHarness, client: Any) -> None:
-    other = await house.log_in("operator")
-    assert (await other.post("/api/v1/logout-everywhere")).json() == {"ended": 2}
+async def log_out_everywhere(harness: WebAppHarness, client: Any) -> None:
+    other = await harness.log_in("operator")
+    assert (await other.post("/api/v1/logout?all=true")).json() == {"ended": 2}
 
 
-async def lose_the_role(house: WebAppHarness, client: Any) -> None:
-    admin = await house.log_in("administrator")
+async def lose_the_role(harness: WebAppHarness, client: Any) -> None:
+    admin = await harness.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"role": "viewer"})).status_code == 200
 
 
-async def be_disabled(house: WebAppHarness, client: Any) -> None:
-    admin = await house.log_in("administrator")
+async def be_disabled(harness: WebAppHarness, client: Any) -> None:
+    admin = await harness.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"disabled": True})).status_code == 200
 
 
-async def be_removed(house: WebAppHarness, client: Any) -> None:
-    admin = await house.log_in("administrator")
+async def be_removed(harness: WebAppHarness, client: Any) -> None:
+    admin = await harness.log_in("administrator")
     assert (await admin.delete("/api/v1/users/operator")).status_code == 200
 
 
-async def be_changed_on_the_command_line(house: WebAppHarness, client: Any) -> None:
-    house.access.user_file.change(lambda register: register.without_user("operator"))
+async def be_changed_on_the_command_line(harness: WebAppHarness, client: Any) -> None:
+    harness.auth.user_file.change(lambda register: register.without_user("operator"))
 
 
-async def have_ones_sessions_ended(house: WebAppHarness, client: Any) -> None:
-    admin = await house.log_in("administrator")
+async def have_ones_sessions_ended(harness: WebAppHarness, client: Any) -> None:
+    admin = await harness.log_in("administrator")
     assert (await admin.patch("/api/v1/users/operator", json={"end_sessions": True})).status_code == 200
 
 
-async def log_in_again(house: WebAppHarness, client: Any) -> None:
+async def log_in_again(harness: WebAppHarness, client: Any) -> None:
     body = {"name": "operator", "password": "correct horse battery"}
     assert (await client.post("/api/v1/login", json=body)).status_code == 200
 
@@ -291,14 +292,14 @@ async def log_in_again(house: WebAppHarness, client: Any) -> None:
     ],
 )
 def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client, headers = await cookie_of(house)
-        wire = AppWebSocket(house.app, headers | {"origin": BASE})
+        client, headers = await cookie_of(harness)
+        wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
         assert wire.is_open
-        await end(house, client)
+        await end(harness, client)
         told = len(wire.sent)
         await asyncio.sleep(1)
         assert wire.close_code == 4401 and wire.route.done()
@@ -310,13 +311,13 @@ def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tm
 
 
 def test_s04_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        _, headers = await cookie_of(house)
-        wire = AppWebSocket(house.app, headers | {"origin": BASE})
+        _, headers = await cookie_of(harness)
+        wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
-        house.clock.now += 12 * 3600.0
+        harness.clock.now += 12 * 3600.0
         await asyncio.sleep(1)
         assert wire.close_code == 4401
 

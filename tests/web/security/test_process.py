@@ -40,7 +40,7 @@ def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen
     if shell:
         between = (
             "import json, os, subprocess, sys; *words, child = sys.argv[1:];"
-            "subprocess.run([*words, json.dumps(json.loads(child) | {'parent': os.getpid()})])"
+            "subprocess.run([*words, json.dumps(json.loads(child) | {'parent_pid': os.getpid()})])"
         )
         command = [sys.executable, "-c", between, *command]
     process = subprocess.Popen(

@@ -28,7 +28,7 @@ from fixtures.web_app import PASSWORD, WebAppHarness
 
 
 @contextlib.asynccontextmanager
-async def serving(house: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
+async def serving(harness: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
     """The addresses that it listened at, the newest last."""
     said: list[str] = []
     told = asyncio.Event()
@@ -37,7 +37,7 @@ async def serving(house: WebAppHarness, web: WebConfig) -> AsyncIterator[list[st
         said.append(at)
         told.set()
 
-    listening = HttpServer(house.app, house.access, web, say)
+    listening = HttpServer(harness.app, harness.auth, web, say)
     task = asyncio.create_task(listening.run())
     await asyncio.wait({asyncio.create_task(told.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
     try:
@@ -69,7 +69,7 @@ def certificate(tmp_path: Path) -> tuple[WebConfig, ssl.SSLContext]:
 def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
     certificate = tmp_path / "cert.pem"
     for users in (False, True):
-        access = WebAppHarness(tmp_path / str(users), users=users).access
+        access = WebAppHarness(tmp_path / str(users), users=users).auth
         assert access.needs_setup is not users
         for tls in (None, certificate):
             found = listen_host(WebConfig(host=host, certificate=tls), access)
@@ -77,8 +77,8 @@ def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: st
 
 
 async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
-    async with serving(house, WebConfig(host="0.0.0.0", port=0)) as said:
+    harness = WebAppHarness(tmp_path)
+    async with serving(harness, WebConfig(host="0.0.0.0", port=0)) as said:
         assert where(said[0])[0] == "127.0.0.1"
         sockets = await asyncio.to_thread(Path("/proc/self/net/tcp").read_text)
         listening = [line.split()[1] for line in sockets.splitlines()[1:]]
@@ -91,13 +91,13 @@ async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there
 ) -> None:
     """127.0.0.2 stands for an address beyond: no test binds to one that others reach."""
     web, trusting = certificate
-    house = WebAppHarness(tmp_path / "state", users=False, web=web)
+    harness = WebAppHarness(tmp_path / "state", users=False, web=web)
     moved = replace(web, host="127.0.0.2")
     with pytest.MonkeyPatch.context() as context:
         context.setattr("drivebus.web.server.is_loopback", lambda host: host == "127.0.0.1")
-        async with serving(house, moved) as said, asyncio.timeout(10):
+        async with serving(harness, moved) as said, asyncio.timeout(10):
             assert where(said[0])[0] == "127.0.0.1"
-            secret = house.access.setup_secret.issue()
+            secret = harness.auth.setup_secret.issue()
             async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
                 body = {"secret": secret, "name": "ann", "password": PASSWORD}
                 assert (await client.post("/api/v1/setup", json=body)).status_code == 200
@@ -111,8 +111,8 @@ async def test_s15_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     web, trusting = certificate
-    house = WebAppHarness(tmp_path / "state", web=web)
-    async with serving(house, web) as said:
+    harness = WebAppHarness(tmp_path / "state", web=web)
+    async with serving(harness, web) as said:
         host, port = where(said[0])
         assert said[0].startswith("https://")
         async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
@@ -176,9 +176,9 @@ async def test_s14_a_head_without_end_is_cut(tmp_path: Path) -> None:
 
 async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: Path) -> None:
     """A mebibyte is allowed where a right is needed, however the system cuts it up."""
-    house = WebAppHarness(tmp_path)
-    secret = await house.token("operator", "stop")
-    async with serving(house, WebConfig(port=0)) as said:
+    harness = WebAppHarness(tmp_path)
+    secret = await harness.token("operator", "stop")
+    async with serving(harness, WebConfig(port=0)) as said:
         body = b"{" + b" " * 200_000 + b"}"
         kind = b"Content-Type: application/json\r\nConnection: close\r\n"
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer %b\r\n" % secret.encode() + kind
@@ -282,10 +282,10 @@ async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
 
 async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) -> None:
     """They are let go when they have said nothing for a while; until then there is room for others."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 1.0)
-        async with serving(house, WebConfig(port=0)) as said:
+        async with serving(harness, WebConfig(port=0)) as said:
             idle = [await asyncio.open_connection(*where(said[0])) for _ in range(500)]
             async with httpx.AsyncClient(base_url=said[0]) as client:
                 login = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
@@ -297,7 +297,7 @@ async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) 
             assert not [one for one in ended if isinstance(one, TimeoutError)]
             for _, writer in idle:
                 writer.close()
-    assert [call[0] for call in house.plant.calls] == ["plant.stop"]
+    assert [call[0] for call in harness.service.calls] == ["plant.stop"]
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ class Guest:
         self.over = asyncio.Event()
         self.let_go = False
 
-    async def ended(self) -> str:
+    async def wait_ended(self) -> str:
         try:
             await self.over.wait()
         except asyncio.CancelledError:

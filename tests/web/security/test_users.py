@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse
 
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
-from drivebus.web.routes.context import set_session_cookie
+from drivebus.web.routes.session import with_session_cookie
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 Json = dict[str, Any]
@@ -20,9 +20,9 @@ DAY_MS = 86_400_000
 NEW = "a quite new pass phrase"
 
 
-def told(house: WebAppHarness, *besides: str) -> list[tuple[str, str, str, Json, str]]:
+def told(harness: WebAppHarness, *besides: str) -> list[tuple[str, str, str, Json, str]]:
     """Who did what to whom, with what, and what came of it; without what was told ``besides``."""
-    entries = [(who.name, one) for one, who in house.plant.records if one["what"] not in besides]
+    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in besides]
     return [(name, one["what"], one["target"], one["params"], one["outcome"]) for name, one in entries]
 
 
@@ -34,31 +34,31 @@ async def done(client: AsyncClient, method: str, path: str, body: Any = None) ->
 
 
 def test_anybody_may_ask_whether_it_is_there(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
-    assert run(done(house.client(), "GET", "/health")) == {"ok": True}
+    harness = WebAppHarness(tmp_path)
+    assert run(done(harness.client(), "GET", "/health")) == {"ok": True}
 
 
 def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        assert await done(client, "POST", "/logout") == {}
-        code = await house.access.issue_code("viewer", 60)
-        viewer = house.client()
-        found = await done(viewer, "POST", "/login-once", {"code": code})
+        client = await harness.log_in("operator")
+        assert await done(client, "POST", "/logout") == {"ended": 1}
+        code = await harness.auth.issue_code("viewer", 60)
+        viewer = harness.client()
+        found = await done(viewer, "POST", "/login/code", {"code": code})
         viewer.headers["X-Drivebus-CSRF"] = found["csrf"]
-        await house.log_in("viewer")
-        await done(viewer, "POST", "/session/wake", {"password": PASSWORD})
+        await harness.log_in("viewer")
+        await done(viewer, "POST", "/session/unlock", {"password": PASSWORD})
         found = await done(viewer, "POST", "/password", {"old": PASSWORD, "new": NEW})
         viewer.headers["X-Drivebus-CSRF"] = found["csrf"]
-        assert await done(viewer, "POST", "/logout-everywhere") == {"ended": 1}
-        assert told(house) == [
+        assert await done(viewer, "POST", "/logout?all=true") == {"ended": 1}
+        assert told(harness) == [
             ("operator", "login", "operator", {}, "done"),
             ("operator", "logout", "operator", {}, "done"),
-            ("viewer", "login-once", "viewer", {}, "done"),
+            ("viewer", "login-code", "viewer", {}, "done"),
             ("viewer", "login", "viewer", {}, "done"),
-            ("viewer", "wake", "viewer", {}, "done"),
+            ("viewer", "unlock", "viewer", {}, "done"),
             ("viewer", "password", "viewer", {}, "asked"),
             ("viewer", "password", "viewer", {}, "done"),
             ("viewer", "logout", "viewer", {"sessions": 1}, "done"),
@@ -68,53 +68,53 @@ def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
 
 
 def test_s05_the_trail_tells_who_did_not_come_in_and_why(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        house.plant.records.clear()
+        client = await harness.log_in("operator")
+        harness.service.records.clear()
         tries: list[tuple[str, Json, int]] = [
             ("login", {"name": "operator", "password": "wrong"}, 401),
-            ("login-once", {"code": "guess"}, 401),
+            ("login/code", {"code": "guess"}, 401),
             ("setup", {"secret": "x", "name": "eve", "password": PASSWORD}, 409),
-            ("session/wake", {"password": "wrong"}, 403),
+            ("session/unlock", {"password": "wrong"}, 403),
             ("password", {"old": "wrong", "new": NEW}, 403),
         ]
         for path, body, status in tries:
             assert (await client.post(f"/api/v1/{path}", json=body)).status_code == status
-        assert [(name, what, target, params.get("who"), why) for name, what, target, params, why in told(house)] == [
+        assert [(name, what, target, params.get("who"), why) for name, what, target, params, why in told(harness)] == [
             ("operator", "refused", "login operator", "operator@127.0.0.1", "access.wrong_password"),
-            ("", "refused", "login-once ", "@127.0.0.1", "access.wrong_code"),
+            ("", "refused", "login-code ", "@127.0.0.1", "access.wrong_code"),
             ("eve", "refused", "set-up eve", "eve@127.0.0.1", "access.is_set_up"),
-            ("operator", "refused", "wake operator", "operator@127.0.0.1", "access.wrong_password"),
+            ("operator", "refused", "unlock operator", "operator@127.0.0.1", "access.wrong_password"),
             ("operator", "password", "operator", None, "asked"),
             ("operator", "password", "operator", None, "access.wrong_password"),
         ]
-        assert all(who.rights == frozenset() for one, who in house.plant.records if one["what"] == "refused")
+        assert all(who.rights == frozenset() for one, who in harness.service.records if one["what"] == "refused")
 
     run(story())
 
 
 def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        admin = await house.log_in("administrator")
+        admin = await harness.log_in("administrator")
         made = await done(admin, "POST", "/users", {"name": "Bob", "role": "viewer", "password": PASSWORD})
-        bob = {"name": "bob", "created_ms": house.clock.wall_ms(), "sessions": 0, "tokens": 0}
+        bob = {"name": "bob", "created_ms": harness.clock.wall_ms(), "sessions": 0, "tokens": 0}
         assert made == {"user": bob | {"role": "viewer", "disabled": False}}
         changed = await done(admin, "PATCH", "/users/bob", {"role": "operator", "password": NEW})
         assert changed == {"user": bob | {"role": "operator", "disabled": False}}
         await done(admin, "PATCH", "/users/bob", {"disabled": True, "end_sessions": False, "password": None})
         assert await done(admin, "DELETE", "/users/bob") == {}
-        assert house.access.database.find("bob") is None
+        assert harness.auth.database.find("bob") is None
         changes: list[tuple[str, str, Json]] = [
             ("user.add", "Bob", {"role": "viewer"}),
             ("user.change", "bob", {"role": "operator", "password": "new"}),
             ("user.change", "bob", {"disabled": True, "end_sessions": False}),
             ("user.remove", "bob", {}),
         ]
-        assert told(house, "login") == [
+        assert told(harness, "login") == [
             ("administrator", *change, outcome) for change in changes for outcome in ("asked", "done")
         ]
 
@@ -125,54 +125,54 @@ def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> No
 @pytest.mark.parametrize("by_token", [False, True])
 def test_s06_nobody_takes_the_role_from_oneself(by_token: bool, name: str, tmp_path: Path) -> None:
     """However the name is spelt, and not by a program of one's own either; a password of one's own may be new."""
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        admin, path = await house.log_in("administrator"), f"/api/v1/users/{name}"
+        admin, path = await harness.log_in("administrator"), f"/api/v1/users/{name}"
         second = {"name": "second", "role": "administrator", "password": PASSWORD}
         await done(admin, "POST", "/users", second)
         if by_token:
-            admin = house.client(authorization=f"Bearer {await house.token('administrator', 'administer')}")
+            admin = harness.client(authorization=f"Bearer {await harness.token('administrator', 'administer')}")
         for method, body in (("PATCH", {"role": "viewer"}), ("PATCH", {"disabled": True}), ("DELETE", None)):
             answer = await admin.request(method, path, json=body)
             assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.oneself")
-        assert house.access.database.user("administrator").role == "administrator"
+        assert harness.auth.database.user("administrator").role == "administrator"
         await done(admin, "PATCH", f"/users/{name}", {"password": NEW})
-        assert house.access.sessions.of_user("administrator") == [], "one's own too"
+        assert harness.auth.sessions.of_user("administrator") == [], "one's own too"
 
     run(story())
 
 
 def test_s04_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        admin, client = await house.log_in("administrator"), await house.log_in("operator")
-        (session,) = house.access.sessions.of_user("operator")
+        admin, client = await harness.log_in("administrator"), await harness.log_in("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         await done(admin, "PATCH", "/users/operator", {})
         assert session.end_reason is None
         await done(admin, "PATCH", "/users/operator", {"end_sessions": True})
-        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
-        client = await house.log_in("operator")
-        (session,) = house.access.sessions.of_user("operator")
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
+        client = await harness.log_in("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         assert (await client.get("/api/v1/drives")).status_code == 200
         await done(admin, "PATCH", "/users/operator", {"role": "viewer"})
-        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
-        await house.log_in("operator")
-        (session,) = house.access.sessions.of_user("operator")
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
+        await harness.log_in("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         await done(admin, "DELETE", "/users/operator")
-        assert (session.end_reason, house.access.sessions.of_user("operator")) == ("rights", []), "at once"
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
 
     run(story())
 
 
 def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        await house.token("operator", "view")
-        await house.token("operator", "view")
-        admin = await house.log_in("administrator")
+        await harness.token("operator", "view")
+        await harness.token("operator", "view")
+        admin = await harness.log_in("administrator")
         users = (await done(admin, "GET", "/users"))["users"]
         counted = {user["name"]: (user["sessions"], user["tokens"]) for user in users}
         assert counted == {"viewer": (0, 0), "operator": (2, 2), "engineer": (0, 0), "administrator": (1, 0)}
@@ -181,13 +181,13 @@ def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path
 
 
 def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
+        client = await harness.log_in("operator")
         body = {"name": "scada", "rights": ["view", "stop", "view"], "days": 30}
         made = await done(client, "POST", "/tokens", body)
-        token, now_ms = made["token"], house.clock.wall_ms()
+        token, now_ms = made["token"], harness.clock.wall_ms()
         assert token == {
             "id": token["id"],
             "name": "scada",
@@ -199,10 +199,10 @@ def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: 
         assert len(token["id"]) == 12 and made["secret"].startswith("dbt_") and len(made["secret"]) == 47
         assert await done(client, "GET", "/tokens") == {"tokens": [token]}
         assert await done(client, "DELETE", f"/tokens/{token['id']}") == {}
-        assert house.access.database.tokens == ()
+        assert harness.auth.database.tokens == ()
         params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
         asked = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
-        assert told(house, "login") == [("operator", *one, outcome) for one in asked for outcome in ("asked", "done")]
+        assert told(harness, "login") == [("operator", *one, outcome) for one in asked for outcome in ("asked", "done")]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
         assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS
         whole = await done(client, "POST", "/tokens", body | {"days": 30.0})
@@ -217,32 +217,32 @@ def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: 
 
 
 def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        await house.token("operator", "view")
-        admin, other = await house.log_in("administrator"), await house.log_in("engineer")
+        await harness.token("operator", "view")
+        admin, other = await harness.log_in("administrator"), await harness.log_in("engineer")
         ((token,),) = (await done(admin, "GET", "/tokens")).values()
         assert await done(other, "GET", "/tokens") == {"tokens": []}
         refused = await other.delete(f"/api/v1/tokens/{token['id']}")
         assert (refused.status_code, refused.json()["error"]["code"]) == (404, "access.no_such_token")
-        assert told(house, "login", "token.add") == [], "there is no such token for that one"
+        assert told(harness, "login", "token.add") == [], "there is no such token for that one"
         await done(admin, "DELETE", f"/tokens/{token['id']}")
-        assert house.access.database.tokens == ()
+        assert harness.auth.database.tokens == ()
 
     run(story())
 
 
 def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
     nobody = {"setup": False, "user": None, "rights": [], "csrf": None}
 
     async def story() -> None:
-        assert await done(house.client(), "GET", "/session") == nobody
-        client = await house.log_in("operator")
-        house.clock.now += 0.25
+        assert await done(harness.client(), "GET", "/session") == nobody
+        client = await harness.log_in("operator")
+        harness.clock.now += 0.25
         found = await done(client, "GET", "/session")
-        (session,) = house.access.sessions.of_user("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         assert found == {
             "setup": False,
             "user": "operator",
@@ -254,10 +254,10 @@ def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
             "idle_in_s": SESSION_IDLE_TIMEOUT_S - 0.2,
             "expires_in_s": SESSION_LIFETIME_S - 0.2,
         }
-        house.clock.now += SESSION_IDLE_TIMEOUT_S + 60
-        found = await done(client, "POST", "/session/active")
+        harness.clock.now += SESSION_IDLE_TIMEOUT_S + 60
+        found = await done(client, "POST", "/session/activity")
         assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["stop", "view"])
-        token = house.client(authorization=f"Bearer {await house.token('operator', 'view')}")
+        token = harness.client(authorization=f"Bearer {await harness.token('operator', 'view')}")
         told = await done(token, "GET", "/session")
         assert (told.keys(), told["user"]) == ({*nobody, "session"}, "operator/t")
 
@@ -265,25 +265,25 @@ def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
 
 
 def test_s07_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        (before,) = house.access.sessions.of_user("operator")
+        client = await harness.log_in("operator")
+        (before,) = harness.auth.sessions.of_user("operator")
         await done(client, "POST", "/login", {"name": "viewer", "password": PASSWORD})
         assert before.end_reason == "replaced"
-        assert [one.user for one in house.access.session_store.read()] == ["viewer"]
+        assert [one.user for one in harness.auth.session_store.read()] == ["viewer"]
 
     run(story())
 
 
-@pytest.mark.parametrize("path", ["/logout", "/logout-everywhere"])
+@pytest.mark.parametrize("path", ["/logout", "/logout?all=true"])
 def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
-    house = WebAppHarness(tmp_path)
+    harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = await house.log_in("operator")
-        (session,) = house.access.sessions.of_user("operator")
+        client = await harness.log_in("operator")
+        (session,) = harness.auth.sessions.of_user("operator")
         gone = await client.post(f"/api/v1{path}")
         assert session.end_reason == "logout", "what an open page is told"
         lines = gone.headers.get_list("set-cookie")
@@ -310,6 +310,6 @@ def test_s15_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
 ) -> None:
     headers = [] if origin is None else [(b"origin", origin.encode())]
     scope = {"type": "http", "scheme": scheme, "path": "/", "headers": headers, "server": ("plant.example", 80)}
-    line = set_session_cookie(Request(scope | {"query_string": b""}), JSONResponse({}), "secret").headers["set-cookie"]
+    line = with_session_cookie(Request(scope | {"query_string": b""}), JSONResponse({}), "secret").headers["set-cookie"]
     assert line.startswith("__Host-drivebus=secret" if secure else "drivebus_session=secret")
     assert ("Secure" in line.split("; ")) is secure

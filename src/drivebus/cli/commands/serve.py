@@ -34,7 +34,7 @@ async def _run(setting: PlantConfig, web: bool) -> ExitCode:
         output.print_message("serve.ready", plant=setting.id, directory=setting.directory)
 
     found = await run_service(setting, web=web, announce="json" if output.as_json() else "plain", on_ready=ready)
-    left = [drive for drive, told in found.items() if told is None or "word" not in told]
+    left = [drive for drive, told in found.items() if told is None or "status" not in told]
     for drive in left:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
     return ExitCode.UNKNOWN if left else ExitCode.DONE

@@ -24,7 +24,7 @@ def parse_outcome(found: Json) -> Outcome:
     notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in told["notes"])
     frames = tuple(_parse_exchange(frame) for frame in told["frames"])
     return Outcome(
-        OutcomeStatus(told["word"]), SERVICE_TEXT_KEY, {"text": parse_text(told["text"])}, frames, None, notes
+        OutcomeStatus(told["status"]), SERVICE_TEXT_KEY, {"text": parse_text(told["text"])}, frames, None, notes
     )
 
 

@@ -79,7 +79,7 @@ class RemoteDrive:
 
     async def comm_loss_behaviour(self) -> Any:
         """As the service has read it from the drive."""
-        found = (await self.call("drives.get"))["host_dies"]
+        found = (await self.call("drives.get"))["comm_loss"]
         text = found["text"] or {}
         return SimpleNamespace(
             stops_on_comm_loss=found["kind"] == "trips", text=lambda language: text.get(language, "")
@@ -129,7 +129,7 @@ class RemoteDrive:
     async def arm(self) -> Json:
         """The lease, and for a start from afar the first of its two steps."""
         await self.take_control()
-        return {} if self._client.is_local else {"arm": (await self.call("drive.arm"))["arm"]}
+        return {} if self._client.is_local else {"arm_token": (await self.call("drive.arm"))["arm_token"]}
 
     async def take_control(self) -> None:
         """Take the drive, and keep it until ``close``. Raises ControlNotHeld."""

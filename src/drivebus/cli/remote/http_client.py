@@ -58,7 +58,7 @@ class HttpClient:
         """Nothing is open between two questions."""
 
     def _call_sync(self, operation: str, params: Json) -> Json:
-        method, path, body = _build_request(operation, params)
+        method, path, body = http_request(operation, params)
         headers = {"Authorization": f"Bearer {self._token}", "Accept": "application/json"}
         headers |= {} if body is None else {"Content-Type": "application/json"}
         connection = self._connect()
@@ -85,16 +85,16 @@ class HttpClient:
         return connection
 
 
-def _build_request(operation: str, params: Json) -> tuple[str, str, bytes | None]:
-    """Method, path and body, by the same table from which the service makes its routes."""
-    from drivebus.web.api.table import API_PREFIX, API_ROUTES
+def http_request(operation: str, params: Json) -> tuple[str, str, bytes | None]:
+    """Return method, path and body of an operation, from its declaration."""
+    from drivebus.service.api.operations import API_PREFIX, OPERATIONS
 
-    route = next(one for one in API_ROUTES if one.name == operation)
-    rest = {name: value for name, value in params.items() if name not in route.path_params and value is not None}
-    path = API_PREFIX + route.path.format(**{name: quote(str(params[name]), safe="") for name in route.path_params})
-    if route.has_body:
-        return route.method, path, json.dumps(rest, allow_nan=False).encode()
-    return route.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
+    found = OPERATIONS[operation]
+    rest = {name: value for name, value in params.items() if name not in found.path_params and value is not None}
+    path = API_PREFIX + found.path.format(**{name: quote(str(params[name]), safe="") for name in found.path_params})
+    if found.has_body:
+        return found.method, path, json.dumps(rest, allow_nan=False).encode()
+    return found.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
 
 
 def _parse_response(status: int, text: bytes, address: str) -> Json:

@@ -41,6 +41,6 @@ def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
     """Drives by how their stop ended; an error in place of an outcome is no stop."""
     words: dict[str, list[str]] = {"confirmed": [], "acknowledged": [], "unknown": []}
     for name, outcome in outcomes.items():
-        word = outcome.get("word")
+        word = outcome.get("status")
         words[word if word in words else "unknown"].append(name)
     return words

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from drivebus.service.alarms.log import AlarmLog
-from drivebus.service.api import operations as ops
+from drivebus.service.api.operations.alarms import AlarmParams, ShelveParams
+from drivebus.service.api.operations.history import TimeRangeParams
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.runtime.plant import Plant
@@ -25,23 +27,23 @@ class AlarmService:
             "alarm.unshelve": self._unshelve,
         }
 
-    async def _list_alarms(self, params: ops.NoParams, actor: Actor) -> Json:
+    async def _list_alarms(self, params: NoParams, actor: Actor) -> Json:
         return self._plant.alarms.as_json()
 
-    async def _alarm_history(self, params: ops.TimeRangeParams, actor: Actor) -> Json:
+    async def _alarm_history(self, params: TimeRangeParams, actor: Actor) -> Json:
         return self._log.history(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
 
-    async def _acknowledge(self, params: ops.AlarmParams, actor: Actor) -> Json:
+    async def _acknowledge(self, params: AlarmParams, actor: Actor) -> Json:
         plant = self._plant
         plant.publish_alarms(plant.alarms.acknowledge(params.alarm, actor.name, plant.wall_ms()))
         return {"alarm": params.alarm}
 
-    async def _shelve(self, params: ops.ShelveParams, actor: Actor) -> Json:
+    async def _shelve(self, params: ShelveParams, actor: Actor) -> Json:
         plant = self._plant
         changes = plant.alarms.shelve(params.alarm, params.minutes, plant.now(), plant.wall_ms())
         plant.publish_alarms(changes)
         return {"alarm": params.alarm, "shelved_until_ms": changes[0].alarm.shelved_until_ms}
 
-    async def _unshelve(self, params: ops.AlarmParams, actor: Actor) -> Json:
+    async def _unshelve(self, params: AlarmParams, actor: Actor) -> Json:
         self._plant.publish_alarms(self._plant.alarms.unshelve(params.alarm))
         return {"alarm": params.alarm}

@@ -1,5 +1,7 @@
-"""Where every operation comes in: is there such a one, may the actor, are the parameters right; what is done is
-recorded before its first frame leaves and after (6.5, G14).
+"""``Dispatcher``: every operation, with its right, its parameters and its audit record.
+
+Order: operation, right, parameters, state of the service. A command is recorded before its first frame is sent and
+after it is done; a stop is done first and then recorded.
 """
 
 from __future__ import annotations
@@ -21,16 +23,9 @@ from drivebus.errors import (
     ServiceUnavailable,
 )
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import error_to_json, os_reason, to_plain
-from drivebus.service.api.operations import (
-    OPERATIONS,
-    Operation,
-    OperationParams,
-    ParameterWriteParams,
-    RunParams,
-    SetFrequencyParams,
-)
-from drivebus.service.api.param_errors import params_error, pydantic_faults
+from drivebus.service.api.errors import error_to_json, os_reason, params_error, pydantic_faults, to_plain
+from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
+from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.audit import AuditEntry
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
@@ -43,33 +38,16 @@ from drivebus.service.control.tickets import (
 )
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
-Json = dict[str, Any]
-MAX_RECORDING_S = 2.0
-"""A command whose record took so long is another wish (I1); for a start it is the same clock that goes on."""
-AUDIT_BEST_EFFORT = frozenset(
-    {
-        "drive.set_frequency",
-        "group.set_frequency",
-        "drive.reset",
-        "drive.release",
-        "lease.take",
-        "lease.release",
-        "alarm.acknowledge",
-        "alarm.shelve",
-        "alarm.unshelve",
-    }
-)
-"""Control goes on where the trail can't be written; starts and changes of settings do not (G14). Stops come before
-their record anyway."""
+MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
+STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
 AUDIT_FILE = "audit.jsonl"
 TARGET_PARAMS = ("drive", "group", "alarm", "bus")
-STOP_AUDIT_TIMEOUT_S = 1.0
-"""Whoever stopped something waits no longer for its record."""
 
 
 class Dispatcher:
-    """Takes requests in."""
+    """Runs operations for their actors."""
 
     def __init__(
         self, plant: Plant, handlers: Mapping[str, OperationHandler], motions: Mapping[str, MotionHandler]
@@ -77,7 +55,7 @@ class Dispatcher:
         self.plant, self._handlers, self._motions = plant, handlers, motions
 
     async def call(self, name: str, params: Json, actor: Actor) -> Json:
-        """Raises whatever speaks against it, or what became of it."""
+        """Run an operation and return its result. Raises the reason why it was not done, or how it failed."""
         operation = OPERATIONS.get(name)
         if operation is None:
             raise NotFound("plant.no_operation", id=name)
@@ -95,7 +73,7 @@ class Dispatcher:
             return await self._stop_then_record(operation, parsed, actor, handler)
         if operation.mutates:
             return await self._run_recorded(
-                operation, parsed, actor, lambda params, actor, wish: handler(params, actor)
+                operation, parsed, actor, lambda params, actor, ticket: handler(params, actor)
             )
         try:
             return await handler(parsed, actor)
@@ -103,13 +81,13 @@ class Dispatcher:
             raise params_error(name, error.params["faults"]) from error
 
     def _check_accepting(self, operation: Operation) -> None:
-        """A plant that ends takes stops only, one that has ended nothing. Raises ServiceUnavailable."""
+        """Raises ServiceUnavailable: a service that is stopping takes stops only, one that has ended nothing."""
         starts = operation.mutates and not operation.is_stop
         if self.plant.state == "ended" or (starts and self.plant.state == "stopping"):
             raise ServiceUnavailable("plant.stopping")
 
     def check_may_view(self, actor: Actor) -> None:
-        """Raises Forbidden."""
+        """Raises PermissionDenied."""
         if not actor.may(Right.VIEW):
             raise PermissionDenied("plant.forbidden", name=actor.name, operation="live", right=Right.VIEW)
 
@@ -123,7 +101,7 @@ class Dispatcher:
     async def _stop_then_record(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: OperationHandler
     ) -> Json:
-        """A stop goes; it is recorded when it has gone, and nobody waits long for that."""
+        """Stop, then record it; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for the record."""
         entry = _audit_entry(operation, params.model_dump(), actor)
         try:
             found = await handler(params, actor)
@@ -139,49 +117,52 @@ class Dispatcher:
     async def _run_recorded(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
     ) -> Json:
-        wish = issue_ticket(self.plant, self._affected_drives(params))
-        entry = _audit_entry(operation, params.model_dump(), actor, drives=wish.stop_counts)
+        ticket = issue_ticket(self.plant, self._affected_drives(params))
+        entry = _audit_entry(operation, params.model_dump(), actor, drives=ticket.stop_counts)
         try:
             number = await self._record(replace(entry, outcome="asked"))
         except AuditUnavailable:
-            if operation.name not in AUDIT_BEST_EFFORT:
+            if operation.audit is Audit.REQUIRED:
                 self._record_nowait(_unrecorded_entry(entry))
                 raise
             number = None
-        except BaseException as error:  # it may be on the disk all the same
+        except BaseException as error:  # the record may have reached the disk
             self._record_nowait(_failed_entry(entry, error))
             raise
         entry = replace(entry, of=number)
         try:
-            self._check_not_stopped(wish)
-            found = await handler(params, actor, wish)
+            self._check_not_stopped(ticket)
+            found = await handler(params, actor, ticket)
         except Exception as error:
             await self._record_after(_failed_entry(entry, error))
             raise
-        except BaseException as error:  # whoever is cancelled does not wait for a disk
+        except BaseException as error:  # a cancelled task must not wait for a disk
             self._record_nowait(_failed_entry(entry, error))
             raise
         await self._record_after(_completed_entry(entry, found))
         return found
 
-    def _check_not_stopped(self, wish: CommandTicket) -> None:
-        """While it was recorded nobody has stopped one of its drives, and it has not become another wish."""
-        check_not_superseded(self.plant, wish)
-        age_s = self.plant.now() - wish.issued_at
+    def _check_not_stopped(self, ticket: CommandTicket) -> None:
+        """While it was recorded nobody has stopped one of its drives, and it has not become another ticket."""
+        check_not_superseded(self.plant, ticket)
+        age_s = self.plant.now() - ticket.issued_at
         if age_s > MAX_RECORDING_S:
             raise Expired("plant.record_too_slow", age_s=round(age_s, 2), limit_s=MAX_RECORDING_S)
 
     def _affected_drives(self, params: OperationParams) -> list[DriveRuntime]:
-        """The drives that it does something to: followers get their share of their leader's frequency."""
+        """Return the drives that a command moves: with a leader its followers, which get a share of its frequency."""
         drive, group = getattr(params, "drive", None), getattr(params, "group", None)
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
         followers = self.plant.followers(params.drive) if isinstance(params, RunParams | SetFrequencyParams) else ()
-        return [*(self.plant.drive(id) for id in drives), *(unit for _, unit in followers)]
+        return [*(self.plant.drive(id) for id in drives), *(follower for _, follower in followers)]
 
-    # --- the record -----------------------------------------------------------------------------------------------
+    # --- audit records ---------------------------------------------------------------------------------------------
 
     async def record(self, found: Json, actor: Actor) -> None:
-        """Something that is no operation: ``what``, ``target``, ``params``, ``outcome``. Raises AuditUnavailable."""
+        """Record an event that is no operation: ``what``, ``target``, ``params``, ``outcome``.
+
+        Raises AuditUnavailable.
+        """
         who = {"who": actor.name, "session": actor.session, "address": actor.address}
         entry = AuditEntry.from_json({**found, **who})
         try:
@@ -191,8 +172,7 @@ class Dispatcher:
             raise
 
     async def _record(self, entry: AuditEntry) -> int:
-        """Raises AuditUnavailable, after which every start is refused until an entry can be written again: whoever
-        calls it notes what comes of it."""
+        """Write an entry and return its number. Raises AuditUnavailable, with an alarm until one is written."""
         try:
             number = await self.plant.audit.record(entry)
         except AuditUnavailable as error:
@@ -205,19 +185,19 @@ class Dispatcher:
         self.plant.audit.record_nowait(entry)
 
     async def _record_after(self, entry: AuditEntry) -> None:
-        """What was done is done: a trail that can't be written is an alarm, and is written later; no failure."""
+        """Write the entry of a finished command; where the trail fails, it is written later."""
         try:
             await self._record(entry)
         except AuditUnavailable:
             self._record_nowait(entry)
 
     async def _record_soon(self, entry: AuditEntry) -> None:
-        """A disk that hangs keeps nobody from hearing what became of a stop."""
+        """Write the entry of a stop; a disk that hangs does not delay its result."""
         await asyncio.wait([asyncio.ensure_future(self._record_after(entry))], timeout=STOP_AUDIT_TIMEOUT_S)
 
 
 def validate_params(operation: Operation, params: Json) -> OperationParams:
-    """Raises InvalidParameters with every fault at once."""
+    """Return the parameters as the operation's model. Raises InvalidParameters with every fault."""
     try:
         return operation.params.model_validate(params)
     except ValidationError as error:
@@ -227,38 +207,38 @@ def validate_params(operation: Operation, params: Json) -> OperationParams:
 def _audit_entry(
     operation: Operation, params: Any, actor: Actor, outcome: str | None = None, drives: Iterable[str] = ()
 ) -> AuditEntry:
-    """``drives``: those that it concerns; where they are more than its target they are named."""
+    """Return the entry of a command; ``drives`` are the ones it moves, named where they are more than its target."""
     found = to_plain(params)
     known = found if isinstance(found, dict) else {}
     target = next((known[name] for name in TARGET_PARAMS if isinstance(known.get(name), str)), "")
-    concerned = [id for id in drives if id != target]
+    others = [drive for drive in drives if drive != target]
     return AuditEntry.by(
         actor,
         operation.name,
         target=target,
-        params=known | ({"drives": concerned} if concerned else {}),
+        params=known | ({"drives": others} if others else {}),
         outcome=outcome,
     )
 
 
 def _unrecorded_entry(entry: AuditEntry) -> AuditEntry:
-    """It was not done because it could not be recorded."""
+    """Return the entry of a command that was not done because it could not be recorded."""
     return replace(entry, what="audit.refused", params={"what": entry.what}, frames=(), outcome=None)
 
 
 def _failed_entry(entry: AuditEntry, error: BaseException) -> AuditEntry:
-    """Of an error that nobody foresaw only its class is told: what it left on the wire is not known."""
+    """Return the entry with the error; after an unexpected one it is not known which frames were sent."""
     if not isinstance(error, DrivebusError):
         return replace(entry, outcome="unknown", params={**entry.params, "error": type(error).__name__})
-    told = error_to_json(error)
-    return replace(entry, outcome=told["code"], frames=(told["outcome"] or {}).get("frames", ()))
+    failure = error_to_json(error)
+    return replace(entry, outcome=failure["code"], frames=(failure["outcome"] or {}).get("frames", ()))
 
 
 def _completed_entry(entry: AuditEntry, found: Json) -> AuditEntry:
-    """With the word and the frames of what was done."""
-    many = {**found.get("outcomes", {}), **found.get("followers", {})}
-    one = found.get("outcome")
-    every = [*([one] if one else ()), *many.values()]
-    words = dict.fromkeys(str(each.get("word") or each.get("code") or "done") for each in every)
-    frames = [frame for each in every for frame in each.get("frames", ())]
-    return replace(entry, outcome=", ".join(words) or "done", frames=frames)
+    """Return the entry with the statuses and frames of its outcomes."""
+    by_drive = {**found.get("outcomes", {}), **found.get("followers", {})}
+    outcome = found.get("outcome")
+    outcomes = [*([outcome] if outcome else ()), *by_drive.values()]
+    statuses = dict.fromkeys(str(one.get("status") or one.get("code") or "done") for one in outcomes)
+    frames = [frame for one in outcomes for frame in one.get("frames", ())]
+    return replace(entry, outcome=", ".join(statuses) or "done", frames=frames)

@@ -1,33 +1,28 @@
-"""Errors and outcomes as JSON and back: the one shape in which every door of the plant tells them."""
+"""Errors and outcomes as JSON and back: the one shape in which every client gets them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import Any
 
 from drivebus import errors, i18n
 from drivebus.drives.state import FrameExchange, Outcome
-from drivebus.errors import DrivebusError, ServiceError
+from drivebus.errors import DrivebusError, InvalidParameters, ServiceError
 from drivebus.profiles.model import Text
 from drivebus.service.auth.rights import Right
+from drivebus.types import Json
 
-Json = dict[str, Any]
-
-
-def os_reason(error: Exception) -> str:
-    """Why a store can't be written, in the system's words where there are any."""
-    params = error.params if isinstance(error, DrivebusError) else {}
-    return str(params.get("reason") or getattr(error, "strerror", None) or error)
+# --- sentences and their parameters -----------------------------------------------------------------------------------
 
 
 def localized(key: str, params: Mapping[str, Any] | None = None) -> Json:
-    """A sentence in both languages."""
+    """Return a sentence in both languages."""
     return {language: i18n.text(key, language, **(params or {})) for language in i18n.LANGUAGES}
 
 
 def to_plain(value: Any) -> Any:
-    """A parameter of a sentence as JSON: texts and sentences in both languages, words as words."""
+    """Return a parameter of a sentence as JSON: texts in both languages, enums by their value."""
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, bool | int | float | str):
@@ -38,12 +33,21 @@ def to_plain(value: Any) -> Any:
         return [to_plain(one) for one in value]
     if hasattr(value, "en") and hasattr(value, "zh"):
         return {"en": value.en, "zh": value.zh}
-    sentence = getattr(value, "text", None)
-    return {language: sentence(language) for language in i18n.LANGUAGES} if callable(sentence) else str(value)
+    text = getattr(value, "text", None)
+    return {language: text(language) for language in i18n.LANGUAGES} if callable(text) else str(value)
+
+
+def os_reason(error: Exception) -> str:
+    """Return why a file or store failed, in the operating system's words where there are any."""
+    params = error.params if isinstance(error, DrivebusError) else {}
+    return str(params.get("reason") or getattr(error, "strerror", None) or error)
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
 
 
 def build_error_json(code: str, kind: str, params: Mapping[str, Any], outcome: Json | None = None) -> Json:
-    """The one shape of an error, without the outer ``error``; ``code`` is the key of its sentence."""
+    """Return the shape of an error; ``code`` is the key of its sentence, ``kind`` the name of its class."""
     return {
         "code": code,
         "kind": kind,
@@ -54,34 +58,98 @@ def build_error_json(code: str, kind: str, params: Mapping[str, Any], outcome: J
 
 
 def error_to_json(error: DrivebusError) -> Json:
-    """An error as every door shows it."""
+    """Return an error as every client gets it."""
     outcome = error.outcome
     found = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
     return build_error_json(error.key, type(error).__name__, error.params, found)
 
 
 def error_from_json(found: Json) -> DrivebusError:
-    """The error that ``failure`` told of; ``failure`` of it says the same again. Raises KeyError for what is none."""
+    """Return the error that ``error_to_json`` wrote; a class that is no error becomes ServiceError.
+
+    Raises KeyError for an object that is no error.
+    """
     kind = getattr(errors, str(found["kind"]), ServiceError)
     kind = kind if isinstance(kind, type) and issubclass(kind, DrivebusError) else ServiceError
-    error: DrivebusError = kind(
-        found["code"], **{name: _param_from_json(name, value) for name, value in found["params"].items()}
-    )
+    params = {name: _param_from_json(name, value) for name, value in found["params"].items()}
+    error: DrivebusError = kind(found["code"], **params)
     error.outcome = found["outcome"]
     return error
 
 
 def _param_from_json(name: str, value: Any) -> Any:
-    """A right is one word on the wire, and says itself in both languages."""
+    """A right is one word in JSON and a text in both languages in a sentence."""
     if name == "right":
         return next((right for right in Right if right == value), value)
     return Text(**value) if isinstance(value, dict) and value.keys() == {"en", "zh"} else value
 
 
+# --- wrong parameters -------------------------------------------------------------------------------------------------
+
+FAULT_MESSAGES = {
+    "extra_forbidden": "unknown",
+    "missing": "missing",
+    "model_type": "object",
+    "model_attributes_type": "object",
+    "dict_type": "object",
+    "invalid_key": "string",
+    "string_type": "string",
+    "string_unicode": "unicode",
+    "string_pattern_mismatch": "pattern",
+    "string_too_short": "characters_least",
+    "string_too_long": "characters_most",
+    "float_type": "number",
+    "finite_number": "finite",
+    "int_type": "integer",
+    "bool_type": "boolean",
+    "list_type": "list",
+    "too_short": "entries_least",
+    "too_long": "entries_most",
+    "greater_than_equal": "at_least",
+    "less_than_equal": "at_most",
+    "literal_error": "choice",
+    "enum": "choice",
+}
+"""pydantic's type of a fault → sentence ``params.<key>``: every fault that the models of the operations can raise."""
+
+
+def param_fault(path: str, found: Any, key: str, **params: Any) -> Json:
+    """Return one wrong parameter: its path, the value found, and the sentence ``params.<key>`` of the expected one."""
+    return {"path": path, "found": str(found)[:200], "expected": localized(f"params.{key}", params)}
+
+
+def pydantic_faults(faults: Iterable[Mapping[str, Any]]) -> list[Json]:
+    """Return the faults that pydantic found."""
+    return [_translate(one, ".".join(map(str, one["loc"]))) for one in faults]
+
+
+def _translate(found: Mapping[str, Any], path: str) -> Json:
+    context = found.get("ctx", {})
+    bounds = {name: f"{context[name]:.15g}" for name in ("ge", "le") if name in context}
+    others = {name: context[name] for name in ("min_length", "max_length", "pattern") if name in context}
+    choices = str(context.get("expected", "")).replace(" or ", ", ")
+    key = FAULT_MESSAGES.get(found["type"], "other")
+    return param_fault(path, repr(found.get("input")), key, choices=choices, **bounds, **others)
+
+
+def params_error(operation: str, faults: list[Json]) -> InvalidParameters:
+    """Return the error whose sentence names every fault."""
+    problems = Text(*("; ".join(_fault_sentence(one, language) for one in faults) for language in i18n.LANGUAGES))
+    return InvalidParameters("plant.params", operation=operation, problems=problems, faults=faults)
+
+
+def _fault_sentence(one: Json, language: str) -> str:
+    expected = one["expected"][language]
+    return f"{one['path']}: {expected}" if one["path"] else expected
+
+
+# --- outcomes ---------------------------------------------------------------------------------------------------------
+
+
 def outcome_json(outcome: Outcome, command: str = "") -> Json:
-    """An outcome with its sentence and the frames that prove it."""
+    """Return an outcome with its sentence and the frames that prove it."""
     return {
-        "word": str(outcome.status),
+        "status": str(outcome.status),
         "key": outcome.key,
         "text": localized(outcome.key, outcome.params),
         "params": to_plain(outcome.params),
@@ -92,7 +160,7 @@ def outcome_json(outcome: Outcome, command: str = "") -> Json:
 
 
 def exchange_json(exchange: FrameExchange) -> Json:
-    """One frame of a command and what came back; times are monotonic seconds."""
+    """Return one frame of a command and its reply; times are monotonic seconds."""
     return {
         "sent": exchange.sent.hex(" ").upper(),
         "received": exchange.received.hex(" ").upper(),

@@ -1,4 +1,4 @@
-"""Frames on the wire for people: bytes and meaning, decoded only when somebody looks."""
+"""``frame_json``: traced frames as JSON, decoded only when a client reads them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from drivebus.errors import DrivebusError
 from drivebus.protocols.describe import FrameDescription
 from drivebus.service.api.errors import localized
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
+from drivebus.types import Json
 
-Json = dict[str, Any]
-DECODE_CACHE_SIZE = 4096
-"""So many meanings are remembered."""
+DECODE_CACHE_SIZE = 4096  # polls repeat the same frames
 DECODED_KINDS = (TraceKind.SENT, TraceKind.REPLY)
 
 
-def frame_json(line: BusRuntime, seen: TracedFrame) -> Json:
-    """One frame. ``time_ms`` is a label, ``time_s`` monotonic."""
-    number, time_ms, event = seen
+def frame_json(bus: BusRuntime, frame: TracedFrame) -> Json:
+    """Return one frame; ``time_ms`` is the wall clock, ``time_s`` the monotonic one."""
+    number, time_ms, event = frame
     error = event.error
     return {
         "n": number,
@@ -32,7 +31,7 @@ def frame_json(line: BusRuntime, seen: TracedFrame) -> Json:
         "kind": event.kind.value,
         "station": event.station,
         "hex": event.data.hex(" ").upper(),
-        "text": _frame_text(line, seen),
+        "text": _frame_text(bus, frame),
         "error": None if not isinstance(error, DrivebusError) else _error(error),
     }
 
@@ -43,36 +42,35 @@ def _error(error: DrivebusError) -> Json:
 
 @dataclass(frozen=True, slots=True)
 class LazyFrame:
-    """A frame that is told when somebody takes it."""
+    """A frame that is decoded when a client of the hub takes it."""
 
-    line: BusRuntime
+    bus: BusRuntime
     frame: TracedFrame
 
     def json(self, now: float) -> Json:
-        return frame_json(self.line, self.frame)
+        return frame_json(self.bus, self.frame)
 
 
-def _frame_text(line: BusRuntime, seen: TracedFrame) -> Json:
-    """What it says; what is not ours to read is named by its kind only."""
-    event = seen.event
-    profile = next((unit.profile for unit in line.drives.values() if unit.config.address == event.station), None)
+def _frame_text(bus: BusRuntime, frame: TracedFrame) -> Json:
+    """Return its fields; of a frame that belongs to no drive of this bus only its kind."""
+    event = frame.event
+    profile = next((drive.profile for drive in bus.drives.values() if drive.config.address == event.station), None)
     if profile is None or not event.data or event.kind not in DECODED_KINDS:
         return localized(f"plant.frame_{event.kind.value}")
     return dict(_decode(profile.source or profile.model, event.data, event.kind is TraceKind.SENT))
 
 
 @lru_cache(maxsize=DECODE_CACHE_SIZE)
-def _decode(model: str, data: bytes, asked: bool) -> Json:
-    """Polls say the same again and again."""
+def _decode(model: str, data: bytes, is_request: bool) -> Json:
     try:
-        found = describe_frame(model, data, direction="request" if asked else "response")
+        found = describe_frame(model, data, direction="request" if is_request else "response")
     except DrivebusError as error:
         return localized(error.key, error.params)
     return {language: _describe(found, language) for language in i18n.LANGUAGES}
 
 
 def _describe(found: FrameDescription, language: str) -> str:
-    """Its fields in a row, and what is wrong with it."""
+    """Return the fields, then the problems of a frame."""
     fields = [_field_text(name, value, language) for name, value in found.fields.items()]
     notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
     comma, semicolon = (i18n.text(f"decode.{sign}", language) for sign in ("comma", "semicolon"))
@@ -85,8 +83,8 @@ def _field_text(name: str, value: Any, language: str) -> str:
 
 def _value_text(name: str, value: Any, language: str) -> str:
     if isinstance(value, dict):
-        return ", ".join(_field_text(one, each, language) for one, each in value.items())
+        return ", ".join(_field_text(inner, one, language) for inner, one in value.items())
     if isinstance(value, list | tuple):
-        return " ".join(_value_text(name, each, language) for each in value)
-    said = labels.value_text(name, value, language)
-    return str(getattr(value, "value", value)) if said is None else said
+        return " ".join(_value_text(name, one, language) for one in value)
+    text = labels.value_text(name, value, language)
+    return str(getattr(value, "value", value)) if text is None else text

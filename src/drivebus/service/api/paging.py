@@ -1,4 +1,4 @@
-"""Pages of a list that grows at its head: an opaque cursor, which is the number of the last item that was given."""
+"""Pages of a list that grows at its head, and opaque cursors: a few whole numbers as text."""
 
 from __future__ import annotations
 
@@ -6,37 +6,41 @@ from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections.abc import Callable, Iterable
 
 from drivebus.errors import InvalidParameters
-from drivebus.service.api.param_errors import param_fault
-from drivebus.service.live.views import Json
+from drivebus.service.api.errors import param_fault
+from drivebus.types import Json
 
 
 def page(items: Iterable[tuple[int, Callable[[], Json]]], cursor: str | None, limit: int) -> Json:
-    """``{"items", "next"}``: items come newest (largest number) first. Raises InvalidParameters."""
-    below = decode_cursor(cursor)
+    """Return ``{"items", "next"}``; ``items`` come newest (largest number) first. Raises InvalidParameters."""
+    below = page_start(cursor)
     found: list[Json] = []
     last = 0
-    for number, made in items:
+    for number, make in items:
         if below is not None and number >= below:
             continue
         if len(found) == limit:
             return {"items": found, "next": encode_cursor(last)}
-        found.append(made())
+        found.append(make())
         last = number
     return {"items": found, "next": None}
 
 
-def decode_cursor(cursor: str | None) -> int | None:
-    """The number that the next page goes on below; None: from the newest. Raises InvalidParameters."""
-    if cursor is None:
-        return None
+def page_start(cursor: str | None) -> int | None:
+    """Return the number below which a page begins; None for the first page. Raises InvalidParameters."""
+    return None if cursor is None else decode_cursor(cursor, 1)[0]
+
+
+def encode_cursor(*numbers: int) -> str:
+    """Return the cursor of a place in a list."""
+    return urlsafe_b64encode(".".join(map(str, numbers)).encode()).decode()
+
+
+def decode_cursor(text: str, count: int) -> list[int]:
+    """Return the ``count`` numbers of a cursor. Raises InvalidParameters."""
     try:
-        text = urlsafe_b64decode(cursor.encode()).decode()
-        if text.isdecimal() and encode_cursor(int(text)) == cursor:
-            return int(text)
+        numbers = [int(part) for part in urlsafe_b64decode(text.encode()).decode().split(".")]
+        if len(numbers) == count and min(numbers) >= 0 and encode_cursor(*numbers) == text:
+            return numbers
     except ValueError:
         pass
-    raise InvalidParameters("plant.params", faults=[param_fault("cursor", cursor[:60], "cursor")])
-
-
-def encode_cursor(number: int) -> str:
-    return urlsafe_b64encode(str(number).encode()).decode()
+    raise InvalidParameters("plant.params", faults=[param_fault("cursor", text[:60], "cursor")])

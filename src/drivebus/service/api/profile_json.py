@@ -1,19 +1,21 @@
-"""A drive model for people: what it can do, its signals, parameters, faults, caveats and keypad steps."""
+"""Profiles and parameter readings as JSON."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
+from drivebus.errors import ProfileError
 from drivebus.profiles.model import Caveat, DriveProfile, Evidence, OpenQuestion, Parameter, Signal
-from drivebus.service.api.parameter_json import locator_hex
+from drivebus.profiles.notation import find_entry
+from drivebus.protocols.family import Locator
 from drivebus.service.live.views import fault_json, text_json
-
-Json = dict[str, Any]
+from drivebus.types import Json
+from drivebus.values import Reading
 
 
 def profile_json(profile: DriveProfile) -> Json:
-    """All of a profile that somebody at a drive wants to know."""
-    line, rule = profile.serial, profile.write_support
+    """Return a drive model: its capabilities, signals, parameters, faults, caveats and keypad steps."""
+    serial, writing = profile.serial, profile.write_support
     return {
         "model": profile.model,
         "maker": text_json(profile.maker),
@@ -22,10 +24,10 @@ def profile_json(profile: DriveProfile) -> Json:
         "family": profile.family,
         "encodings": list(profile.encodings),
         "line": {
-            "baud": line.baud,
-            "format": line.format,
-            "bauds": list(line.bauds),
-            "formats": list(line.formats),
+            "baud": serial.baud,
+            "format": serial.format,
+            "bauds": list(serial.bauds),
+            "formats": list(serial.formats),
         },
         "limits": {"minimum_hz": profile.limits.minimum_hz, "maximum_hz": profile.limits.maximum_hz},
         "capabilities": sorted(profile.capabilities),
@@ -37,8 +39,8 @@ def profile_json(profile: DriveProfile) -> Json:
         "keypad": [text_json(one) for one in profile.keypad],
         "wiring": text_json(profile.wiring),
         "open_questions": [_question(one) for one in profile.open_questions],
-        "can_save": rule.eeprom and "save" in profile.capabilities,
-        "can_write_ram": rule.ram,
+        "can_save": writing.eeprom and "save" in profile.capabilities,
+        "can_write_ram": writing.ram,
     }
 
 
@@ -89,3 +91,30 @@ def _question(question: OpenQuestion) -> Json:
         "reason": text_json(question.reason),
         "settle": text_json(question.settle),
     }
+
+
+def reading_json(reading: Reading) -> Json:
+    return {
+        "raw": reading.raw,
+        "value": reading.value,
+        "unit": reading.unit,
+        "quality": str(reading.quality),
+        "reason": reading.reason,
+    }
+
+
+def readings_json(profile: DriveProfile, found: Mapping[str, Reading]) -> Json:
+    """Return readings by the names under which they were read, each with its wire address."""
+    return {name: reading_json(one) | {"address_hex": address_hex(profile, name)} for name, one in found.items()}
+
+
+def address_hex(profile: DriveProfile, name: str) -> str | None:
+    """Return the wire address of a parameter or signal by any of its names; None for an unknown name."""
+    try:
+        return locator_hex(find_entry(profile, name).locator)
+    except ProfileError:
+        return None
+
+
+def locator_hex(locator: Locator) -> str:
+    return f"{locator[1]:04X}H"

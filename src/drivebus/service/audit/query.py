@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from drivebus.service.api.paging import decode_cursor, page
+from drivebus.service.api.paging import page, page_start
 from drivebus.service.audit import records
 from drivebus.service.audit.chain import AuditPaths, first_number_of, lines_backwards
 from drivebus.service.live.views import Json
@@ -22,7 +22,7 @@ def query_records(
     def wanted(body: Json) -> bool:
         return from_ms <= body["time_ms"] < to_ms and (drive is None or drive in subjects_of(body))
 
-    return page(_matching(paths, decode_cursor(cursor), wanted), cursor, limit)
+    return page(_matching(paths, page_start(cursor), wanted), cursor, limit)
 
 
 def subjects_of(body: Json) -> tuple[Any, ...]:

@@ -13,8 +13,16 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.state import Outcome
 from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api import operations as ask
 from drivebus.service.api.errors import error_to_json, outcome_json
+from drivebus.service.api.operations.drives import (
+    DriveParams,
+    LimitsParams,
+    ParameterWriteParams,
+    RunParams,
+    SetFrequencyParams,
+    StopParams,
+    WaiverParams,
+)
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
@@ -40,9 +48,9 @@ class DriveCommands:
             "drive.arm": self.arm_start,
             "drive.stop": self.stop,
             "drive.reset": self.reset_fault,
-            "drive.release": self.release_start_inhibit,
-            "drive.waiver": self.grant_waiver,
-            "drive.unwaive": self.revoke_waiver,
+            "start_inhibit.release": self.release_start_inhibit,
+            "waiver.grant": self.grant_waiver,
+            "waiver.revoke": self.revoke_waiver,
             "drive.limits": self.set_limits,
             "parameters.write": self.write_parameters,
         }
@@ -71,19 +79,19 @@ class DriveCommands:
 
     # --- who may --------------------------------------------------------------------------------------------------
 
-    async def take_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
         unit, now = self.plant.drive(params.drive), self.plant.now()
         taken = self.plant.leases.take(unit.id, actor, now)
         if taken is not None:
             self.plant.publish_event("lease", unit.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
         return self._lease_json(unit)
 
-    async def renew_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def renew_lease(self, params: DriveParams, actor: Actor) -> Json:
         unit = self.plant.drive(params.drive)
         self.plant.leases.renew(unit.id, actor, self.plant.now())
         return self._lease_json(unit)
 
-    async def release_lease(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def release_lease(self, params: DriveParams, actor: Actor) -> Json:
         unit = self.plant.drive(params.drive)
         self.plant.leases.release(unit.id, actor, self.plant.now())
         return {}
@@ -93,19 +101,19 @@ class DriveCommands:
         lease = self.plant.leases.get(unit.id, now)
         return {"lease": None if lease is None else lease.view(now).as_json(), "ttl_s": LEASE_TTL_S}
 
-    async def arm_start(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""
         unit = self.require_control(params.drive, actor)
         check_start(self.plant, unit)
-        return {"arm": self.plant.arm_tokens.issue(unit.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
+        return {"arm_token": self.plant.arm_tokens.issue(unit.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
 
     # --- motion ---------------------------------------------------------------------------------------------------
 
-    async def run(self, params: ask.RunParams, actor: Actor, ticket: CommandTicket) -> Json:
+    async def run(self, params: RunParams, actor: Actor, ticket: CommandTicket) -> Json:
         unit = self.require_control_with_followers(params.drive, actor)
         check_start(self.plant, unit)
         unit.drive.check_frequency(params.frequency_hz)
-        self.plant.arm_tokens.consume(params.arm, unit.id, actor, self.plant.now())
+        self.plant.arm_tokens.consume(params.arm_token, unit.id, actor, self.plant.now())
         told = await self.start_drive(unit, params.frequency_hz, params.direction, actor, ticket.issued_at)
         return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
 
@@ -129,7 +137,7 @@ class DriveCommands:
         finally:
             unit.last_motion_at = self.plant.now()
 
-    async def set_frequency(self, params: ask.SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
+    async def set_frequency(self, params: SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
         unit = self.require_control_with_followers(params.drive, actor)
         outcome = await unit.drive.set_frequency(params.frequency_hz, ticket.issued_at)
         unit.commanded_hz = params.frequency_hz
@@ -167,7 +175,7 @@ class DriveCommands:
 
     # --- stops and resets -----------------------------------------------------------------------------------------
 
-    async def stop(self, params: ask.StopParams, actor: Actor) -> Json:
+    async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""
         unit = self.plant.drive(params.drive)
         self.plant.note_stop(unit)
@@ -186,11 +194,11 @@ class DriveCommands:
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
         return outcome
 
-    async def reset_fault(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def reset_fault(self, params: DriveParams, actor: Actor) -> Json:
         unit = self.require_control(params.drive, actor)
         return self.publish_outcome(unit, "reset", await unit.drive.reset_fault(), actor)
 
-    async def release_start_inhibit(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
         """Starts may be asked for again after a bus stop; nothing is sent."""
         unit = self.require_control(params.drive, actor)
         unit.bus.release_start([unit.config.address])
@@ -211,7 +219,7 @@ class DriveCommands:
         )
         return {"outcome": said}
 
-    async def write_parameters(self, params: ask.ParameterWriteParams, actor: Actor) -> Json:
+    async def write_parameters(self, params: ParameterWriteParams, actor: Actor) -> Json:
         """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
         unit = self.require_control(params.drive, actor)
         unit.invalidate_comm_loss()
@@ -226,7 +234,7 @@ class DriveCommands:
 
     # --- what an engineer allows ------------------------------------------------------------------------------------
 
-    async def grant_waiver(self, params: ask.WaiverParams, actor: Actor) -> Json:
+    async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
         unit = self.plant.drive(params.drive)
         text = f"{params.reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, unit.config, self.plant.bus_of(unit).config)
@@ -239,14 +247,14 @@ class DriveCommands:
         """Durable on return; the bus does not wait for the disk. Raises ConfigurationError."""
         await asyncio.to_thread(self.plant.store.put, key, value)
 
-    async def revoke_waiver(self, params: ask.DriveParams, actor: Actor) -> Json:
+    async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         unit = self.plant.drive(params.drive)
         await self._store_value(f"waiver/{unit.id}", "")
         unit.waiver, unit.waiver_of_another = None, None
         self.plant.publish_event("waiver", unit.id, "plant.unwaived", actor=actor.name)
         return {}
 
-    async def set_limits(self, params: ask.LimitsParams, actor: Actor) -> Json:
+    async def set_limits(self, params: LimitsParams, actor: Actor) -> Json:
         """Narrower than the plant's file says, never wider. Raises LimitError."""
         unit = self.plant.drive(params.drive)
         own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)

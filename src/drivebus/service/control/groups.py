@@ -11,8 +11,8 @@ from typing import Any
 
 from drivebus.drives.state import DriveState, OutcomeStatus
 from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
-from drivebus.service.api import operations as ask
 from drivebus.service.api.errors import error_to_json
+from drivebus.service.api.operations.groups import GroupParams, GroupSetFrequencyParams, GroupStartParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.drive_commands import DriveCommands, follower_hz
@@ -50,17 +50,17 @@ class GroupCommands:
         order = sorted(group.drives, key=lambda drive: drive != group.leader)
         return group, [self.commands.require_control(drive, actor) for drive in order]
 
-    async def arm_start(self, params: ask.GroupParams, actor: Actor) -> Json:
+    async def arm_start(self, params: GroupParams, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""
         group, units = self._require_control(params.group, actor)
         for unit in units:
             check_start(self.plant, unit)
         return {
-            "arm": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
+            "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
         }
 
-    async def start(self, params: ask.GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
+    async def start(self, params: GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest, and so
         does a leader that has not started.
 
@@ -73,7 +73,7 @@ class GroupCommands:
         for unit in units:
             check_start(self.plant, unit)
             unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
-        self.plant.arm_tokens.consume(params.arm, f"group:{group.id}", actor, self.plant.now())
+        self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
         outcomes: Json = {}
         try:
@@ -93,7 +93,7 @@ class GroupCommands:
         units: list[DriveRuntime],
         unit: DriveRuntime,
         wish: CommandTicket,
-        params: ask.GroupStartParams,
+        params: GroupStartParams,
         actor: Actor,
     ) -> Json:
         """One drive's start, when it is its turn and nobody has stopped any of them since."""
@@ -150,7 +150,7 @@ class GroupCommands:
         fresh = status.at is not None and status.at >= unit.group_started_at
         return not fresh or status.state in ACCELERATING_STATES
 
-    async def set_frequency(self, params: ask.GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
+    async def set_frequency(self, params: GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
         """The leader's frequency (everybody's where there is no leader), then the followers' at their ratio."""
         group, units = self._require_control(params.group, actor)
         for unit in units:
@@ -209,7 +209,7 @@ def _is_expired(error: DrivebusError) -> bool:
 
 
 def _is_done(outcome: Json) -> bool:
-    return outcome.get("word") in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
+    return outcome.get("status") in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
 
 
 def _skipped(group: GroupConfig, units: list[DriveRuntime]) -> Json:

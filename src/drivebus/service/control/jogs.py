@@ -9,7 +9,7 @@ from typing import Any
 
 from drivebus.drives.jog_session import JogSession
 from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
-from drivebus.service.api import operations as ask
+from drivebus.service.api.operations.drives import ActiveJogParams, JogParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.permissives import check_start
@@ -43,12 +43,12 @@ class RemoteJogs:
     def motions(self) -> dict[str, MotionHandler]:
         return {"drive.jog": self.start}
 
-    async def start(self, params: ask.JogParams, actor: Actor, ticket: CommandTicket) -> Json:
+    async def start(self, params: JogParams, actor: Actor, ticket: CommandTicket) -> Json:
         """A jog is a start: it needs all that a start needs."""
         unit = self.commands.require_control(params.drive, actor)
         check_start(self.plant, unit)
         lease = unit.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
-        self.plant.arm_tokens.consume(params.arm, unit.id, actor, self.plant.now())
+        self.plant.arm_tokens.consume(params.arm_token, unit.id, actor, self.plant.now())
         await self.commands.run_motion(unit, lease.start())
         word = secrets.token_urlsafe(12)
         self._active[word] = ActiveJog(unit, actor, lease)
@@ -56,7 +56,7 @@ class RemoteJogs:
         told = self.commands.publish_outcome(unit, "jog", lease.start_outcome, actor)
         return {"jog": word, "lease_s": lease.lease_s, **told}
 
-    async def renew(self, params: ask.ActiveJogParams, actor: Actor) -> Json:
+    async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """The hand is still on the key. Raises StartInhibited where it came too late: the motor was stopped."""
         held = self._find(params)
         if held.actor.session != actor.session:
@@ -64,7 +64,7 @@ class RemoteJogs:
         held.lease.renew()
         return {"lease_s": held.lease.lease_s}
 
-    async def stop(self, params: ask.ActiveJogParams, actor: Actor) -> Json:
+    async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:
         """Whoever may stop may end it."""
         held = self._find(params)
         self._active.pop(params.jog, None)
@@ -72,7 +72,7 @@ class RemoteJogs:
         outcome = await self.commands.finish_stop(held.drive, held.lease.stop())
         return self.commands.publish_outcome(held.drive, "stop", outcome, actor)
 
-    def _find(self, params: ask.ActiveJogParams) -> ActiveJog:
+    def _find(self, params: ActiveJogParams) -> ActiveJog:
         held = self._active.get(params.jog)
         if held is None or held.drive.id != params.drive:
             raise NotFound("plant.no_jog", id=params.drive)

@@ -11,7 +11,8 @@ from drivebus.drives.bus_stop import StopReport
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
-from drivebus.service.api.operations import GroupParams, NoParams
+from drivebus.service.api.operations.groups import GroupParams
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands

@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from drivebus.errors import ConfigurationError, InvalidParameters
-from drivebus.service.api.operations import ExportParams
-from drivebus.service.api.param_errors import param_fault
-from drivebus.service.historian.cursors import decode_cursor, encode_cursor
+from drivebus.service.api.errors import param_fault
+from drivebus.service.api.operations.history import ExportParams
+from drivebus.service.api.paging import decode_cursor, encode_cursor
 from drivebus.service.historian.points import LEVEL_BY_NAME, QUALITY_BY_CODE, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.reader import HistoryReader
 from drivebus.service.historian.store import Tag

@@ -10,9 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from drivebus.errors import InvalidParameters, NotFound, ServiceUnavailable
-from drivebus.service.api.operations import ExportParams, TimeRangeParams, TrendParams
-from drivebus.service.api.param_errors import param_fault
-from drivebus.service.historian.cursors import decode_cursor, encode_cursor
+from drivebus.service.api.errors import param_fault
+from drivebus.service.api.operations.history import ExportParams, TimeRangeParams, TrendParams
+from drivebus.service.api.paging import decode_cursor, encode_cursor
 from drivebus.service.historian.export import HistoryExporter
 from drivebus.service.historian.points import (
     RESOLUTIONS,
@@ -123,7 +123,7 @@ class HistoryQueries:
             "history.tags": tags,
             "history.trend": lambda params, _actor: self.trend(params),
             "history.export": lambda params, _actor: self.export(params),
-            "history.markers": lambda params, _actor: self.events(params),
+            "history.events": lambda params, _actor: self.events(params),
         }
 
 

@@ -6,9 +6,10 @@ import asyncio
 from collections.abc import Mapping, Sequence
 
 from drivebus.service.alarms import Alarm, AlarmChange
-from drivebus.service.api import operations as ops
 from drivebus.service.api.frames import frame_json
-from drivebus.service.api.parameter_json import readings_json
+from drivebus.service.api.operations.alarms import IncidentParams
+from drivebus.service.api.operations.history import TimeRangeParams
+from drivebus.service.api.profile_json import readings_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.incidents.recorder import (
@@ -26,7 +27,7 @@ from drivebus.types import Json
 
 
 class IncidentService(PlantListener):
-    """Recorder of a plant's incidents, and the handlers of ``cases.*``."""
+    """Recorder of a plant's incidents, and the handlers of ``incidents.*``."""
 
     def __init__(self, plant: Plant, store: IncidentStore) -> None:
         self._plant, self._store = plant, store
@@ -90,11 +91,11 @@ class IncidentService(PlantListener):
     # --- operations -------------------------------------------------------------------------------------------------
 
     def handlers(self) -> dict[str, OperationHandler]:
-        return {"cases.list": self._list_incidents, "cases.get": self._get_incident}
+        return {"incidents.list": self._list_incidents, "incidents.get": self._get_incident}
 
-    async def _list_incidents(self, params: ops.TimeRangeParams, actor: Actor) -> Json:
+    async def _list_incidents(self, params: TimeRangeParams, actor: Actor) -> Json:
         span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
         return await asyncio.to_thread(self._store.query, *span)
 
-    async def _get_incident(self, params: ops.IncidentParams, actor: Actor) -> Json:
-        return await asyncio.to_thread(self._store.get, params.case)
+    async def _get_incident(self, params: IncidentParams, actor: Actor) -> Json:
+        return await asyncio.to_thread(self._store.get, params.incident)

@@ -8,16 +8,18 @@ import itertools
 import json
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from drivebus.errors import ServiceUnavailable
 from drivebus.service.api.errors import error_from_json
 from drivebus.service.auth.actor import Actor
-from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, short_socket_path
+from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, short_socket_path, split_reply
+from drivebus.service.ipc.service_client import ServiceErrorReply
 from drivebus.service.live.topics import closed_message
+from drivebus.types import Json
 
-Json = dict[str, Any]
-CONNECTION_LOST: Json = {"gone": True}
+Reply = tuple[str, bytes]
+"""Kind of a reply and its JSON text."""
+CONNECTION_LOST: Reply = ("lost", b"")
 MAX_QUEUED_LIVE_MESSAGES = 64
 """A reader that leaves so many live messages lying is closed."""
 
@@ -30,17 +32,27 @@ class SocketClient:
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
         self._numbers = itertools.count(1)
-        self._pending: dict[int, asyncio.Queue[Json]] = {}
+        self._pending: dict[int, asyncio.Queue[Reply]] = {}
         self._connecting = asyncio.Lock()
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
-        """See ``ServiceClient.call``. Raises ServiceUnavailable where the plant does not answer."""
-        result: Json = await self._request({"op": operation, "params": params, "actor": actor.as_json()})
+        """See ``ServiceClient.call``. Raises ServiceUnavailable where the service does not answer."""
+        try:
+            result: Json = json.loads(await self.call_json(operation, params, actor))
+        except ServiceErrorReply as error:
+            raise error_from_json(json.loads(error.payload)) from None
         return result
+
+    async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
+        """See ``ServiceClient.call_json``. Raises ServiceUnavailable where the service does not answer."""
+        return await self._request({"op": operation, "params": params, "actor": actor.as_json()})
 
     async def record(self, entry: Json, actor: Actor) -> None:
         """See ``ServiceClient.record``."""
-        await self._request({"record": entry, "actor": actor.as_json()})
+        try:
+            await self._request({"record": entry, "actor": actor.as_json()})
+        except ServiceErrorReply as error:
+            raise error_from_json(json.loads(error.payload)) from None
 
     async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
         """See ``ServiceClient.live``. Raises ServiceUnavailable where the plant does not answer, or goes."""
@@ -48,10 +60,12 @@ class SocketClient:
         number, answers = await self._send(asked, MAX_QUEUED_LIVE_MESSAGES)
         try:
             while True:
-                message = _raise_error(await answers.get())["live"]
+                message: Json = json.loads(_payload(await answers.get()))
                 yield message
                 if message["type"] == "closed":
                     return
+        except ServiceErrorReply as error:
+            raise error_from_json(json.loads(error.payload)) from None
         finally:
             self._pending.pop(number, None)
             self._write({"id": number, "end": True})
@@ -64,14 +78,14 @@ class SocketClient:
             with contextlib.suppress(asyncio.CancelledError):
                 await reading
 
-    async def _request(self, message: Json) -> Any:
+    async def _request(self, message: Json) -> bytes:
         number, answers = await self._send(message, 1)
         try:
-            return _raise_error(await answers.get())["result"]
+            return _payload(await answers.get())
         finally:
             self._pending.pop(number, None)
 
-    async def _send(self, message: Json, waiting: int) -> tuple[int, asyncio.Queue[Json]]:
+    async def _send(self, message: Json, waiting: int) -> tuple[int, asyncio.Queue[Reply]]:
         async with self._connecting:
             if self._writer is None:
                 await self._connect()
@@ -82,7 +96,7 @@ class SocketClient:
 
     def _write(self, message: Json) -> None:
         if self._writer is not None:
-            self._writer.write(json.dumps(message, ensure_ascii=False).encode() + b"\n")
+            self._writer.write(json.dumps(message).encode() + b"\n")
 
     async def _connect(self) -> None:
         try:
@@ -95,7 +109,7 @@ class SocketClient:
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             while line := await reader.readline():
-                self._dispatch(json.loads(line))
+                self._dispatch(*split_reply(line))
         except (OSError, ValueError):
             pass
         finally:
@@ -104,30 +118,31 @@ class SocketClient:
             for answers in self._pending.values():
                 _replace_queued(answers, CONNECTION_LOST)
 
-    def _dispatch(self, message: Json) -> None:
-        """A reader of live messages that hangs must not keep this connection from anybody's stop: it is closed."""
-        number = message["id"]
-        answers = self._pending.get(number)
-        if answers is None:
+    def _dispatch(self, number: int, kind: str, payload: bytes) -> None:
+        """Queue a reply. A reader of live messages that takes none is closed, so that it blocks no other request."""
+        replies = self._pending.get(number)
+        if replies is None:
             return
-        if answers.full():
+        if replies.full():
             self._pending.pop(number)
-            _replace_queued(answers, {"live": closed_message("slow")})
+            _replace_queued(replies, ("live", json.dumps(closed_message("slow")).encode()))
             self._write({"id": number, "end": True})
         else:
-            answers.put_nowait(message)
+            replies.put_nowait((kind, payload))
 
 
-def _replace_queued(answers: asyncio.Queue[Json], message: Json) -> None:
-    """The last thing its reader hears."""
-    while not answers.empty():
-        answers.get_nowait()
-    answers.put_nowait(message)
+def _replace_queued(replies: asyncio.Queue[Reply], last: Reply) -> None:
+    """Leave ``last`` as the only reply."""
+    while not replies.empty():
+        replies.get_nowait()
+    replies.put_nowait(last)
 
 
-def _raise_error(message: Json) -> Json:
-    if message is CONNECTION_LOST:
+def _payload(reply: Reply) -> bytes:
+    """Return the JSON text of a result or live message. Raises ServiceErrorReply, ServiceUnavailable."""
+    if reply is CONNECTION_LOST:
         raise ServiceUnavailable("plant.gone")
-    if "error" in message:
-        raise error_from_json(message["error"])
-    return message
+    kind, payload = reply
+    if kind == "error":
+        raise ServiceErrorReply(payload)
+    return payload

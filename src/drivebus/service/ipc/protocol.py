@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,3 +33,15 @@ def short_socket_path(path: Path) -> Iterator[str]:
         yield f"/proc/self/fd/{folder}/{path.name}"
     finally:
         os.close(folder)
+
+
+REPLY_HEAD = re.compile(rb'\{"id": ?(\d+), ?"(result|error|live)": ?')
+"""Start of every line that the service sends: the request's number and the kind of reply; its JSON and ``}`` follow."""
+
+
+def split_reply(line: bytes) -> tuple[int, str, bytes]:
+    """Return number, kind and JSON text of a line of the service, without parsing it. Raises ValueError."""
+    head = REPLY_HEAD.match(line)
+    if head is None:
+        raise ValueError(line[:60])
+    return int(head[1]), head[2].decode(), line.rstrip()[head.end() : -1]

@@ -1,33 +1,53 @@
-"""``ServiceClient``: how everything that is not the plant speaks to it, in the same process or over its socket."""
+"""``ServiceClient``: the service as every client sees it, in the same process or over its socket."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import AsyncIterator, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from drivebus.service.auth.actor import Actor
+from drivebus.types import Json
 
-Json = dict[str, Any]
+
+class ServiceErrorReply(Exception):
+    """An error that the service answered, as the JSON text that it sent."""
+
+    def __init__(self, payload: bytes) -> None:
+        super().__init__(payload.decode(errors="replace"))
+        self.payload = payload
+
+    @property
+    def kind(self) -> str:
+        """Name of the error's class."""
+        return str(json.loads(self.payload)["kind"])
 
 
 class ServiceClient(Protocol):
-    """The plant, seen from outside."""
+    """Operations, live values and audit records of one service."""
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
-        """Do one of ``plant.operations``.
+        """Run an operation and return its result.
 
-        Raises ServiceError: no such operation or thing, wrong parameters, no right, not now, and all that the drive's
-        own errors say.
+        Raises ServiceError (unknown operation or object, wrong parameters, missing right, wrong state) and the errors
+        of the drive.
+        """
+        ...
+
+    async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
+        """Run an operation and return its result as JSON text, for a client that only forwards it.
+
+        Raises ServiceErrorReply with the error as the service sent it, or what ``call`` raises.
         """
         ...
 
     def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
-        """A ``snapshot`` first, then ``delta``s, then ``closed`` with a reason; topics by pattern (``drives/*``).
+        """Yield a ``snapshot``, then ``delta``s, then ``closed`` with a reason; topics by pattern (``drives/*``).
 
         ``interval_s``: at most one delta in that time, 0.1 to 10 s; on the wire ``{"live": [...], "interval_s": 0.1}``.
         """
         ...
 
     async def record(self, entry: Json, actor: Actor) -> None:
-        """Put something into the audit trail that is no operation: a login, a refusal at the door."""
+        """Write an event into the audit trail that is no operation: a login, a denied request."""
         ...

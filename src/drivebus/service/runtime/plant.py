@@ -38,7 +38,7 @@ SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.
 class StopCounters:
     """Stops of single drives since the service began; a stop of everything is one of each drive."""
 
-    asked: int = 0
+    requested: int = 0
     confirmed: int = 0
     """The drive was read to stand."""
     acknowledged: int = 0
@@ -245,7 +245,7 @@ class Plant:
         for unit in units:
             self.arm_tokens.revoke(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
             self.stop_counts[unit.id] += 1
-            self.stop_counters.asked += 1
+            self.stop_counters.requested += 1
 
     # --- what outlives the process ------------------------------------------------------------------------------
 

@@ -15,8 +15,9 @@ from drivebus.errors import ConfigurationError, ServiceError
 from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
-from drivebus.service.api import operations as ask
 from drivebus.service.api.errors import localized
+from drivebus.service.api.operations.operation import NoParams
+from drivebus.service.api.operations.plant import ConfigurationParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.bus_load import signal_labels
 from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
@@ -48,7 +49,7 @@ class ConfigReload:
             "configuration.reload": self.reload,
         }
 
-    async def get(self, params: ask.NoParams, actor: Actor) -> Json:
+    async def get(self, params: NoParams, actor: Actor) -> Json:
         """The file as it is now, which may be newer than what runs. Raises ConfigurationError."""
         source = self.plant.config.source
         try:
@@ -57,7 +58,7 @@ class ConfigReload:
             raise ConfigurationError("plant.no_source", source=source, reason=str(error)) from error
         return {"text": text, "source": source}
 
-    async def check(self, params: ask.ConfigurationParams, actor: Actor) -> Json:
+    async def check(self, params: ConfigurationParams, actor: Actor) -> Json:
         """Every mistake of a text, and what it would change; nothing is done."""
         source = self.plant.config.source
         try:
@@ -66,7 +67,7 @@ class ConfigReload:
             return {"complaints": _complaints_json(error), "difference": {}}
         return {"complaints": [], "difference": difference_json(config_diff(self.plant.config, new))}
 
-    async def reload(self, params: ask.NoParams, actor: Actor) -> Json:
+    async def reload(self, params: NoParams, actor: Actor) -> Json:
         """Read the file again and do what differs. Raises ConfigurationError with every mistake; ServiceError where a
         drive that may turn would be taken off its bus. Then nothing has changed."""
         async with self._lock:

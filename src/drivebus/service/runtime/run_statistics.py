@@ -13,7 +13,7 @@ from typing import Any
 
 from drivebus.drives.state import DriveState
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.api.operations import DriveParams
+from drivebus.service.api.operations.drives import DriveParams
 from drivebus.service.historian import Historian
 from drivebus.service.live.views import DriveView, SignalView
 from drivebus.types import Json

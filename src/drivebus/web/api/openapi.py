@@ -1,22 +1,37 @@
-"""The description of the whole API, ``/api/v1/openapi.json``: what FastAPI finds, and how one comes in."""
+"""OpenAPI description of the API: operations from their declarations, the other routes from FastAPI."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from pydantic import Field
 
-from drivebus.web.api.descriptions import STATUS_MEANINGS
-from drivebus.web.api.table import API_PREFIX, API_ROUTES
+from drivebus.profiles.model import Text
+from drivebus.service.api.operations import Operation
+from drivebus.service.api.operations.drives import OutcomeObject
+from drivebus.service.api.operations.operation import ApiObject, LocalizedText
+from drivebus.types import Json
 
-Json = dict[str, Any]
+
+class ErrorObject(ApiObject):
+    """An error. ``code`` never changes; ``text`` may be worded better."""
+
+    code: str = Field(examples=["drives.above_maximum"])
+    kind: str = Field(examples=["LimitError"])
+    text: LocalizedText
+    params: Json
+    outcome: OutcomeObject | None
+
+
+class ErrorResponse(ApiObject):
+    """The one shape of every error."""
+
+    error: ErrorObject
+
 
 API_TITLE = "drivebus"
-API_VERSION = "1"
-"""Of the API, not of the program: it changes when something that was promised goes away."""
+API_VERSION = "1"  # of the API, not of the program: it changes when something promised goes away
 COOKIE_SCHEME, TOKEN_SCHEME, CSRF_SCHEME = "session", "token", "csrf"
-
 SECURITY_SCHEMES: Json = {
     COOKIE_SCHEME: {
         "type": "apiKey",
@@ -32,42 +47,123 @@ SECURITY_SCHEMES: Json = {
     },
     TOKEN_SCHEME: {"type": "http", "scheme": "bearer", "description": "A token of this service, from POST /tokens."},
 }
+STATUS_MEANINGS = {
+    401: Text("not logged in, or the session is over", "未登录，或会话已结束"),
+    403: Text("no right to do this, or a request from a foreign page", "没有此权限，或请求来自外部页面"),
+    404: Text("nothing of that name", "没有这个名称"),
+    405: Text("another method is needed", "不能用这种方法：请用别的方法"),
+    408: Text("the body did not arrive within ten seconds", "请求体没有在十秒内到达"),
+    409: Text("not now: the text says what must come first", "现在不行：会说明须先做什么"),
+    413: Text("larger than 1 MiB; than 4 KiB where no right is needed", "超过 1 MiB；不需要权限处超过 4 KiB"),
+    415: Text("not application/json", "不是 application/json"),
+    422: Text(
+        "wrong parameters, outside a limit, or nothing this drive can do; nothing was sent",
+        "参数错误、超出限值或该变频器做不到；未发送任何东西",
+    ),
+    429: Text("too many attempts", "尝试次数过多"),
+    502: Text("the drive or its bus failed, or the drive rejected it", "变频器或总线出错，或变频器拒绝"),
+    503: Text(
+        "the service or its audit trail cannot be reached; nothing was started",
+        "无法连接服务或其审计记录；未启动任何东西",
+    ),
+    504: Text("sent, and whether it was done is unknown", "已发送，但不知道是否已执行"),
+}
+"""Meaning of each error status; all have the shape of ``ErrorResponse``."""
+_UNUSED_SCHEMAS = ("HTTPValidationError", "ValidationError")  # FastAPI's own shape of an error
+_EXPORT_CONTENT = {
+    "text/csv": {"schema": {"type": "string"}},
+    "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+}
+
+
+def operation_options(operation: Operation) -> Json:
+    """Return FastAPI's options for the route of an operation."""
+    done: Json = {"description": "done", "model": operation.response}
+    if operation.download:
+        done = {"description": "the file", "content": _EXPORT_CONTENT}
+    errors = {code: {"description": text.en, "model": ErrorResponse} for code, text in STATUS_MEANINGS.items()}
+    return {
+        "operation_id": operation.name.replace(".", "_"),
+        "summary": operation.summary.en,
+        "description": f"Needs the right `{operation.right}`." + (" Audited." if operation.mutates else ""),
+        "tags": [operation.tag],
+        "response_model": None,
+        "responses": {200: done} | errors,
+        "openapi_extra": _request_schema(operation) | {"x-right": operation.right},
+    }
+
+
+def _request_schema(operation: Operation) -> Json:
+    schemas = operation.params.model_json_schema().get("properties", {})
+    parameters = [
+        {"name": name, "in": "path", "required": True} | _schema_and_example(schemas[name])
+        for name in operation.path_params
+    ]
+    if operation.has_body:
+        return {"parameters": parameters, "requestBody": _request_body(operation)}
+    required = operation.required_params()
+    parameters += [
+        {"name": name, "in": "query", "required": name in required} | _schema_and_example(_query_schema(schema))
+        for name, schema in operation.param_schemas().items()
+    ]
+    return {"parameters": parameters}
+
+
+def _schema_and_example(schema: Json) -> Json:
+    example = {"example": schema["examples"][0]} if "examples" in schema else {}
+    return {"schema": _plain_schema(schema)} | example
+
+
+def _query_schema(schema: Json) -> Json:
+    """A query has no null: an optional parameter is just not required."""
+    options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
+    outer = {name: value for name, value in schema.items() if name != "anyOf" and value is not None}
+    return outer | (options[0] if options else {})
+
+
+def _request_body(operation: Operation) -> Json:
+    """One JSON object; without required fields it may be left out."""
+    fields = {name: _plain_schema(schema) for name, schema in operation.param_schemas().items()}
+    required = operation.required_params()
+    schema = {"type": "object", "properties": fields, "required": required, "additionalProperties": False}
+    example = {name: value for name, value in operation.example.items() if name in fields}
+    return {"content": {"application/json": {"schema": schema, "example": example}}, "required": bool(required)}
+
+
+def _plain_schema(schema: Json) -> Json:
+    """Without the titles that pydantic makes from names, and without the examples, which stand beside it."""
+    return {name: value for name, value in schema.items() if name not in ("title", "examples")}
 
 
 def openapi_document(app: FastAPI) -> Json:
-    """The OpenAPI document of an app that has the routes."""
+    """Return the description of an app."""
     found = get_openapi(
         title=API_TITLE, version=API_VERSION, routes=app.routes, summary="One plant of drives on many buses"
     )
-    parts = found.setdefault("components", {})
-    parts["securitySchemes"] = SECURITY_SCHEMES
+    components = found.setdefault("components", {})
+    components["securitySchemes"] = SECURITY_SCHEMES
     for name in _UNUSED_SCHEMAS:
-        parts.get("schemas", {}).pop(name, None)
-    known = {(API_PREFIX + route.path, route.method.lower()) for route in API_ROUTES}
-    for path, operations in found["paths"].items():
+        components.get("schemas", {}).pop(name, None)
+    for operations in found["paths"].values():
         for method, operation in operations.items():
             operation["responses"] = operation["responses"] | _error_responses()
-            operation["security"] = _security(method, by_token=(path, method) in known)
+            operation["security"] = _security(method, by_token="x-right" in operation)
     return found
 
 
-_UNUSED_SCHEMAS = ("HTTPValidationError", "ValidationError")
-"""FastAPI's own shape of an error, which nobody gets here."""
-
-
 def _error_responses() -> Json:
-    content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {str(code): {"description": why, "content": content} for code, why in STATUS_MEANINGS.items()}
+    content = {"application/json": {"schema": {"$ref": "#/components/schemas/ErrorResponse"}}}
+    return {str(code): {"description": text.en, "content": content} for code, text in STATUS_MEANINGS.items()}
 
 
 def _security(method: str, *, by_token: bool) -> list[Json]:
-    """How one comes in: with a token, or with a cookie and, where something may change, the page's own header."""
+    """A token, or a cookie and, where something may change, the CSRF header of the page."""
     cookie: Json = {COOKIE_SCHEME: []} if method == "get" else {COOKIE_SCHEME: [], CSRF_SCHEME: []}
     return [{TOKEN_SCHEME: []}, cookie] if by_token else [cookie, {TOKEN_SCHEME: []}, {}]
 
 
 def install_openapi(app: FastAPI) -> None:
-    """Let the app tell the whole description; made once."""
+    """Let the app describe itself; the description is made once."""
     made: list[Json] = []
 
     def openapi() -> Json:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
 from starlette.websockets import WebSocket
 
+from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.web.live.messages import (
     DEFAULT_INTERVAL_S,
@@ -15,6 +15,7 @@ from drivebus.web.live.messages import (
 )
 from drivebus.web.live.session import WebSocketSession
 from drivebus.web.live.upstream import UpstreamFeed
+from drivebus.web.route import WEBSOCKET, AccessRouter
 
 MAX_WEBSOCKETS = 300
 """WebSockets at a time; each costs memory, and nobody looks at so many pages."""
@@ -48,8 +49,11 @@ class LiveEndpoint:
         return None
 
 
-def live_router(plant: ServiceClient) -> APIRouter:
+router = AccessRouter("/api/v1")
+
+
+@router.route(WEBSOCKET, "/live", access=Right.VIEW, name="live")
+async def live(socket: WebSocket) -> None:
     """``WS /api/v1/live?topics=drives/*,alarms&interval=0.25``."""
-    router = APIRouter(prefix="/api/v1")
-    router.add_api_websocket_route("/live", LiveEndpoint(plant).serve, name="live")
-    return router
+    endpoint: LiveEndpoint = socket.app.state.live
+    await endpoint.serve(socket)

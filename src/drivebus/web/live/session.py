@@ -8,10 +8,9 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.errors import localized
+from drivebus.service.api.errors import error_to_json, localized
 from drivebus.service.ipc.service_client import ServiceClient
-from drivebus.web.dependencies import credential_of
-from drivebus.web.error_status import error_body
+from drivebus.web.context import credential_of
 from drivebus.web.live.fanout import FanoutGroup, encode_message
 from drivebus.web.live.messages import ClientMessage, MessageRateLimit, parse_message
 from drivebus.web.live.upstream import UpstreamFeed
@@ -100,7 +99,7 @@ class WebSocketSession:
         try:
             return told | await self._service.call("lease.renew", {"drive": drive}, self._credential.actor)
         except DrivebusError as error:
-            return told | {"error": error_body(error)}
+            return told | {"error": error_to_json(error)}
 
     async def _close_socket(self, reason: str) -> None:
         """Why, then the end; a client that takes nothing is not waited for."""

@@ -1,5 +1,5 @@
-"""HTTP connections and WebSockets with limits that the library does not have: no slow head, no endless head, no slow
-reader, no address that takes all connections (S14).
+"""HTTP connections and WebSockets with limits that uvicorn lacks: slow or endless headers, clients that read nothing,
+and too many connections of one address.
 """
 
 from __future__ import annotations
@@ -11,19 +11,15 @@ from typing import Any
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-HEADER_TIMEOUT_S = 10.0
-"""From the connection, or the first octet of a later request, to the empty line."""
+HEADER_TIMEOUT_S = 10.0  # from the connection, or the first byte of a later request, to the empty line
 MAX_HEADER_BYTES = 32 * 1024
-WRITE_STALL_TIMEOUT_S = 30.0
-"""So long the other side may leave its answer unread."""
-WEBSOCKET_CLOSE_TIMEOUT_S = 2.0
-"""So long a WebSocket may take to answer that it is closed; until then it has one of the connections."""
-MAX_CONNECTIONS_PER_ADDRESS = 128
-"""Connections of one address; this machine's own (a reverse proxy) may have all."""
+WRITE_STALL_TIMEOUT_S = 30.0  # a client may leave a response unread this long
+WEBSOCKET_CLOSE_TIMEOUT_S = 2.0  # for the close handshake; until then the connection counts
+MAX_CONNECTIONS_PER_ADDRESS = 128  # a reverse proxy on this machine may have all
 
 
 class _WriteStallTimeout(asyncio.Protocol):
-    """Closes the connection of whoever leaves an answer unread."""
+    """Closes the connection of a client that leaves a response unread."""
 
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
@@ -48,11 +44,11 @@ class _WriteStallTimeout(asyncio.Protocol):
 
 
 class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
-    """Closes whoever takes too long or too much."""
+    """HTTP/1.1 with a time and a size for the headers, and a number of connections for each address."""
 
     _header_timer: asyncio.TimerHandle | None = None
     _header_bytes = 0
-    """Octets of a head that is not complete."""
+    """Bytes of headers that are not complete yet."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -68,7 +64,7 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         awaited = self._header_timer
         super().data_received(data)
-        if awaited is not None and self._header_timer is awaited:  # all of it is head: a body may come with its end
+        if awaited is not None and self._header_timer is awaited:  # all of it is header: a body may come with its end
             self._header_bytes += len(data)
             if self._header_bytes > MAX_HEADER_BYTES:
                 self.transport.abort()
@@ -98,25 +94,23 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
     def _exceeds_address_limit(self) -> bool:
         if self.client is None or _is_local_address(self.client[0]):
             return False
-        others = (getattr(one, "client", None) for one in self.connections)
-        return (
-            len([other for other in others if other is not None and other[0] == self.client[0]])
-            > MAX_CONNECTIONS_PER_ADDRESS
-        )
+        clients = (getattr(connection, "client", None) for connection in self.connections)
+        same = [client for client in clients if client is not None and client[0] == self.client[0]]
+        return len(same) > MAX_CONNECTIONS_PER_ADDRESS
 
 
 def _is_local_address(address: str) -> bool:
-    """127.0.0.1 comes as ``::ffff:127.0.0.1`` where IPv6 is listened for too."""
+    """127.0.0.1 appears as ``::ffff:127.0.0.1`` on a socket that listens on IPv6 too."""
     found = ipaddress.ip_address(address)
     return (getattr(found, "ipv4_mapped", None) or found).is_loopback
 
 
 class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):
-    """A WebSocket that nobody reads, or that does not end when it is told to, keeps its connection from nobody else.
+    """WebSocket that closes in time although its client reads nothing.
 
-    What waits to be sent holds a mere ``close`` back for ever.
+    Data that waits to be sent would hold a mere ``close`` back for ever.
     """
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
         self.close_timeout = WEBSOCKET_CLOSE_TIMEOUT_S

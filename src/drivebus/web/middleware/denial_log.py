@@ -1,25 +1,23 @@
-"""What was refused at the door, told to the audit trail: each kind at once, repetitions as one entry with their number,
-so that a flood of requests can't fill the disk (S01, S14).
-"""
+"""``DenialLog``: denied requests in the audit trail, bounded so that a flood of them cannot fill the disk."""
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field
 
 from drivebus.clock import Clock
 from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import Actor
-from drivebus.service.ipc.service_client import Json, ServiceClient
+from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.types import Json
 
 SUMMARY_PERIOD_S = 30.0
-MAX_KINDS_PER_PERIOD = 16
-"""So many different ones are told in a period, what is beyond is counted together: at most 25 MB a day."""
-_RECORD_TIMEOUT_S = 2.0
+MAX_KINDS_PER_PERIOD = 16  # further kinds are counted together: at most 25 MB of audit trail a day
+_RECORD_TIMEOUT_S = 2.0  # a response never waits longer for the audit trail
+ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")
 
 
 async def try_record(client: ServiceClient, entry: Json, actor: Actor) -> bool:
-    """Put into the trail; False where the plant can't be reached in time. For what must not wait for the trail."""
+    """Write ``entry`` into the audit trail; False where the service does not do so in time."""
     try:
         async with asyncio.timeout(_RECORD_TIMEOUT_S):
             await client.record(entry, actor)
@@ -28,28 +26,28 @@ async def try_record(client: ServiceClient, entry: Json, actor: Actor) -> bool:
     return True
 
 
-@dataclass(slots=True)
 class DenialLog:
-    """Tells the first of a kind, counts the others, and tells their number when the period is over."""
+    """Records the first denial of a kind at once, counts the others, and records their number after the period."""
 
-    client: ServiceClient
-    clock: Clock
-    _counts: dict[tuple[str, str, str, str], int] = field(default_factory=dict)
-    _period_start: float = -SUMMARY_PERIOD_S
-    _flush_task: asyncio.Task[None] | None = None
+    def __init__(self, client: ServiceClient, clock: Clock) -> None:
+        self.client = client
+        self.clock = clock
+        self._counts: dict[tuple[str, str, str, str], int] = {}
+        self._period_start = -SUMMARY_PERIOD_S
+        self._flush_task: asyncio.Task[None] | None = None
 
-    async def record_denial(self, what: str, target: str, why: str, actor: Actor) -> None:
-        """``what`` is the method, ``target`` the address as the table has it, ``why`` the error's key."""
+    async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
+        """``target`` is the path of the route table, ``reason`` the key of the error."""
         if self.clock() - self._period_start >= SUMMARY_PERIOD_S:
             await self.flush()
             self._period_start = self.clock()
-        kind = (what, target, why, f"{actor.name}@{actor.address}")
+        kind = (method, target, reason, f"{actor.name}@{actor.address}")
         if kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD:
             kind = ("*", "*", "*", "*")
         if kind in self._counts or kind[0] == "*":
             self._counts[kind] = self._counts.get(kind, 0) + 1
             if self._flush_task is None or self._flush_task.done():
-                self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="refusals")
+                self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
             return
         self._counts[kind] = 0
         await try_record(self.client, _denial_entry(kind, 1), actor)
@@ -59,17 +57,18 @@ class DenialLog:
         await self.flush()
 
     async def flush(self) -> None:
-        """Tell the repetitions."""
+        """Record the number of repetitions."""
         counted, self._counts = self._counts, {}
         for kind, times in counted.items():
             if times:
                 await try_record(self.client, _denial_entry(kind, times), ANONYMOUS)
 
 
-ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")
-"""Who did not say who it is."""
-
-
 def _denial_entry(kind: tuple[str, str, str, str], times: int) -> Json:
-    what, target, why, who = kind
-    return {"what": "refused", "target": f"{what} {target}", "params": {"who": who, "times": times}, "outcome": why}
+    method, target, reason, who = kind
+    return {
+        "what": "refused",
+        "target": f"{method} {target}",
+        "params": {"who": who, "times": times},
+        "outcome": reason,
+    }

@@ -1,7 +1,7 @@
-"""Which Host a request may name, and from which Origin it may come (S03, S04).
+"""Check of the Host and Origin headers.
 
-A page of somebody else reaches this service through a browser in two ways: across origins, told by ``Origin``, and by
-a name of its own that it lets point here (DNS rebinding), told by ``Host``. An address in digits is nobody's name.
+A foreign page reaches this service through a browser in two ways: across origins, which ``Origin`` shows, and by DNS
+rebinding (its own name resolves to this machine), which ``Host`` shows. A numeric address cannot be rebound.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ _LOCAL_NAMES = frozenset({"localhost"})
 
 
 class HostCheck:
-    """The names and origins of one service."""
+    """The names and origins under which one service is reached."""
 
     def __init__(self, web: WebConfig) -> None:
         self._origins = {origin.rstrip("/").lower() for origin in web.origins}
-        beyond = {urlsplit(origin).hostname or "" for origin in self._origins}
-        self._names = _LOCAL_NAMES | {web.host.lower(), socket.gethostname().lower()} | beyond
+        proxies = {urlsplit(origin).hostname or "" for origin in self._origins}
+        self._names = _LOCAL_NAMES | {web.host.lower(), socket.gethostname().lower()} | proxies
 
     def is_known_host(self, headers: Headers) -> bool:
-        """Is the one Host header a name of ours, or an address in digits?"""
+        """Return whether there is one Host header, with a name of this service or a numeric address."""
         found = headers.getlist("host")
         if len(found) != 1:
             return False
@@ -37,13 +37,13 @@ class HostCheck:
         return name in self._names or _is_address(name)
 
     def is_allowed_origin(self, headers: Headers, scheme: str) -> bool:
-        """One Origin: this very service as the browser addressed it, or one that the configuration names."""
+        """Return whether there is one Origin: this service as the browser addressed it, or a configured one."""
         found = headers.getlist("origin")
         if len(found) != 1:
             return False
         origin = found[0].lower()
-        plain = {"ws": "http", "wss": "https"}.get(scheme, scheme)
-        return origin == f"{plain}://{headers['host'].lower()}" or origin in self._origins
+        http_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
+        return origin == f"{http_scheme}://{headers['host'].lower()}" or origin in self._origins
 
 
 def _is_address(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""What every answer says to the browser: load nothing from elsewhere, run nothing inline, be framed by nobody."""
+"""Security headers of every response: nothing from other sites, no inline scripts, no framing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_HSTS_S = 31_536_000
+_HSTS_S = 31_536_000  # one year, the minimum of the preload lists
 _HEADERS = (
     (b"content-security-policy", CSP.encode()),
     (b"x-content-type-options", b"nosniff"),
@@ -21,7 +21,7 @@ _HEADERS = (
 
 
 class SecurityHeadersMiddleware:
-    """Middleware: puts them on every answer; answers of the API are never kept by a cache."""
+    """ASGI middleware: add the headers to every response; responses of the API are never cached."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -30,20 +30,20 @@ class SecurityHeadersMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        more = _headers_for(scope)
+        added = _headers_for(scope)
 
-        async def with_headers(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 own = {name.lower() for name, _ in message["headers"]}
-                message["headers"] = [*message["headers"], *(pair for pair in more if pair[0] not in own)]
+                message["headers"] = [*message["headers"], *(pair for pair in added if pair[0] not in own)]
             await send(message)
 
-        await self.app(scope, receive, with_headers)
+        await self.app(scope, receive, send_with_headers)
 
 
 def _headers_for(scope: Scope) -> list[tuple[bytes, bytes]]:
-    kept = b"no-store" if scope["path"].startswith("/api/") else b"no-cache"
-    more = [*_HEADERS, (b"cache-control", kept)]
+    caching = b"no-store" if scope["path"].startswith("/api/") else b"no-cache"
+    headers = [*_HEADERS, (b"cache-control", caching)]
     if scope["scheme"] == "https":
-        more.append((b"strict-transport-security", f"max-age={_HSTS_S}".encode()))
-    return more
+        headers.append((b"strict-transport-security", f"max-age={_HSTS_S}".encode()))
+    return headers

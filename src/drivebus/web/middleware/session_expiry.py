@@ -1,4 +1,4 @@
-"""A long connection ends with the credential that opened it, within a second, whatever its route does (S04)."""
+"""End of a WebSocket with the credential that opened it, within a second, whatever its route does."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from drivebus.service.api.errors import localized
 from drivebus.service.auth.credentials import Credential
 
-SESSION_ENDED_CODE = 4401
+SESSION_ENDED_CODE = 4401  # close code: 4000 plus the HTTP status for a missing credential
 
 
 async def run_until_credential_ends(
-    app: ASGIApp, visitor: Credential, scope: Scope, receive: Receive, send: Send
+    app: ASGIApp, credential: Credential, scope: Scope, receive: Receive, send: Send
 ) -> None:
-    """Run ``app``; when the visitor's session or token ends, tell why, close, and give the route a disconnect."""
-    line = _GuardedConnection(receive, send)
-    route = asyncio.ensure_future(app(scope, line.receive, line.send))
-    ending = asyncio.create_task(visitor.wait_ended())
+    """Run ``app``; when the session or token ends, send the reason, close, and give the route a disconnect."""
+    connection = _GuardedConnection(receive, send)
+    route = asyncio.ensure_future(app(scope, connection.receive, connection.send))
+    ending = asyncio.create_task(credential.wait_ended())
     try:
         await asyncio.wait({route, ending}, return_when=asyncio.FIRST_COMPLETED)
         if not route.done():
-            await line.close(ending.result())
+            await connection.close(ending.result())
         await route
     finally:
         for task in (route, ending):
@@ -34,7 +34,7 @@ async def run_until_credential_ends(
 
 
 class _GuardedConnection:
-    """The connection as the route sees it."""
+    """The connection as the route sees it: after ``close`` it receives a disconnect and sends nothing."""
 
     def __init__(self, receive: Receive, send: Send) -> None:
         self._receive = receive
@@ -45,12 +45,12 @@ class _GuardedConnection:
     async def receive(self) -> Message:
         if self._ended.is_set():
             return _disconnect_message()
-        coming, over = asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._ended.wait())
+        coming, ended = asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._ended.wait())
         try:
-            await asyncio.wait({coming, over}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({coming, ended}, return_when=asyncio.FIRST_COMPLETED)
             return coming.result() if coming.done() else _disconnect_message()
         finally:
-            for task in (coming, over):
+            for task in (coming, ended):
                 task.cancel()
 
     async def send(self, message: Message) -> None:
@@ -59,13 +59,12 @@ class _GuardedConnection:
         self._accepted = self._accepted or message["type"] == "websocket.accept"
         await self._send(message)
 
-    async def close(self, why: str) -> None:
+    async def close(self, reason: str) -> None:
         self._ended.set()
         if self._accepted:
-            told = {"type": "closed", "reason": why, "text": localized(f"access.closed.{why}")}
-            said = json.dumps(told, ensure_ascii=False)
-            await self._send({"type": "websocket.send", "text": said})
-        await self._send({"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": why})
+            last = {"type": "closed", "reason": reason, "text": localized(f"access.closed.{reason}")}
+            await self._send({"type": "websocket.send", "text": json.dumps(last, ensure_ascii=False)})
+        await self._send({"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": reason})
 
 
 def _disconnect_message() -> Message:

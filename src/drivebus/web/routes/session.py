@@ -1,89 +1,192 @@
-"""Logging in and out, the first set-up, one's own password."""
+"""Routes of one's own account: set-up, login, logout, unlocking, password."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from collections.abc import Awaitable
+from typing import Any
+
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
-from drivebus.service.auth.credentials import SessionCredential
-from drivebus.web.dependencies import credential_of
-from drivebus.web.middleware.auth import client_address
+from drivebus.errors import DrivebusError
+from drivebus.service.api.errors import param_fault, params_error
+from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.credentials import Credential, SessionCredential
+from drivebus.service.auth.errors import TooManyAttempts
+from drivebus.service.auth.service import AuthService, LoginResult
+from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
+from drivebus.types import Json
+from drivebus.web.context import audit_entry, context_of, credential_of
+from drivebus.web.middleware.auth import COOKIE_NAMES, client_address
 from drivebus.web.middleware.denial_log import try_record
-from drivebus.web.routes import schemas
-from drivebus.web.routes.context import RouteContext, audit_entry, clear_session_cookies, set_session_cookie
+from drivebus.web.route import AccessLevel, AccessRouter
+from drivebus.web.routes.schemas import (
+    CodeLoginBody,
+    LoginBody,
+    PasswordBody,
+    SetupBody,
+    UnlockBody,
+    body_schema,
+    parse_body,
+)
+
+router = AccessRouter(API_PREFIX, tags=["account"])
 
 
-def session_router(desk: RouteContext) -> APIRouter:
-    """Under ``/api/v1``."""
-    router = APIRouter(prefix="/api/v1", tags=["account"])
-    access = desk.access
+@router.route("GET", "/health", access=AccessLevel.PUBLIC)
+async def health() -> dict[str, bool]:
+    return {"ok": True}
 
-    @router.get("/health")
-    async def health() -> dict[str, bool]:
-        return {"ok": True}
 
-    @router.get("/session")
-    async def session(request: Request) -> JSONResponse:
-        return JSONResponse(desk.session_json(request.state.visitor))
+@router.route("GET", "/session", access=AccessLevel.PUBLIC)
+async def get_session(request: Request) -> JSONResponse:
+    return JSONResponse(_session_json(context_of(request).auth, request.state.credential))
 
-    @router.post("/session/active")
-    async def active(request: Request) -> JSONResponse:
-        """The page tells that somebody is there (the door has noted it)."""
-        return JSONResponse(desk.session_json(request.state.visitor))
 
-    @router.post("/session/wake")
-    async def wake(request: Request, body: schemas.UnlockBody) -> JSONResponse:
-        """The password again after idle minutes: the same session, with a new cookie."""
-        mine = _session_credential(request)
-        return await desk.complete_login(request, "wake", access.unlock(mine.session, body.password), mine.session.user)
+@router.route("POST", "/session/activity", access=AccessLevel.SESSION)
+async def report_activity(request: Request) -> JSONResponse:
+    """Keep the session from becoming idle; the middleware has recorded the activity."""
+    return JSONResponse(_session_json(context_of(request).auth, request.state.credential))
 
-    @router.post("/setup")
-    async def setup(request: Request, body: schemas.SetupBody) -> JSONResponse:
-        opening = access.create_first_administrator(
-            body.secret, body.name, body.password, client_address(request.scope)
-        )
-        return await desk.complete_login(request, "set-up", opening, body.name)
 
-    @router.post("/login")
-    async def login(request: Request, body: schemas.LoginBody) -> JSONResponse:
-        opening = access.login(body.name, body.password, client_address(request.scope))
-        return await desk.complete_login(request, "login", opening, body.name)
+@router.route("POST", "/session/unlock", access=AccessLevel.SESSION, openapi_extra=body_schema(UnlockBody))
+async def unlock(request: Request) -> JSONResponse:
+    """Give an idle session its rights back for the password; it gets a new cookie."""
+    session, body = _session_credential(request).session, parse_body(request, UnlockBody)
+    unlocking = context_of(request).auth.unlock(session, body.password)
+    return await _complete_login(request, "unlock", unlocking, session.user)
 
-    @router.post("/login-once")
-    async def login_once(request: Request, body: schemas.CodeLoginBody) -> JSONResponse:
-        return await desk.complete_login(
-            request, "login-once", access.login_with_code(body.code, client_address(request.scope))
-        )
 
-    @router.post("/logout")
-    async def logout(request: Request) -> JSONResponse:
-        mine = _session_credential(request)
-        actor = mine.actor
-        await access.logout(mine.session)
-        await try_record(desk.client, audit_entry("logout", actor.name, outcome="done"), actor)
-        return clear_session_cookies(JSONResponse({}))
+@router.route("POST", "/setup", access=AccessLevel.PUBLIC, openapi_extra=body_schema(SetupBody))
+async def set_up(request: Request) -> JSONResponse:
+    """Create the first administrator."""
+    body, auth = parse_body(request, SetupBody), context_of(request).auth
+    address = client_address(request.scope)
+    creating = auth.create_first_administrator(body.secret, body.name, body.password, address)
+    return await _complete_login(request, "set-up", creating, body.name)
 
-    @router.post("/logout-everywhere")
-    async def logout_everywhere(request: Request) -> JSONResponse:
-        mine = _session_credential(request)
-        actor = mine.actor
-        ended = await access.end_sessions(mine.session.user, "logout")
-        await try_record(desk.client, audit_entry("logout", actor.name, {"sessions": ended}, "done"), actor)
-        return clear_session_cookies(JSONResponse({"ended": ended}))
 
-    @router.post("/password")
-    async def password(request: Request, body: schemas.PasswordBody) -> JSONResponse:
-        mine = _session_credential(request)
-        changing = access.change_password(mine.session, body.old, body.new)
-        opened = await desk.record_change("password", mine.session.user, {}, mine.actor, changing)
-        session = SessionCredential(opened.session, access.context)
-        return set_session_cookie(request, JSONResponse(desk.session_json(session)), opened.secret)
+@router.route("POST", "/login", access=AccessLevel.PUBLIC, openapi_extra=body_schema(LoginBody))
+async def login(request: Request) -> JSONResponse:
+    body = parse_body(request, LoginBody)
+    opening = context_of(request).auth.login(body.name, body.password, client_address(request.scope))
+    return await _complete_login(request, "login", opening, body.name)
 
-    return router
+
+@router.route("POST", "/login/code", access=AccessLevel.PUBLIC, openapi_extra=body_schema(CodeLoginBody))
+async def login_with_code(request: Request) -> JSONResponse:
+    body = parse_body(request, CodeLoginBody)
+    opening = context_of(request).auth.login_with_code(body.code, client_address(request.scope))
+    return await _complete_login(request, "login-code", opening)
+
+
+_ALL_SESSIONS: Json = {
+    "parameters": [
+        {
+            "name": "all",
+            "in": "query",
+            "required": False,
+            "schema": {"type": "boolean", "default": False},
+            "description": "End every session of the user.",
+        }
+    ]
+}
+
+
+@router.route("POST", "/logout", access=AccessLevel.SESSION, openapi_extra=_ALL_SESSIONS)
+async def logout(request: Request) -> JSONResponse:
+    """End the session, with ``all=true`` every session of the user."""
+    context, credential = context_of(request), _session_credential(request)
+    actor = credential.actor
+    if _flag(request, "all"):
+        ended = await context.auth.end_sessions(credential.session.user, "logout")
+        entry = audit_entry("logout", actor.name, {"sessions": ended}, "done")
+    else:
+        await context.auth.logout(credential.session)
+        ended, entry = 1, audit_entry("logout", actor.name, outcome="done")
+    await try_record(context.client, entry, actor)
+    return _without_session_cookies(JSONResponse({"ended": ended}))
+
+
+@router.route("POST", "/password", access=AccessLevel.SESSION, openapi_extra=body_schema(PasswordBody))
+async def change_password(request: Request) -> JSONResponse:
+    """Change one's own password; every other session of the user ends."""
+    context, credential, body = context_of(request), _session_credential(request), parse_body(request, PasswordBody)
+    changing = context.auth.change_password(credential.session, body.old, body.new)
+    opened = await context.record_change("password", credential.session.user, {}, credential.actor, changing)
+    session = SessionCredential(opened.session, context.auth.context)
+    response = JSONResponse(_session_json(context.auth, session))
+    return with_session_cookie(request, response, opened.secret)
 
 
 def _session_credential(request: Request) -> SessionCredential:
     found = credential_of(request)
-    assert isinstance(found, SessionCredential)  # the door lets only sessions through to these routes
+    assert isinstance(found, SessionCredential)  # the middleware lets nothing else through to these routes
     return found
+
+
+def _flag(request: Request, name: str) -> bool:
+    """Raises InvalidParameters for a query that is anything but ``name=true`` or ``name=false``."""
+    query = request.query_params.multi_items()
+    if unknown := [key for key, _ in query if key != name]:
+        raise params_error(request.url.path, [param_fault(unknown[0], "", "unknown")])
+    values = [value for _, value in query]
+    if values not in ([], ["true"], ["false"]):
+        raise params_error(request.url.path, [param_fault(name, values, "boolean")])
+    return values == ["true"]
+
+
+def _session_json(auth: AuthService, credential: Credential | None) -> Json:
+    """Return the user, rights and CSRF token; ``setup`` says that there is no administrator yet."""
+    found: Json = {"setup": auth.needs_setup, "user": None, "rights": [], "csrf": None}
+    if credential is None:
+        return found
+    actor = credential.actor
+    found |= {"user": actor.name, "rights": sorted(actor.rights), "session": actor.session}
+    if not isinstance(credential, SessionCredential):
+        return found
+    session, now = credential.session, auth.clock()
+    return found | {
+        "role": str(auth.database.user(session.user).role),
+        "csrf": session.csrf,
+        "idle": credential.is_idle,
+        "idle_in_s": round(max(0.0, session.active + SESSION_IDLE_TIMEOUT_S - now), 1),
+        "expires_in_s": round(max(0.0, session.opened + SESSION_LIFETIME_S - now), 1),
+    }
+
+
+async def _complete_login(request: Request, what: str, login: Awaitable[LoginResult], name: str = "") -> JSONResponse:
+    """Run ``login``; its session replaces the one of the request. Raises AuthError, recorded as a denial."""
+    context = context_of(request)
+    auth = context.auth
+    try:
+        opened = await login
+    except DrivebusError as error:
+        recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
+        actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
+        await context.denials.record_denial(what, recorded, error.key, actor)
+        raise
+    previous: Credential | None = request.state.credential
+    if isinstance(previous, SessionCredential) and previous.session is not opened.session:
+        previous.session.end("replaced")
+        await auth.keep()
+    credential = SessionCredential(opened.session, auth.context)
+    await try_record(context.client, audit_entry(what, opened.session.user, outcome="done"), credential.actor)
+    return with_session_cookie(request, JSONResponse(_session_json(auth, credential)), opened.secret)
+
+
+def with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
+    """Set the session cookie; over TLS (a reverse proxy's too, as the Origin shows) with the prefix ``__Host-``."""
+    secure = request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
+    options: Any = {"path": "/", "httponly": True, "samesite": "strict"}
+    response.set_cookie(
+        COOKIE_NAMES[0 if secure else 1], secret, max_age=int(SESSION_LIFETIME_S), secure=secure, **options
+    )
+    return response
+
+
+def _without_session_cookies(response: JSONResponse) -> JSONResponse:
+    for name in COOKIE_NAMES:
+        response.delete_cookie(name, path="/", httponly=True, samesite="strict", secure=name.startswith("__Host-"))
+    return response

@@ -23,7 +23,7 @@ export async function login(name, password) {
 }
 
 export async function loginOnce(code) {
-  await api.post("/login-once", { code });
+  await api.post("/login/code", { code });
   await loadSession();
 }
 
@@ -42,7 +42,7 @@ export const idle = computed(() => Boolean(session.value?.idle));
 
 /** The password again: the same session, with its leases, has all its rights back. */
 export async function unlock(password) {
-  session.value = await api.post("/session/wake", { password });
+  session.value = await api.post("/session/unlock", { password });
   return true;
 }
 
@@ -50,7 +50,7 @@ export async function unlock(password) {
 async function onActivity() {
   if (!loggedIn.peek() || idle.peek() || nowMs() - activitySentAt < ACTIVITY_INTERVAL_MS) return;
   activitySentAt = nowMs();
-  const found = await api.post("/session/active").catch(() => null);
+  const found = await api.post("/session/activity").catch(() => null);
   if (found) session.value = found;
 }
 

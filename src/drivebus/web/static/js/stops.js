@@ -74,7 +74,7 @@ function failed(error) {
   return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
 }
 
-const isConfirmed = (found) => found.word === "confirmed" || found.word === "acknowledged";
+const isConfirmed = (found) => found.status === "confirmed" || found.status === "acknowledged";
 
 /** The three shapes of an answer: one outcome, outcomes by drive, buses. */
 export function evaluateStop(answer) {

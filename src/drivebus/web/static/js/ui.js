@@ -47,7 +47,7 @@ const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", 
 
 /** How a command ended: the word, the sentence, notes, and on demand the frames. */
 export function OutcomeNote({ outcome }) {
-  return html`<${Notice} kind=${OUTCOME_KIND[outcome.word] ?? "info"} live title=${t(`page.outcome_${outcome.word}`)}>
+  return html`<${Notice} kind=${OUTCOME_KIND[outcome.status] ?? "info"} live title=${t(`page.outcome_${outcome.status}`)}>
     <p>${localized(outcome.text)}</p>
     ${outcome.notes?.map((note) => localized(note.text)).filter((text) => text !== localized(outcome.text))
       .map((text, n) => html`<p key=${n}>${text}</p>`)}

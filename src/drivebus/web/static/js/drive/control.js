@@ -73,7 +73,7 @@ function Motion({ view, disabled }) {
   const ways = view.directions.map((one) => [one, t(`drives.way_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? way : null;
-  const begin = (arm) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm }, START_OPTIONS);
+  const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
   const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
     limits=${view} disabled=${disabled} />
@@ -82,7 +82,7 @@ function Motion({ view, disabled }) {
       <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
         data-do="set">${t("page.set_frequency")}<//></div>
     <${TwoStep} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
-      kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.blocked.length > 0}
+      kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.start_blockers.length > 0}
       first=${t("page.run")} second=${t("page.run_now")}>
       <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
@@ -106,8 +106,8 @@ function SingleAction({ path, text, note, disabled, name }) {
 }
 
 function StartBlockers({ view }) {
-  if (view.blocked.length === 0) return null;
-  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.blocked.map((one) => html`
+  if (view.start_blockers.length === 0) return null;
+  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.start_blockers.map((one) => html`
     <li key=${one.key}>${localized(one.text)}</li>`)}</ul><//>`;
 }
 
@@ -124,10 +124,10 @@ export function ControlPanel({ view }) {
     ${may("operate") && (view.fault || view.state === "fault") && html`<${SingleAction} path=${drivePath(view.id, "/reset")}
       name="reset"
       note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
-    ${may("operate") && view.latched && html`<${SingleAction} path=${drivePath(view.id, "/release")} name="release"
+    ${may("operate") && view.latched && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}
-      disabled=${disabled || view.blocked.length > 0} /></details>`}
+      disabled=${disabled || view.start_blockers.length > 0} /></details>`}
   </section>`;
 }

@@ -25,7 +25,7 @@ export function CurrentFault({ fault }) {
 }
 
 function PastFaults({ id }) {
-  const [found, error] = useLoaded(() => api.get("/history/markers", { drive: id, limit: 1000 }), [id]);
+  const [found, error] = useLoaded(() => api.get("/history/events", { drive: id, limit: 1000 }), [id]);
   const faults = (found?.items ?? []).filter((one) => one.kind === "fault")
     .sort((a, b) => b.time_ms - a.time_ms).slice(0, PAST_FAULT_COUNT);
   return html`<h3>${t("page.past_faults")}</h3><${ErrorNote} error=${error} />

@@ -78,13 +78,13 @@ export function JogPanel({ view, disabled }) {
   const arm = async () => {
     const asked = nowMs();
     const found = await run(() => api.post(drivePath(view.id, "/arm")));
-    if (found) setArmed({ word: found.arm, until: asked + found.expires_s * 1000 });
+    if (found) setArmed({ word: found.arm_token, until: asked + found.expires_s * 1000 });
   };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
     const frequency_hz = unsaid ? null : numberOf(hertz);
     setArmed(null);
-    jog.current = new JogSession(view.id, { direction, frequency_hz, arm: armed.word }, (phase, detail = null) => {
+    jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.word }, (phase, detail = null) => {
       setTold({ phase, detail });
     });
     jog.current.run();

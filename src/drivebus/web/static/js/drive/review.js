@@ -8,7 +8,7 @@ import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useRequest } fro
 import { rangeOf, shownValue } from "./parameters.js";
 
 const valuesOf = (changes) => Object.fromEntries(changes.map(({ parameter, value }) => [parameter.notation, value]));
-const isWritten = (outcome) => outcome.word === "confirmed" || outcome.word === "acknowledged";
+const isWritten = (outcome) => outcome.status === "confirmed" || outcome.status === "acknowledged";
 const WRITE_TIMEOUT_MS = 60_000;
 
 function Diff({ changes }) {

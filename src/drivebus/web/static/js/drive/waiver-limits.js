@@ -30,7 +30,7 @@ function WaiverForm({ view, onClose }) {
 export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
   const [run, busy, error] = useRequest();
-  const badge = view.host_dies;
+  const badge = view.comm_loss;
   const needs = badge.kind !== "trips";
   return html`<div class="stack hostdies"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
     ${localized(badge.text)}</p>

@@ -24,7 +24,7 @@ export function Page({ id }) {
 }
 
 function IncidentDetails({ id }) {
-  const [found, error] = useLoaded(() => api.get(`/cases/${encodeURIComponent(id)}`), [id]);
+  const [found, error] = useLoaded(() => api.get(`/incidents/${encodeURIComponent(id)}`), [id]);
   if (!found) return html`<h1>${t("page.incident_n", { id })}</h1>${error ? html`<${ErrorNote}
     error=${error} />` : html`<${Loading} />`}`;
   return html`<h1>${driveTitle(found.drive)} · ${moment(found.time_ms)}</h1>

@@ -7,8 +7,8 @@ import { nowMs } from "../store.js";
 import { now } from "../live.js";
 
 /**
- * @param arm asks for the first step: a promise of {arm, expires_s}
- * @param act the second step, given the arm
+ * @param arm asks for the first step: a promise of {arm_token, expires_s}
+ * @param act the second step, given the arm token
  * @param first, second texts of the two buttons
  * @param children what will be done, shown between the steps
  */
@@ -27,7 +27,7 @@ export function TwoStep({ arm, act, first, second, disabled, children, onDone, k
     // Counted from the asking: the server counts from its answer, which is later.
     const asked = nowMs();
     const found = await run(arm);
-    if (found) setArmed({ word: found.arm, until: asked + found.expires_s * 1000 });
+    if (found) setArmed({ word: found.arm_token, until: asked + found.expires_s * 1000 });
   };
   const go = async () => {
     const { word } = armed;

@@ -26,7 +26,7 @@ const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 /** What became of each drive of a group. */
 function Outcomes({ outcomes }) {
   return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
-    <b>${nameOf(id)}</b>${t("page.colon")}${one.word ? t(`page.outcome_${one.word}`) + t("page.colon") : ""}${localized(one.text)}</li>`)}
+    <b>${nameOf(id)}</b>${t("page.colon")}${one.status ? t(`page.outcome_${one.status}`) + t("page.colon") : ""}${localized(one.text)}</li>`)}
     </ul><//>`;
 }
 
@@ -39,13 +39,13 @@ function DriveOutcome({ views, act, text, ...rest }) {
     <${ErrorNote} error=${error} /></div>`;
 }
 
-const release = (id) => api.post(drivePath(id, "/release"));
+const release = (id) => api.post(drivePath(id, "/start-inhibit/release"));
 
 function Blocked({ views }) {
-  const blocked = views.filter((view) => view.blocked.length > 0);
+  const blocked = views.filter((view) => view.start_blockers.length > 0);
   if (blocked.length === 0) return null;
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${blocked.map((view) => html`
-    <li key=${view.id}><b>${titleOf(view)}</b>${t("page.colon")}${view.blocked.map((one) => localized(one.text)).join("; ")}
+    <li key=${view.id}><b>${titleOf(view)}</b>${t("page.colon")}${view.start_blockers.map((one) => localized(one.text)).join("; ")}
       </li>`)}
     </ul><//>`;
 }
@@ -71,7 +71,7 @@ function Controls({ id, views }) {
         disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${TwoStep} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
-      arm=${() => ask("/arm", {})} act=${(arm) => ask("/start", { frequency_hz, arm })}>
+      arm=${() => ask("/arm", {})} act=${(arm_token) => ask("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
         <//>
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}

@@ -10,7 +10,7 @@ import { driveTitle } from "./titles.js";
 export function IncidentList() {
   const [period, setPeriod] = useState({ span: "month" });
   const query = useMemo(() => asQuery(period), [period]);
-  const list = usePaged("/cases", query);
+  const list = usePaged("/incidents", query);
   return html`<div class="stack"><p class="help">${t("page.incidents_help")}</p><${Period} value=${period}
     onChange=${setPeriod} />
     <ul class="incidents">${list.items.map((found) => html`<li key=${found.id}><a href=${href("incidents", found.id)}>

@@ -149,7 +149,7 @@ export class Source {
   /** Commands, faults and alarms of the drives shown, oldest first; of a long window only the newest. */
   async _events(span, stop) {
     const query = { from_ms: span.from, to_ms: span.to, limit: EVENTS };
-    const asked = this.drives.map((drive) => api.get("/history/markers", { ...query, drive }, { signal: stop }));
+    const asked = this.drives.map((drive) => api.get("/history/events", { ...query, drive }, { signal: stop }));
     const found = await Promise.all(asked);
     const items = found.flatMap((answer) => answer.items.filter((event) => this._marks(event)));
     return {

@@ -1,0 +1,141 @@
+"""Operations on alarms, incidents and the audit trail: what happened, and its acknowledgement."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from drivebus.profiles.model import Text
+from drivebus.service.api.operations.history import TimeRangeParams
+from drivebus.service.api.operations.operation import (
+    ApiObject,
+    Audit,
+    Name,
+    Operation,
+    OperationParams,
+    PageResponse,
+    Reason,
+)
+from drivebus.service.auth.rights import Right
+
+
+class AlarmParams(OperationParams):
+    """One raised alarm, by its id in ``alarms.list``."""
+
+    alarm: Annotated[Name, Field(examples=["fault:fan-1:3"])]
+
+
+class ShelveParams(AlarmParams):
+    """The shelving of an alarm."""
+
+    minutes: int = Field(ge=1, le=1440, examples=[60])
+    reason: Reason
+
+
+class IncidentParams(OperationParams):
+    """One incident."""
+
+    incident: Annotated[Name, Field(examples=["incident-17"])]
+
+
+class ActiveAlarmsResponse(ApiObject):
+    """All active alarms."""
+
+    active: list[dict[str, Any]]
+
+
+class AuditVerificationResponse(ApiObject):
+    """Result of a verification of the audit trail."""
+
+    ok: bool
+    entries: int
+    problems: list[dict[str, Any]]
+
+
+ALARM_OPERATIONS = (
+    Operation(
+        name="alarms.list",
+        right=Right.VIEW,
+        method="GET",
+        path="/alarms",
+        response=ActiveAlarmsResponse,
+        summary=Text("Active alarms", "当前报警"),
+    ),
+    Operation(
+        name="alarms.history",
+        right=Right.VIEW,
+        method="GET",
+        path="/alarms/history",
+        params=TimeRangeParams,
+        response=PageResponse,
+        summary=Text("Alarms of a time range", "一段时间内的报警"),
+    ),
+    Operation(
+        name="alarm.acknowledge",
+        right=Right.OPERATE,
+        method="POST",
+        path="/alarms/{alarm}/acknowledge",
+        params=AlarmParams,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Acknowledge an alarm", "确认报警"),
+    ),
+    Operation(
+        name="alarm.shelve",
+        right=Right.OPERATE,
+        method="POST",
+        path="/alarms/{alarm}/shelve",
+        params=ShelveParams,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Shelve an alarm for a while", "暂时搁置报警"),
+    ),
+    Operation(
+        name="alarm.unshelve",
+        right=Right.OPERATE,
+        method="POST",
+        path="/alarms/{alarm}/unshelve",
+        params=AlarmParams,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("End the shelving of an alarm", "取消搁置"),
+    ),
+)
+
+INCIDENT_OPERATIONS = (
+    Operation(
+        name="incidents.list",
+        right=Right.VIEW,
+        method="GET",
+        path="/incidents",
+        params=TimeRangeParams,
+        response=PageResponse,
+        summary=Text("Recorded incidents", "已记录的跳闸"),
+    ),
+    Operation(
+        name="incidents.get",
+        right=Right.VIEW,
+        method="GET",
+        path="/incidents/{incident}",
+        params=IncidentParams,
+        summary=Text("One incident with everything recorded around it", "一次跳闸及当时的全部记录"),
+    ),
+)
+
+AUDIT_OPERATIONS = (
+    Operation(
+        name="audit.list",
+        right=Right.AUDIT,
+        method="GET",
+        path="/audit",
+        params=TimeRangeParams,
+        response=PageResponse,
+        summary=Text("The audit trail", "审计记录"),
+    ),
+    Operation(
+        name="audit.verify",
+        right=Right.AUDIT,
+        method="GET",
+        path="/audit/verify",
+        response=AuditVerificationResponse,
+        summary=Text("Verify that the audit trail is complete", "检查审计记录是否完整"),
+    ),
+)

@@ -1,0 +1,439 @@
+"""Operations on one drive: its state, parameters, control lease, motion, limits and waiver."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from drivebus.profiles.model import Text
+from drivebus.service.api.operations.operation import (
+    ApiObject,
+    Audit,
+    DriveId,
+    Frequency,
+    LocalizedText,
+    Name,
+    Operation,
+    OperationParams,
+    Reason,
+)
+from drivebus.service.auth.rights import Right
+
+Direction = Literal["forward", "reverse"]
+ArmToken = Annotated[Name | None, Field(examples=["5b1f0c52d1"])]
+
+
+class DriveParams(OperationParams):
+    """One drive."""
+
+    drive: DriveId
+
+
+class RunParams(DriveParams):
+    """A start. ``arm_token`` comes from ``drive.arm``, at most 10 s before; a remote start needs it."""
+
+    frequency_hz: Frequency
+    direction: Direction | None = Field(default=None, examples=["forward"])
+    arm_token: ArmToken = None
+
+
+class SetFrequencyParams(DriveParams):
+    """A new setpoint."""
+
+    frequency_hz: Frequency
+
+
+class StopParams(DriveParams):
+    """A stop."""
+
+    how: Literal["stop", "coast", "quick_stop"] = Field(default="stop", examples=["stop"])
+
+
+class JogParams(DriveParams):
+    """A jog. It is a start: ``arm_token`` as for ``RunParams``."""
+
+    direction: Direction = Field(default="forward", examples=["forward"])
+    frequency_hz: Frequency | None = Field(default=None, examples=[25.0])
+    arm_token: ArmToken = None
+
+
+class ActiveJogParams(DriveParams):
+    """A jog under way; ``jog`` comes from ``drive.jog``."""
+
+    jog: Annotated[Name, Field(examples=["jog-4"])]
+
+
+class WaiverParams(DriveParams):
+    """The reason for a waiver."""
+
+    reason: Reason
+
+
+class LimitsParams(DriveParams):
+    """Frequency range in hertz and permitted directions."""
+
+    minimum_hz: Frequency = Field(default=0.0, examples=[5.0])
+    maximum_hz: Frequency | None = Field(default=None, examples=[50.0])
+    forward: bool = Field(default=True, examples=[True])
+    reverse: bool = Field(default=True, examples=[False])
+
+
+class ParameterReadParams(DriveParams):
+    """Parameters to read, by notation or name."""
+
+    names: Annotated[list[Name], Field(min_length=1, max_length=64, examples=[["F0.1", "F1.07"]])]
+
+
+class ParameterWriteParams(DriveParams):
+    """Parameters to write. ``save`` writes to EEPROM and needs the right ``save`` as well."""
+
+    values: Annotated[
+        dict[Name, Annotated[float, Field(allow_inf_nan=False)]],
+        Field(min_length=1, max_length=64, examples=[{"F1.07": 12.5}]),
+    ]
+    save: bool = Field(default=False, examples=[False])
+
+
+class ExchangeObject(ApiObject):
+    """One frame of a command and its reply, as hex with blanks; seconds of the service's monotonic clock.
+
+    ``error`` is the key of a sentence, ``params`` its parameters.
+    """
+
+    sent: str
+    received: str
+    sent_at_s: float | None
+    received_at_s: float | None
+    error: str | None
+    params: dict[str, Any] = {}
+
+
+class NoteObject(ApiObject):
+    """An additional sentence."""
+
+    key: str
+    text: LocalizedText
+
+
+class OutcomeObject(ApiObject):
+    """Result of a command. ``confirmed``: a later read shows the effect; ``acknowledged``: the drive accepted it and no
+    read can show it; ``unknown``: sent, and whether it was done cannot be known. ``command``: id in the audit trail.
+    """
+
+    status: Literal["confirmed", "acknowledged", "refused", "failed", "unknown"]
+    key: str
+    text: LocalizedText
+    params: dict[str, Any]
+    notes: list[NoteObject]
+    frames: list[ExchangeObject]
+    command: str | None = None
+
+
+class OutcomeResponse(ApiObject):
+    """Result of one command."""
+
+    outcome: OutcomeObject
+
+
+class SignalObject(ApiObject):
+    """One value with its quality; ``reason`` says why it is not good."""
+
+    value: float | int | str | None
+    unit: str
+    quality: Literal["good", "uncertain", "bad"]
+    reason: str | None
+    age_s: float | None
+
+
+class CommLossObject(ApiObject):
+    """Behaviour of the drive when its communication fails."""
+
+    kind: Literal["trips", "runs_on", "unknown"]
+    after_s: float | None
+    text: LocalizedText | None
+    waiver: Any = None
+
+
+class LeaseObject(ApiObject):
+    """The session that may command the drive."""
+
+    owner: str
+    session: str
+    expires_in_s: float
+
+
+class DriveObject(ApiObject):
+    """Present state of one drive."""
+
+    id: str
+    title: LocalizedText | None
+    bus: str
+    address: int
+    model: str
+    grade: str
+    capabilities: list[str]
+    directions: list[str]
+    groups: list[str]
+    presence: Literal["online", "offline", "never_seen"]
+    state: str
+    state_reason: str | None
+    direction: Direction | None
+    fault: dict[str, Any] | None
+    commanded_hz: float | None
+    minimum_hz: float
+    maximum_hz: float
+    comm_loss: CommLossObject
+    lease: LeaseObject | None
+    latched: bool
+    stop_pending: bool
+    start_blockers: list[dict[str, Any]]
+    alarms: dict[str, int]
+    signals: dict[str, SignalObject]
+    state_age_s: float | None
+    jog_frequency: Literal["drive", "asked", "either"] | None
+
+
+class DrivesResponse(ApiObject):
+    """All drives."""
+
+    drives: list[DriveObject]
+
+
+class ParametersResponse(ApiObject):
+    """Readings of parameters by name."""
+
+    parameters: dict[str, dict[str, Any]]
+
+
+class LeaseResponse(ApiObject):
+    """A control lease and its full duration in seconds."""
+
+    lease: LeaseObject
+    ttl_s: float
+
+
+class ArmResponse(ApiObject):
+    """The second step of a start needs ``arm_token`` within ``expires_s`` seconds."""
+
+    arm_token: str
+    expires_s: float
+
+
+class JogResponse(ApiObject):
+    """The motor turns while ``jog`` is renewed within ``lease_s`` seconds."""
+
+    jog: str
+    lease_s: float
+    outcome: OutcomeObject
+
+
+DRIVE_OPERATIONS = (
+    Operation(
+        name="drives.list",
+        right=Right.VIEW,
+        method="GET",
+        path="/drives",
+        response=DrivesResponse,
+        summary=Text("Present state of all drives", "全部变频器的当前状况"),
+    ),
+    Operation(
+        name="drives.get",
+        right=Right.VIEW,
+        method="GET",
+        path="/drives/{drive}",
+        params=DriveParams,
+        response=DriveObject,
+        summary=Text("Present state of one drive", "一台变频器的当前状况"),
+    ),
+    Operation(
+        name="drives.profile",
+        right=Right.VIEW,
+        method="GET",
+        path="/drives/{drive}/profile",
+        params=DriveParams,
+        summary=Text(
+            "Profile of a drive: signals, parameters, faults, caveats", "变频器的类型：信号、参数、故障、注意事项"
+        ),
+    ),
+    Operation(
+        name="drives.statistics",
+        right=Right.VIEW,
+        method="GET",
+        path="/drives/{drive}/statistics",
+        params=DriveParams,
+        summary=Text("Hours, starts, energy and faults of a drive", "一台变频器的运行时间、启动次数、电能和故障"),
+    ),
+    Operation(
+        name="parameters.read",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/parameters/read",
+        params=ParameterReadParams,
+        response=ParametersResponse,
+        summary=Text("Read parameters over the bus", "通过总线读参数"),
+    ),
+    Operation(
+        name="parameters.write",
+        right=Right.WRITE_PARAMETERS,
+        method="POST",
+        path="/drives/{drive}/parameters/write",
+        params=ParameterWriteParams,
+        response=OutcomeResponse,
+        audit=Audit.REQUIRED,
+        summary=Text(
+            "Write parameters, to RAM or with save to EEPROM; each is read back",
+            "写参数，写入 RAM，或用 save 写入 EEPROM；逐个回读",
+        ),
+    ),
+    Operation(
+        name="lease.take",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/lease",
+        params=DriveParams,
+        response=LeaseResponse,
+        audit=Audit.BEST_EFFORT,
+        summary=Text(
+            "Take control of a drive: only this session may command it", "取得一台变频器的控制权，只有本会话可以命令它"
+        ),
+    ),
+    Operation(
+        name="lease.renew",
+        right=Right.STOP,  # a session that became idle in front of a running drive keeps it, and may stop it
+        method="POST",
+        path="/drives/{drive}/lease/renew",
+        params=DriveParams,
+        response=LeaseResponse,
+        keepalive=True,
+        background=True,
+        summary=Text("Keep control of a drive for ten seconds more", "把控制权再保持十秒"),
+    ),
+    Operation(
+        name="lease.release",
+        right=Right.OPERATE,
+        method="DELETE",
+        path="/drives/{drive}/lease",
+        params=DriveParams,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Release control of a drive", "交还控制权"),
+    ),
+    Operation(
+        name="drive.arm",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/arm",
+        params=DriveParams,
+        response=ArmResponse,
+        audit=Audit.REQUIRED,
+        summary=Text("First step of a start", "启动的第一步"),
+    ),
+    Operation(
+        name="drive.run",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/run",
+        params=RunParams,
+        response=OutcomeResponse,
+        audit=Audit.REQUIRED,
+        summary=Text("Start a drive", "启动变频器"),
+    ),
+    Operation(
+        name="drive.set_frequency",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/set-frequency",
+        params=SetFrequencyParams,
+        response=OutcomeResponse,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Change the set frequency; starts nothing", "修改设定频率；不启动任何东西"),
+    ),
+    Operation(
+        name="drive.stop",
+        right=Right.STOP,
+        method="POST",
+        path="/drives/{drive}/stop",
+        params=StopParams,
+        response=OutcomeResponse,
+        audit=Audit.AFTER,
+        summary=Text("Stop a drive; needs no lease", "停一台变频器；不需要控制权"),
+    ),
+    Operation(
+        name="drive.jog",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/jog",
+        params=JogParams,
+        response=JogResponse,
+        audit=Audit.REQUIRED,
+        summary=Text("Jog: the motor turns while the jog is renewed", "点动：持续续期时电机转动"),
+    ),
+    Operation(
+        name="drive.jog_renew",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/jog/renew",
+        params=ActiveJogParams,
+        keepalive=True,
+        summary=Text("Keep a jog going while the key is pressed", "按住按键时保持点动"),
+    ),
+    Operation(
+        name="drive.jog_end",
+        right=Right.STOP,
+        method="POST",
+        path="/drives/{drive}/jog/end",
+        params=ActiveJogParams,
+        response=OutcomeResponse,
+        audit=Audit.AFTER,
+        summary=Text("End a jog", "结束点动"),
+    ),
+    Operation(
+        name="drive.reset",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/reset",
+        params=DriveParams,
+        response=OutcomeResponse,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Reset a fault, once", "复位故障，一次"),
+    ),
+    Operation(
+        name="start_inhibit.release",
+        right=Right.OPERATE,
+        method="POST",
+        path="/drives/{drive}/start-inhibit/release",
+        params=DriveParams,
+        audit=Audit.BEST_EFFORT,
+        summary=Text("Allow starts again after a bus stop", "总线停止之后重新允许启动"),
+    ),
+    Operation(
+        name="waiver.grant",
+        right=Right.LIMIT,
+        method="POST",
+        path="/drives/{drive}/waiver",
+        params=WaiverParams,
+        audit=Audit.REQUIRED,
+        summary=Text(
+            "Record why starts are allowed although the drive would run on after a communication loss",
+            "记录为何允许启动，尽管通信中断后变频器会继续运行",
+        ),
+    ),
+    Operation(
+        name="waiver.revoke",
+        right=Right.LIMIT,
+        method="DELETE",
+        path="/drives/{drive}/waiver",
+        params=DriveParams,
+        audit=Audit.REQUIRED,
+        summary=Text("Revoke the waiver", "撤销豁免"),
+    ),
+    Operation(
+        name="drive.limits",
+        right=Right.LIMIT,
+        method="PUT",
+        path="/drives/{drive}/limits",
+        params=LimitsParams,
+        audit=Audit.REQUIRED,
+        summary=Text("Set the limits of a drive", "设置变频器的限值"),
+    ),
+)

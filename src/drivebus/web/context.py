@@ -1,0 +1,75 @@
+"""``WebContext``: the objects that every route of one app works with, and how a route reaches them."""
+
+from __future__ import annotations
+
+from collections.abc import Coroutine
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+from starlette.requests import HTTPConnection
+
+from drivebus.errors import DrivebusError
+from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.credentials import Credential
+from drivebus.service.auth.errors import AuthUnavailable
+from drivebus.service.auth.service import AuthService
+from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.types import Json
+from drivebus.web.middleware.denial_log import DenialLog, try_record
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebContext:
+    """Users and sessions, the service behind the web process, and the log of denied requests."""
+
+    auth: AuthService
+    client: ServiceClient
+    denials: DenialLog
+
+    async def record_change(
+        self, what: str, target: str, params: Json, actor: Actor, change: Coroutine[Any, Any, T]
+    ) -> T:
+        """Run ``change`` with an audit record before and after it.
+
+        Raises AuthUnavailable, and changes nothing, where the trail cannot be written.
+        """
+        if not await try_record(self.client, audit_entry(what, target, params, "asked"), actor):
+            change.close()
+            raise AuthUnavailable("access.no_record")
+        try:
+            result = await change
+        except DrivebusError as error:
+            await try_record(self.client, audit_entry(what, target, params, error.key), actor)
+            raise
+        await try_record(self.client, audit_entry(what, target, params, "done"), actor)
+        return result
+
+
+def audit_entry(what: str, target: str, params: Json | None = None, outcome: str = "") -> Json:
+    """Return an entry for the audit trail; its parameters must hold no secret."""
+    return {"what": what, "target": target, "params": params or {}, "outcome": outcome}
+
+
+def context_of(connection: HTTPConnection) -> WebContext:
+    """Return the context of the app that serves ``connection``."""
+    return cast(WebContext, connection.app.state.context)
+
+
+def client_of(connection: HTTPConnection) -> ServiceClient:
+    """Return the client of the service."""
+    return context_of(connection).client
+
+
+def credential_of(connection: HTTPConnection) -> Credential:
+    """Return the credential that the middleware accepted for this route.
+
+    On a long connection read its ``actor`` for each message: rights may shrink meanwhile.
+    """
+    return cast(Credential, connection.state.credential)
+
+
+def actor_of(connection: HTTPConnection) -> Actor:
+    """Return the actor with its present rights."""
+    return credential_of(connection).actor
