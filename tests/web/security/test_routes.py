@@ -147,7 +147,7 @@ def test_s01_without_a_good_credential_every_address_is_401_and_asks_nothing(kin
         assert harness.service.calls == []
         told = [entry["target"] for entry, _ in harness.service.records if entry["what"] == "refused"]
         assert counted(harness) == len(CLOSED_ROUTES)
-        assert told[0] == f"POST {API_PREFIX}/logout"
+        assert told[0] == f"{CLOSED_ROUTES[0].method} {CLOSED_ROUTES[0].path}"
 
     run(story())
 
