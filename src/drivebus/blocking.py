@@ -26,8 +26,7 @@ from drivebus.bus import BusStatistics, StationHealth
 from drivebus.drives.context import DriveLimits, Preflight
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
-from drivebus.drives.operations.comm_loss import CommLossReport
-from drivebus.drives.operations.identity import Identity
+from drivebus.drives.operations.status import CommLossReport, Identity
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Reading

@@ -11,9 +11,9 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, fault_from_code
-from drivebus.drives.dialects.dzb100 import Dzb100Dialect
-from drivebus.drives.dialects.dzb100_scaling import (
+from drivebus.drives.dialects.dzb100 import (
     CODINGS,
+    Dzb100Dialect,
     decode_or_none,
     highest_safe_word,
     is_within_cap,

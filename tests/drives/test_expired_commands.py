@@ -15,10 +15,10 @@ from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContex
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.parameters import write_values
 from drivebus.drives.operations.reset import reset_fault
-from drivebus.drives.operations.runner import bus_conditions
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.start import run
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
+from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import Direction, OutcomeStatus
 from drivebus.errors import Expired, StartInhibited
 from drivebus.protocols import sunfar

@@ -9,8 +9,8 @@ import pytest
 
 from drivebus import i18n
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
+from drivebus.drives.context import EepromBudget
 from drivebus.drives.dialects.base import CommandFrame
-from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure

@@ -12,12 +12,11 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives.context import DriveContext, DriveLimits
-from drivebus.drives.eeprom_budget import EepromBudget
-from drivebus.drives.operations.comm_loss import comm_loss_behaviour
+from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import read_values, write_values
 from drivebus.drives.operations.preflight import read_preflight
+from drivebus.drives.operations.status import comm_loss_behaviour
 from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.drives.store import FileStore, MemoryStore
 from drivebus.errors import (
@@ -394,7 +393,7 @@ CHARGE_MANY = """
 import sys
 from drivebus.drives.store import FileStore
 from drivebus.drives.operations.steps import run_pure
-from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.context import EepromBudget
 from drivebus.errors import EepromBudgetExceeded
 store, counted = FileStore(sys.argv[1]), 0
 for n in range(25):

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.reach import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
+from drivebus.drives.operations.start import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
 from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.errors import Superseded, TargetNotReached
 from drivebus.protocols import sunfar

@@ -8,11 +8,11 @@ import contextlib
 import pytest
 
 from drivebus import Bus, Drive
-from drivebus.drives.operations.identity import Identity
+from drivebus.drives.operations.status import Identity
 from drivebus.errors import NoReply, ProtocolError
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
-from drivebus.simulator.models import c320_variants
+from drivebus.simulator.models import c320
 from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run as story
 from fixtures.simulator import SimulatorClient
@@ -23,7 +23,7 @@ def test_t02_the_spelling_is_the_one_that_the_manual_prints() -> None:
     plain = sunfar.SunfarCodec().encode_reply(
         sunfar.SunfarReply(5, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 1, 0x0A, 0x0016)
     )
-    odd = c320_variants.tolerant_digits(plain)
+    odd = c320.tolerant_digits(plain)
     assert b"A" in plain[1:-5] and b":" in odd[1:-5] and b"A" not in odd[1:-5]
     assert len(odd) == len(plain)
 

@@ -9,7 +9,7 @@ import pytest
 
 from drivebus.protocols import modbus
 from drivebus.protocols.checksum import crc16
-from drivebus.simulator.models.vc660_tables import (
+from drivebus.simulator.models.vc660 import (
     COMMAND_SOURCE,
     FIRST_OUTPUT,
     FREQUENCY_SOURCE,

@@ -11,9 +11,8 @@ import pytest
 
 from drivebus import clock as seams
 from drivebus.bus import Bus
-from drivebus.drives import permissives
-from drivebus.drives.eeprom_budget import EepromBudget, SaveCount
-from drivebus.drives.operations import runner
+from drivebus.drives import permissives, runner
+from drivebus.drives.context import EepromBudget, SaveCount
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from verification.campaign import CampaignRun, run_campaign

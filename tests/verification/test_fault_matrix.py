@@ -22,14 +22,13 @@ from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.drives import Drive, permissives, stop_bus
-from drivebus.drives.context import Preflight
+from drivebus.drives.context import EepromBudget, Preflight
 from drivebus.drives.dialects import dzb100, sunfar
-from drivebus.drives.dialects.command_word import CommandWord
-from drivebus.drives.dialects.modbus import ModbusDialect
-from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.dialects.modbus import CommandWord, ModbusDialect
 from drivebus.drives.jog_session import JogSession
-from drivebus.drives.operations import comm_loss, setpoint
-from drivebus.drives.operations.comm_loss import CommLossReport
+from drivebus.drives.operations import setpoint
+from drivebus.drives.operations import status as comm_loss
+from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.drives.stop_supervisor import StopSupervisor

@@ -13,7 +13,7 @@ from drivebus.bus.core import BusCore
 from drivebus.bus.messages import Permit
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.transaction import Transaction
-from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.context import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from drivebus.drives.state import DriveStatus

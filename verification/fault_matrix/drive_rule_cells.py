@@ -9,7 +9,7 @@ from typing import Any
 from drivebus.drives import Direction, Drive
 from drivebus.errors import DrivebusError
 from drivebus.protocols import modbus
-from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.motor import Trip
 from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import c320_field, modbus_write, status_read_key

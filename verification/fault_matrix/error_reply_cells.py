@@ -6,7 +6,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.protocols import dzb100, modbus, sunfar
-from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.motor import Trip
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
 from verification.reference_tables import RequestEffect

@@ -14,9 +14,9 @@ from typing import Any
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import Permit
 from drivebus.drives.context import Preflight, UnmetPrecondition
-from drivebus.drives.operations.runner import bus_conditions
 from drivebus.drives.operations.steps import BusConditions, run_pure
 from drivebus.drives.permissives import CommandKind, DriveCommand
+from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
 from drivebus.profiles.model import Text

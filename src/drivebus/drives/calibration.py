@@ -10,8 +10,8 @@ from typing import Any
 from drivebus.drives.operations import calibration
 from drivebus.drives.operations.calibration import ScalingResult
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.runner import OperationRunner
 from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, Outcome
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import Store, drive_key

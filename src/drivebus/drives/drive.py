@@ -11,22 +11,20 @@ from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusResult
 from drivebus.drives.calibration import Calibration
-from drivebus.drives.context import DriveContext, DriveLimits, Preflight
+from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget, Preflight
 from drivebus.drives.dialects.base import Dialect, StopMode
 from drivebus.drives.dialects.create import create_dialect
-from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operations import comm_loss, identity, parameters, reset, setpoint, start, status
+from drivebus.drives.operations import parameters, reset, setpoint, start, status
 from drivebus.drives.operations import preflight as preflights
 from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
-from drivebus.drives.operations.comm_loss import CommLossReport
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.identity import Identity
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
-from drivebus.drives.operations.reach import wait_at_speed
-from drivebus.drives.operations.runner import OperationRunner
+from drivebus.drives.operations.start import wait_at_speed
+from drivebus.drives.operations.status import CommLossReport, Identity
 from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key
@@ -148,7 +146,7 @@ class Drive:
 
     async def identify(self) -> Identity:
         """Read the drive's identity (C320 class 0); of other models only that it answers."""
-        return await self._runner.run(identity.identify(self._read_context()))
+        return await self._runner.run(status.identify(self._read_context()))
 
     async def preflight(self) -> Preflight:
         """Read whether the drive accepts commands from the bus; unmet preconditions are in the result."""
@@ -156,7 +154,7 @@ class Drive:
 
     async def comm_loss_behaviour(self) -> CommLossReport:
         """Read what the drive does when communication is lost."""
-        return await self._runner.run(comm_loss.comm_loss_behaviour(self._read_context()))
+        return await self._runner.run(status.comm_loss_behaviour(self._read_context()))
 
     async def run(
         self,

@@ -16,7 +16,7 @@ from drivebus.errors import NotFound
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.app import Service
 from drivebus.service.incidents import IncidentStore
-from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.testing.virtual_time import run
 from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, fake_storage, plant_config, remote_actor

@@ -13,7 +13,7 @@ from drivebus.service.live.hub import Hub
 from drivebus.service.live.subscription import MAX_BURST_ITEMS, MAX_QUEUED_HUB_MESSAGES
 from drivebus.service.live.topics import AgeingValue
 from drivebus.service.runtime.fairness import yield_to_loop
-from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service

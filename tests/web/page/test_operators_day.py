@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from drivebus.simulator.nameplate import Trip
+from drivebus.simulator.motor import Trip
 from fixtures.browser import Stage
 
 

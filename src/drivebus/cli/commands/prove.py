@@ -89,7 +89,7 @@ async def _query_coding(bench: CalibrationSession) -> ExitCode:
 
 
 async def _setpoint_coding(bench: CalibrationSession) -> ExitCode:
-    from drivebus.drives.dialects.dzb100_scaling import UNCALIBRATED_CAP_HZ
+    from drivebus.drives.dialects.dzb100 import UNCALIBRATED_CAP_HZ
     from drivebus.drives.operations.calibration import CALIBRATION_RUN_S
 
     if not await bench.confirmed("prove.ask_setpoint", cap_hz=UNCALIBRATED_CAP_HZ, seconds=CALIBRATION_RUN_S):
@@ -160,8 +160,7 @@ def _print_stored(bench: CalibrationSession, settings: dict[str, Any], **more: A
 
 def _plan(dry: DryRun) -> ExitCode:
     from drivebus.drives.dialects.base import StopMode
-    from drivebus.drives.dialects.dzb100 import Dzb100Dialect
-    from drivebus.drives.dialects.dzb100_scaling import highest_safe_word, possible_codings
+    from drivebus.drives.dialects.dzb100 import Dzb100Dialect, highest_safe_word, possible_codings
     from drivebus.drives.dialects.modbus import ModbusDialect
     from drivebus.drives.operations.calibration import MAX_CALIBRATION_JOG_HZ
     from drivebus.drives.readings import ReadingPairs

@@ -21,20 +21,13 @@ from drivebus.drives.dialects.base import (
     signals_by_index,
     with_plausibility,
 )
-from drivebus.drives.dialects.dzb100_scaling import (
-    CODINGS,
-    DEFAULT_CODING,
-    UNCALIBRATED_CAP_HZ,
-    highest_safe_word,
-    is_within_cap,
-    possible_codings,
-)
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, LimitError, ProtocolError, StartInhibited
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.dzb100 import (
+    FREQUENCY_CODINGS,
     Dzb100Codec,
     Dzb100Command,
     Dzb100Control,
@@ -49,6 +42,42 @@ from drivebus.protocols.dzb100 import (
 )
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
+
+CODINGS = FREQUENCY_CODINGS
+DEFAULT_CODING = CODINGS[0]
+MAX_SETPOINT_WORD = 4000
+"""Manual 2 (5): setpoints are 0000 to 4000."""
+UNCALIBRATED_CAP_HZ = 5.0
+"""Until one coding is left, no coding that is left may make more of a raw word than this."""
+
+
+def possible_codings(settings: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
+    """Setpoint codings that are not excluded: one where it is settled."""
+    coding = settings.get("setpoint_coding", "unknown")
+    return (coding,) if coding in CODINGS else CODINGS
+
+
+def is_within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
+    """Every coding reads this word as at most 5 Hz, and as a number at all."""
+    try:
+        return all(decode_frequency(word, coding) <= UNCALIBRATED_CAP_HZ for coding in codings)
+    except ValueError:
+        return False
+
+
+def decode_or_none(word: int, coding: str) -> float | None:
+    """Hertz of a word under a coding; None where it is no number of it."""
+    known = next((c for c in CODINGS if c == coding), None)
+    try:
+        return None if known is None else decode_frequency(word, known)
+    except ValueError:
+        return None
+
+
+def highest_safe_word(codings: tuple[FrequencyCoding, ...]) -> int:
+    """The largest raw word that every one of these codings reads as at most 5 Hz."""
+    return max(word for word in range(MAX_SETPOINT_WORD + 1) if is_within_cap(word, codings))
+
 
 FREQUENCY_ITEMS = (0, 1)
 STATE_ITEM = 3

@@ -20,12 +20,9 @@ from drivebus.drives.dialects.base import (
     signal_reading,
     signals_by_index,
 )
-from drivebus.drives.dialects.command_word import CommandWord
-from drivebus.drives.dialects.modbus_reads import SYNC_READ_COUNT, merge_reads, sync_register_pairs
-from drivebus.drives.dialects.modbus_status import direction_from_bits, state_from_bits
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import DerivedState, Direction
-from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
+from drivebus.drives.state import DerivedState, Direction, DriveState
+from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError, StartInhibited
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.modbus import (
@@ -41,6 +38,185 @@ from drivebus.protocols.modbus import (
 )
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
+
+
+def state_from_bits(status: StatusMap, raw: int) -> DriveState:
+    """What the bits say, motion first: a drive that still turns is not "in fault" but turning, with a fault."""
+    for name, state in STATE_BITS:
+        if raw & status.bits.get(name, 0):
+            return state
+    ready = status.bits.get("ready", 0)
+    return DriveState.STOPPED if not ready or raw & ready else DriveState.NOT_READY
+
+
+STATE_BITS = (
+    ("emergency_stopping", DriveState.BRAKING),
+    ("dc_braking", DriveState.BRAKING),
+    ("jogging", DriveState.JOGGING),
+    ("speed_search", DriveState.RESTARTING),
+    ("paused", DriveState.PAUSED),
+    ("running", DriveState.RUNNING),
+    ("fault", DriveState.FAULT),
+    ("under_voltage", DriveState.NOT_READY),
+)
+"""In order of precedence."""
+
+
+def direction_from_bits(status: StatusMap, raw: int) -> Direction | None:
+    bit = status.bits.get("output_reverse") or status.bits.get("set_reverse")
+    if not bit:
+        return None
+    return Direction.REVERSE if raw & bit else Direction.FORWARD
+
+
+SYNC_READ_COUNT = 2
+"""Without FC08 a fence is told by its count (ruling 2), so no other read ever has this count."""
+MAX_MERGE_PERIOD_RATIO = 4.0
+"""Registers whose periods differ by more are read apart."""
+
+
+def merge_reads(
+    address: int, wanted: dict[int, float], max_read: int, *, reserve_sync_count: bool
+) -> tuple[tuple[ReadRegisters, float], ...]:
+    """Runs of touching registers within the model's limit, at the shortest period of the run.
+
+    ``keep_fence_count``: fences are told by their count, so no other read may have it.
+    """
+    runs: list[tuple[ReadRegisters, float]] = []
+    for register, period in sorted(wanted.items()):
+        last = runs[-1] if runs else None
+        if last is not None and _can_merge(last, register, period, max_read):
+            runs[-1] = replace(last[0], count=last[0].count + 1), min(last[1], period)
+        else:
+            runs.append((ReadRegisters(address, register, 1), period))
+    if not reserve_sync_count:
+        return tuple(runs)
+    return tuple((part, period) for request, period in runs for part in _split_sync_count(request))
+
+
+def _can_merge(run: tuple[ReadRegisters, float], register: int, period: float, max_read: int) -> bool:
+    """Two more bytes cost less than a frame of their own, unless they are wanted far less often."""
+    request, shortest = run
+    touches = register == request.register + request.count and request.count < max_read
+    return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
+
+
+def _split_sync_count(request: ReadRegisters) -> tuple[ReadRegisters, ...]:
+    if request.count != SYNC_READ_COUNT:
+        return (request,)
+    return replace(request, count=1), replace(request, register=request.register + 1, count=1)
+
+
+def sync_register_pairs(profile: DriveProfile) -> tuple[int, ...]:
+    """First registers of touching pairs that are read anyway: around preconditions and ramps (ruling 2)."""
+    named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
+    wanted = {profile.parameters[n].locator[1] for n in named if n in profile.parameters}
+    wanted |= set(signals_by_index(profile, "holding"))
+    known = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == "holding"} | wanted
+    pairs: list[int] = []
+    for index in sorted(known):
+        touches = index + 1 in known and (index in wanted or index + 1 in wanted)
+        if touches and (not pairs or index > pairs[-1] + 1):
+            pairs.append(index)
+    if not pairs:
+        raise ConfigurationError("drives.no_fence", model=profile.model)
+    return tuple(pairs)
+
+
+MOTION_BITS = frozenset({"start", "jog_forward", "jog_reverse"})
+STOP_BITS = frozenset({"stop", "coast", "quick_stop", "jog_stop"})
+DIRECTION_BITS = frozenset({"forward", "reverse"})
+
+
+class CommandWord:
+    """Composes and reads command words by a profile's map."""
+
+    def __init__(self, commands: CommandMap) -> None:
+        self.map = commands
+        self._rewrites_levels = commands.rewrite_levels_after_pulse
+        self.levels: int | None = None
+        """Direction level that the drive holds; None until one was sent or read."""
+        self._last_was_edge = False
+        """The last word that left began something: what follows it completes that, and takes nothing away."""
+
+    def active_names(self, word: int) -> frozenset[str]:
+        """Bits and field values that stand in a word; those whose value is 0 are its absence and not counted."""
+        return frozenset(n for n, b in self.map.bits.items() if b.value and word & b.mask == b.value)
+
+    def is_mapped(self, word: int) -> bool:
+        """Nothing but mapped bits and field values: a toggle (T16) or a reserved bit is not known."""
+        covered = 0
+        for name in self.active_names(word):
+            covered |= self.map.bits[name].mask
+        return word & ~covered & 0xFFFF == 0
+
+    def effect(self, word: int) -> Effect:
+        """What a write of this word does. A word that only takes motion away, or repeats the held levels, is a STOP."""
+        names = self.active_names(word)
+        if not self.is_mapped(word) or names & MOTION_BITS or not names <= STOP_BITS | DIRECTION_BITS | {"reset"}:
+            return Effect.MOTION
+        held = word & self._direction_mask() == (self.levels or 0)
+        if "reset" in names:
+            return Effect.SETTING if held and not names & STOP_BITS else Effect.MOTION
+        if names & STOP_BITS:
+            return Effect.STOP if self._rewrites_levels or not names & DIRECTION_BITS else Effect.MOTION
+        if not held:
+            return Effect.MOTION
+        return Effect.SETTING if self._last_was_edge else Effect.STOP
+
+    def _direction_mask(self) -> int:
+        mask = 0
+        for name in DIRECTION_BITS:
+            if name in self.map.bits:
+                mask |= self.map.bits[name].mask
+        return mask
+
+    def on_sent(self, word: int) -> None:
+        """A word has left."""
+        self._last_was_edge = bool(self.active_names(word) & {"start", "reset"})
+        if self._rewrites_levels:
+            self.levels = word & self._direction_mask()
+
+    def learn_direction(self, reverse: bool) -> None:
+        """The drive reports its set direction: taken only where nothing was sent yet."""
+        if self._rewrites_levels and self.levels is None:
+            self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
+
+    def start(self, direction: Direction | None) -> tuple[int, ...]:
+        """Raises CapabilityError for a direction that the map lacks."""
+        level = 0 if direction is None else self._direction_level(direction)
+        return self._pulse_and_levels(self._bit("start"), level)
+
+    def jog(self, direction: Direction) -> tuple[int, ...]:
+        """A level or field value: it stands until jog_stop."""
+        return (self._bit(f"jog_{direction.value}") | (self.levels or 0),)
+
+    def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
+        """The pulse with the held levels, then the levels; jog_stop is the held levels alone where jog is a level."""
+        name = "jog_stop" if how is StopMode.JOG_STOP else how.value
+        if name not in self.map.bits:
+            raise CapabilityError("drives.cannot", model=model, what=how.value)
+        pulse = self.map.bits[name].value
+        return self._pulse_and_levels(pulse, self.levels or 0) if pulse else (self.levels or 0,)
+
+    def reset(self, model: str) -> tuple[int, ...]:
+        if "reset" not in self.map.bits:
+            raise CapabilityError("drives.cannot", model=model, what="reset_fault")
+        return self._pulse_and_levels(self.map.bits["reset"].value, self.levels or 0)
+
+    def _pulse_and_levels(self, pulse: int, level: int) -> tuple[int, ...]:
+        return (pulse | level, level) if self._rewrites_levels else (pulse | level,)
+
+    def _bit(self, name: str) -> int:
+        if name not in self.map.bits:
+            raise CapabilityError("drives.no_command_bit", what=name)
+        return self.map.bits[name].value
+
+    def _direction_level(self, direction: Direction) -> int:
+        if direction is Direction.FORWARD and direction.value not in self.map.bits:
+            return 0
+        return self._bit(direction.value)
+
 
 RTU_END_SILENCE_CHARACTERS = 3.5
 """Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.dialects.dzb100 import Dzb100Dialect
-from drivebus.drives.dialects.dzb100_scaling import (
+from drivebus.drives.dialects.dzb100 import (
     CODINGS,
     UNCALIBRATED_CAP_HZ,
+    Dzb100Dialect,
     decode_or_none,
     highest_safe_word,
     possible_codings,

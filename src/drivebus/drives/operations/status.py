@@ -2,15 +2,112 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+from drivebus import i18n
 from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.sunfar import SunfarDialect
 from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.parameters import read_values
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.state import DerivedState, DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
-from drivebus.values import Reading, missing_reading
+from drivebus.values import Quality, Reading, missing_reading
+
+VOLTAGE_CLASSES = {"2": 220, "4": 380}
+"""C320 manual 3 (1), first digit of group 0."""
+IDENTITY_PARTS = ("model", "series", "version", "control")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answers at an address. ``reported`` False: the model has no identity to read, it only answers."""
+
+    model: str
+    reported: bool
+    voltage_class_v: int | None = None
+    power_kw: float | None = None
+    digits: tuple[tuple[str, str], ...] = ()
+    """Part (model, series, version, control) and its six digits; "-" where a fault hides one."""
+    host_controls: bool | None = None
+    host_sets_frequency: bool | None = None
+
+
+def identify(talk: OperationContext) -> DriveOperation[Identity]:
+    """Ask the drive who it is. Raises the bus's error where it does not answer."""
+    dialect = talk.dialect
+    error = yield from talk.sync()
+    if error is not None:
+        raise error
+    if not isinstance(dialect, SunfarDialect):
+        return Identity(dialect.profile.model, reported=False)
+    digits: list[tuple[str, str]] = []
+    for part, request in zip(IDENTITY_PARTS, dialect.identity_reads(), strict=True):
+        answer = yield from talk.transact(request)
+        info = getattr(answer.reply, "info", None)
+        if answer.error is None and info and dialect.rejection(answer.reply) is None:
+            digits.append((part, info))
+    return _from_digits(dialect.profile.model, tuple(digits))
+
+
+def _from_digits(model: str, digits: tuple[tuple[str, str], ...]) -> Identity:
+    """Manual 3 (1): group 0 voltage class and power in decimal digits, group 3 who controls."""
+    found = dict(digits)
+    first, control = found.get("model", "------"), found.get("control", "--")
+    power = int(first[2:]) / 10 if first[2:].isdecimal() else None
+    return Identity(
+        model, bool(digits), VOLTAGE_CLASSES.get(first[0]), power, digits, _flag(control[0]), _flag(control[1])
+    )
+
+
+def _flag(digit: str) -> bool | None:
+    return {"0": False, "1": True}.get(digit)
+
+
+@dataclass(frozen=True, slots=True)
+class CommLossReport:
+    """``trips`` True: it stops by itself after ``time``; False: it runs on; None: nobody published what it does."""
+
+    stops_on_comm_loss: bool | None
+    key: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+    time: Reading | None = None
+    action: Reading | None = None
+
+    def text(self, language: str = "en") -> str:
+        """One sentence for the person who is about to leave."""
+        return i18n.text(self.key, language, **self.params)
+
+
+def comm_loss_behaviour(talk: OperationContext) -> DriveOperation[CommLossReport]:
+    """Read the timer and its action. An unknown answer is to be treated as "it keeps running"."""
+    rule, model = talk.dialect.profile.comm_loss, talk.dialect.profile.model
+    notations = tuple(n for n in (rule.time_notation, rule.action_notation) if n is not None)
+    if not notations:
+        return CommLossReport(None, "drives.host_dies_unpublished", {"model": model})
+    found = yield from read_values(talk, notations)
+    time = found.get(rule.time_notation) if rule.time_notation else None
+    action = found.get(rule.action_notation) if rule.action_notation else None
+    if any(r is not None and (r.raw is None or r.quality is Quality.BAD) for r in (time, action)):
+        return CommLossReport(None, "drives.host_dies_unread", {"model": model}, time, action)
+    said: dict[str, Any] = {"time": _value_text(time), "notation": rule.time_notation, "action": rule.action_notation}
+    said["value"] = None if action is None else action.raw
+    if time is not None and time.raw == 0:
+        return CommLossReport(False, "drives.host_dies_off", said, time, action)
+    if action is None or not rule.trips_values:
+        return CommLossReport(None, "drives.host_dies_unknown", said, time, action)
+    trips = action.raw in rule.trips_values
+    return CommLossReport(trips, "drives.host_dies_stops" if trips else "drives.host_dies_runs_on", said, time, action)
+
+
+def _value_text(reading: Reading | None) -> str:
+    if reading is None or not isinstance(reading.value, int | float):
+        return "?"
+    return f"{reading.value:g} {reading.unit}".strip()
+
 
 CANONICAL_SIGNALS = {
     "set_frequency": "Hz",

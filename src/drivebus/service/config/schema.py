@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from drivebus.drives.eeprom_budget import DEFAULT_SAVES_PER_DAY
+from drivebus.drives.context import DEFAULT_SAVES_PER_DAY
 from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig, WebConfig
 

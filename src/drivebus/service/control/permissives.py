@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from drivebus.drives import permissives
-from drivebus.drives.operations.runner import bus_conditions
+from drivebus.drives.runner import bus_conditions
 from drivebus.errors import AuditUnavailable, DrivebusError, Interlocked, ServiceUnavailable, WaiverRequired
 from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime

@@ -12,8 +12,7 @@ from drivebus.bus.station import Presence
 from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operations.comm_loss import CommLossReport
-from drivebus.drives.operations.status import complete_status
+from drivebus.drives.operations.status import CommLossReport, complete_status
 from drivebus.drives.store import Store
 from drivebus.profiles.model import Text
 from drivebus.service.api.errors import localized
