@@ -1,4 +1,4 @@
-"""drivebus: control and monitor variable-frequency drives of many makes on RS485, truthfully and safely.
+"""drivebus: control and monitor variable-frequency drives of many makes on RS485.
 
     import asyncio, drivebus
 
@@ -11,7 +11,7 @@
 
     asyncio.run(main())
 
-The public names, loaded when they are first used. ``drivebus.blocking`` is the same without async.
+The names below are public and loaded when they are first used. ``drivebus.blocking`` is the synchronous API.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ __all__ = [
 
 
 def open_bus(url: str, *, baud: int | None = None, format: str | None = None) -> Bus:
-    """A bus on a LINK (``/dev/ttyUSB0``, ``tcp://host:port``, ``sim://c320@1``), opened by ``async with`` or ``open``.
+    """Return a bus on a port URL (``/dev/ttyUSB0``, ``tcp://host:port``, ``sim://c320@1``), not yet opened.
 
-    Raises PortUrlError for a LINK that can't be understood; opening raises PortUnavailable with why and what to do.
+    Opened by ``async with`` or ``open``. Raises PortUrlError; opening raises PortUnavailable with the remedy.
     """
     from drivebus.bus import Bus
     from drivebus.ports import open_port

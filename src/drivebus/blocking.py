@@ -1,4 +1,4 @@
-"""The synchronous twin, for scripts and notebooks: the same drives, one call after the other.
+"""Synchronous API for scripts and notebooks: the same drives, without ``await``.
 
     from drivebus import blocking
 
@@ -7,7 +7,7 @@
         drive.run(25.0, wait=True)
         drive.stop()
 
-The bus lives on an event loop in a thread of its own; every call waits for its end there. Nothing is decided here.
+The bus runs on an event loop in a thread of its own; every call waits there for its result.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from drivebus import drives
 from drivebus.bus import Bus as AsyncBus
 from drivebus.bus import BusStatistics, StationHealth
 from drivebus.drives.context import DriveLimits, Preflight
-from drivebus.drives.jog_session import JogSession
+from drivebus.drives.jog_session import JogSession as AsyncJogSession
 from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
 from drivebus.drives.operations.status import CommLossReport, Identity
 from drivebus.drives.state import Direction, DriveStatus, Outcome
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Reading
 
-__all__ = ["Bus", "Drive", "Lease", "Monitor", "open_bus", "stop_bus"]
+__all__ = ["Bus", "Drive", "JogSession", "Monitor", "open_bus", "stop_bus"]
 
 T = TypeVar("T")
 
 
 class Bus:
-    """One bus on a thread of its own. Made by ``open_bus``; a context manager."""
+    """One bus on a thread of its own, opened by ``open_bus``. A context manager."""
 
     def __init__(self, factory: Callable[[], AsyncBus]) -> None:
         self._loop = asyncio.new_event_loop()
@@ -50,7 +50,7 @@ class Bus:
             raise
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the bus's loop to its end. An interrupt cancels it: nothing more of it is sent."""
+        """Run a coroutine on the bus's loop and return its result. An interrupt cancels it: nothing more is sent."""
         future = self.start(coroutine)
         try:
             return future.result()
@@ -59,25 +59,25 @@ class Bus:
             raise
 
     def start(self, coroutine: Coroutine[Any, Any, T]) -> futures.Future[T]:
-        """Start a coroutine on the bus's loop; whoever asked may cancel it or wait for its end."""
+        """Start a coroutine on the bus's loop and return its future."""
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function on the bus's loop (a coroutine function is awaited)."""
+        """Call a function on the bus's loop, awaiting a coroutine function, and return its result."""
 
-        async def there() -> Any:
-            found = function(*arguments)
-            return await found if asyncio.iscoroutine(found) else found
+        async def on_loop() -> Any:
+            result = function(*arguments)
+            return await result if asyncio.iscoroutine(result) else result
 
-        return self.run(there())
+        return self.run(on_loop())
 
     def statistics(self) -> BusStatistics:
-        """Load, rates, reply times and errors."""
+        """Return load, rates, reply times, errors and bytes, of the bus and of each station."""
         found: BusStatistics = self.call(self.bus.statistics)
         return found
 
     def health(self, address: int) -> StationHealth:
-        """Presence, error rate, foreign master, duplicate address. Raises KeyError for an address without a drive."""
+        """Return presence, error rates, foreign master, duplicate address. Raises KeyError: address not registered."""
         found: StationHealth = self.call(self.bus.health, address)
         return found
 
@@ -91,11 +91,11 @@ class Bus:
         self.call(self.bus.inhibit_start, addresses)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
-        """The reset after a bus stop: motion is allowed again, nothing starts by itself."""
+        """Reset the start inhibit: motion is allowed again, nothing starts by itself."""
         self.call(self.bus.release_start, addresses)
 
     def start_inhibited(self, address: int) -> bool:
-        """Does a bus stop hold this station? Raises KeyError."""
+        """Return whether a start inhibit holds this station. Raises KeyError."""
         return bool(self.call(self.bus.start_inhibited, address))
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class Bus:
         self._loop.close()
 
     def _cancel_all(self) -> None:
-        """What still runs (a repeated stop) ends with the bus."""
+        """Cancel the tasks that still run, such as a repeated stop."""
         for task in asyncio.all_tasks(self._loop):
             task.cancel()
         self._loop.call_soon(self._loop.stop)
@@ -125,14 +125,14 @@ class Bus:
         self.close()
 
 
-async def _open(make: Callable[[], AsyncBus]) -> AsyncBus:
-    bus = make()
+async def _open(factory: Callable[[], AsyncBus]) -> AsyncBus:
+    bus = factory()
     await bus.open()
     return bus
 
 
 def open_bus(url: str, *, baud: int | None = None, format: str | None = None) -> Bus:
-    """An open bus on a LINK such as ``/dev/ttyUSB0``, ``tcp://host:port`` or ``sim://c320@1``.
+    """Open a bus on a port URL such as ``/dev/ttyUSB0``, ``tcp://host:port`` or ``sim://c320@1``.
 
     Raises PortUrlError, PortUnavailable.
     """
@@ -141,29 +141,29 @@ def open_bus(url: str, *, baud: int | None = None, format: str | None = None) ->
     return Bus(lambda: drivebus.open_bus(url, baud=baud, format=format))
 
 
-class Lease:
-    """``with drive.jog(5.0) as lease: ... lease.renew()``."""
+class JogSession:
+    """``with drive.jog(5.0) as session: ... session.renew()``."""
 
-    def __init__(self, bus: Bus, lease: JogSession) -> None:
-        self._bus, self._lease = bus, lease
+    def __init__(self, bus: Bus, session: AsyncJogSession) -> None:
+        self._bus, self._session = bus, session
 
     def renew(self) -> None:
-        """The hand is still on the key. Raises StartInhibited once the lease was lost."""
-        self._bus.call(self._lease.renew)
+        """Dead-man keep-alive: extend the session. Raises StartInhibited once it has expired."""
+        self._bus.call(self._session.renew)
 
     @property
     def expired(self) -> bool:
-        """The lease ran out and the jog was stopped."""
-        return self._lease.expired
+        """Whether the session was not renewed in time and the jog was stopped."""
+        return self._session.expired
 
-    def __enter__(self) -> Lease:
-        self._bus.run(self._lease.start())
+    def __enter__(self) -> JogSession:
+        self._bus.run(self._session.start())
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bus.run(self._lease.stop())
+        self._bus.run(self._session.stop())
 
 
 class Monitor:
@@ -174,17 +174,17 @@ class Monitor:
         self._monitor: drives.Monitor = bus.call(make)
 
     def status(self) -> DriveStatus:
-        """The newest readings; what is too old is marked bad, and an old state is UNKNOWN. Sends nothing."""
+        """Return the newest readings; old ones are marked bad, and an old state is UNKNOWN. Sends nothing."""
         found: DriveStatus = self._bus.call(self._monitor.status)
         return found
 
     @property
     def last_error(self) -> Exception | None:
-        """Why the newest poll got no reply, None where it got one."""
+        """Error of the newest poll, None where it got a reply."""
         return self._monitor.last_error
 
     def close(self) -> None:
-        """No more polls. Idempotent."""
+        """End the polls. Idempotent."""
         self._bus.call(self._monitor.close)
 
     def __enter__(self) -> Monitor:
@@ -197,7 +197,7 @@ class Monitor:
 
 
 class Drive:
-    """One drive; the methods of ``drivebus.Drive``, each returning when it is done. Same results, same errors."""
+    """One drive, with the methods of ``drivebus.Drive``: same results, same errors, each returns when it is done."""
 
     def __init__(self, bus: Bus, profile: DriveProfile | str | Path, address: int, **options: Any) -> None:
         self._bus = bus
@@ -234,8 +234,8 @@ class Drive:
         direction: Direction | str = "forward",
         lease_s: float = 0.5,
         requested_at: float | None = None,
-    ) -> Lease:
-        return Lease(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))
+    ) -> JogSession:
+        return JogSession(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))
 
     def stop(self, wait: bool = True) -> Outcome:
         return self._bus.run(self.drive.stop(wait))
@@ -248,12 +248,12 @@ class Drive:
 
     @property
     def stop_pending(self) -> bool:
-        """A stop was sent that the drive has not confirmed; it is being repeated while the bus is open."""
+        """Whether a stop was sent that the drive has not confirmed; it is repeated while the bus is open."""
         return self.drive.stop_pending
 
     @property
     def stopping(self) -> bool:
-        """A stop is under way, or was not confirmed and is being repeated."""
+        """Whether a stop is in progress, or was not confirmed and is repeated."""
         return self.drive.stopping
 
     def stop_concurrently(self, drive_count: int) -> Outcome:
@@ -261,7 +261,7 @@ class Drive:
 
     @property
     def limits(self) -> DriveLimits:
-        """The user's own limits; what is set here holds from the next command on."""
+        """Limits of the user; a change applies from the next command on."""
         return self.drive.limits
 
     @limits.setter
@@ -270,20 +270,20 @@ class Drive:
 
     @property
     def range_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency that may be set."""
+        """Lowest and highest frequency that may be set, in Hz."""
         return self.drive.range_hz
 
     @property
     def acceleration_s(self) -> float | None:
-        """Its ramp, where the pre-flight has read it."""
+        """Acceleration time in seconds, None where the preflight check has not read it."""
         return self.drive.acceleration_s
 
     def check_frequency(self, frequency_hz: float) -> float:
-        """What the drive makes of a frequency, in Hz. Raises LimitError; nothing is sent."""
+        """Return the frequency in Hz as the drive would round it. Raises LimitError; sends nothing."""
         return self.drive.check_frequency(frequency_hz)
 
     def set_poll_periods(self, profile: DriveProfile) -> None:
-        """The same model with other periods: for the monitors that follow."""
+        """Set the poll periods of monitors started from now on."""
         self._bus.call(lambda: self.drive.set_poll_periods(profile))
 
     def reset_fault(self) -> Outcome:
@@ -311,30 +311,30 @@ class Drive:
         return self._bus.run(self.drive.calibrate_setpoint_coding(direction))
 
     def calibrate_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
-        """One jog; then ``watched`` is called on the caller's own thread (it may ask with ``input``)."""
+        """Jog once, then call ``watched`` on the caller's own thread (it may use ``input``)."""
         jogged: futures.Future[None] = futures.Future()
-        seen: futures.Future[Direction | None] = futures.Future()
+        watched_direction: futures.Future[Direction | None] = futures.Future()
 
-        async def asked() -> Direction | None:
+        async def answer() -> Direction | None:
             jogged.set_result(None)
-            return await asyncio.wrap_future(seen)
+            return await asyncio.wrap_future(watched_direction)
 
-        proof = self._bus.start(self.drive.calibrate_direction(frequency_hz, asked))
-        ends: tuple[futures.Future[Any], ...] = (jogged, proof)
+        calibration = self._bus.start(self.drive.calibrate_direction(frequency_hz, answer))
+        ends: tuple[futures.Future[Any], ...] = (jogged, calibration)
         try:
             futures.wait(ends, return_when=futures.FIRST_COMPLETED)
             if jogged.done():
-                seen.set_result(watched())
-            return proof.result()
+                watched_direction.set_result(watched())
+            return calibration.result()
         except BaseException:
-            proof.cancel()
+            calibration.cancel()
             raise
 
     def close(self) -> None:
-        """Take the drive off its bus; sends nothing."""
+        """Remove the drive from its bus; sends nothing."""
         self._bus.call(self.drive.close)
 
 
 def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
-    """Stop every drive of a bus; see ``drivebus.stop_bus``."""
+    """Stop every drive on a bus; see ``drivebus.stop_bus``."""
     return bus.run(drives.stop_bus(bus.bus, [one.drive for one in stopped]))

@@ -1,4 +1,4 @@
-"""Who speaks when on one line: ``Bus`` is the master; everything that it decides is decided in the pure ``core``."""
+"""Master of one RS485 bus: ``Bus`` is its interface, ``core`` its engine without clock or I/O."""
 
 from drivebus.bus.bus import Bus, PollSubscription
 from drivebus.bus.load import BusLoad, DriveLoad, estimate_bus_load

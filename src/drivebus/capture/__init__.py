@@ -1,0 +1,1 @@
+"""Recorded traffic: the capture format ``dbcap`` and the export format ``pcapng``."""

@@ -1,4 +1,4 @@
-"""pcapng, the file that Wireshark opens: its blocks and nothing else. No port, no clock, nothing of serial lines.
+"""Writer of pcapng, the file format of Wireshark.
 
 Little-endian; one section, one interface, times in microseconds of the Unix epoch. Source: the pcapng specification of
 the IETF's opsawg (draft-ietf-opsawg-pcapng), 4.1 section header, 4.2 interface description, 4.3 enhanced packet.
@@ -11,22 +11,20 @@ from dataclasses import dataclass
 from struct import pack
 from typing import Final
 
-MAX_TIME_US: Final = 2**64 - 1
-"""The latest moment that a packet can have."""
+MAX_TIME_US: Final = 2**64 - 1  # the time of a packet has 64 bits
 _ANY_LENGTH: Final = -1
 _MICROSECONDS: Final = b"\x06"
 _IN, _OUT = 1, 2
 _SYMBOL_ERROR: Final = 1 << 31
-_MAX_TEXT_CHARACTERS: Final = 1000
-"""Characters; an option holds 65,535 octets."""
+_MAX_TEXT_CHARACTERS: Final = 1000  # an option holds 65,535 octets
 
 
 @dataclass(frozen=True, slots=True)
 class PcapngInterface:
-    """Where the packets were heard."""
+    """Interface on which the packets were captured."""
 
     link_type: int
-    """What a packet begins with (the registry of link types at tcpdump.org)."""
+    """Link type of the packets, from the registry at tcpdump.org."""
     name: str = ""
     description: str = ""
     speed_bit_s: int = 0
@@ -34,20 +32,20 @@ class PcapngInterface:
 
 @dataclass(frozen=True, slots=True)
 class PcapngPacket:
-    """What was on the line at one moment."""
+    """One captured packet."""
 
     time_us: int
-    """Since the Unix epoch, 0 to ``MAX_TIME_US``."""
+    """Microseconds since the Unix epoch, 0 to ``MAX_TIME_US``."""
     data: bytes
     inbound: bool
-    """Inbound; else outbound: sent by ourselves."""
+    """Received; else sent by ourselves."""
     damaged: bool = False
-    """The hardware marked it: parity or framing error."""
+    """Parity or framing error reported by the hardware."""
     comments: tuple[str, ...] = ()
 
 
 def encode(packets: Iterable[PcapngPacket], interface: PcapngInterface, writer: str = "", comment: str = "") -> bytes:
-    """The whole file. Raises struct.error for a time out of range."""
+    """Return the bytes of the file. Raises struct.error for a time out of range."""
     return b"".join((_section(writer, comment), _interface(interface), *map(_packet, packets)))
 
 
@@ -75,7 +73,7 @@ def _packet(packet: PcapngPacket) -> bytes:
 
 
 def _block(kind: int, head: bytes, *options: bytes) -> bytes:
-    """Type, total length, body, total length again; the options end with an empty one."""
+    """Return a block: type, total length, body, total length again; the options end with an empty one."""
     body = b"".join((head, *options, bytes(4)))
     size = pack("<I", len(body) + 12)
     return pack("<I", kind) + size + body + size

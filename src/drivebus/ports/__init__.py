@@ -1,7 +1,7 @@
-"""Bytes in and out: serial ports, TCP serial servers, RFC 2217, memory, replay. Chosen by the scheme of a LINK.
+"""Ports: serial, TCP serial servers, RFC 2217, memory and replay, chosen by the scheme of a port URL.
 
-Nothing here knows a frame. Modules of a scheme are imported when it is used, through the entry-point group
-``drivebus.ports``: a factory ``open_port(link: drivebus.ports.url.Link) -> Port``.
+Ports transport bytes and do not know frames. A scheme is an entry point of the group ``drivebus.ports``, a function
+``open_port(url: PortUrl) -> Port``, imported when it is used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["Capabilities", "Port", "PortUrl", "Receiver", "list_ports", "open_po
 
 
 def open_port(url: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> Port:
-    """The port that ``link`` names, not yet opened. Explicit arguments beat the link's query. Raises PortUrlError."""
+    """Return the port of a URL, not yet opened; arguments override the query. Raises PortUrlError."""
     parsed = parse_port_url(url, baud=baud, format=format, **options)
     found = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
     if not found:
@@ -32,7 +32,7 @@ def open_port(url: str, *, baud: int | None = None, format: str | None = None, *
 
 
 def list_ports() -> list[PortInfo]:
-    """The serial ports of this machine: device, what it is, its stable name, who holds it."""
+    """Return the serial ports of this machine: device, description, stable name, processes that use it."""
     from drivebus.ports.discovery import list_ports as listed
 
     return listed()

@@ -8,21 +8,21 @@ from typing import Any, Protocol
 
 
 class Effect(Enum):
-    """What a frame does to the drive that obeys it, derived from its bytes."""
+    """Effect of a frame on the drive, derived from its bytes."""
 
     NONE = "none"
     """A pure read."""
     SETTING = "setting"
-    """Writes a parameter or a setpoint, resets a fault: no start by itself."""
+    """Writes a parameter or a setpoint, or resets a fault: does not start the motor by itself."""
     MOTION = "motion"
     """May start or jog the motor."""
     STOP = "stop"
-    """Can only take motion away. Needs no permit, is dropped by no check (ruling 5)."""
+    """Can only end motion. Needs no permit, is rejected by no check."""
 
 
 @dataclass(frozen=True, slots=True)
 class Incomplete:
-    """Ask again when ``need`` bytes (counted from offset 0) have arrived."""
+    """More bytes are needed: decode again when there are ``need`` bytes, counted from offset 0."""
 
     need: int
 
@@ -37,7 +37,7 @@ class Complete:
 
 @dataclass(frozen=True, slots=True)
 class CompleteIfSilent:
-    """The first ``size`` bytes are this message if nothing follows; else ask again with ``need`` bytes (ruling 11)."""
+    """The first ``size`` bytes are this message if no byte follows; else decode again with ``need`` bytes."""
 
     message: Any
     size: int
@@ -48,10 +48,10 @@ DecodeResult = Incomplete | Complete | CompleteIfSilent
 
 
 class Codec(Protocol):
-    """One encoding of one protocol, both sides. Pure; strict at offset 0; never hunts.
+    """One encoding of one protocol, master and station side. A frame must begin at offset 0; nothing is searched.
 
-    All decoding raises ``drivebus.errors.ProtocolError`` (a subclass) and nothing else, for any bytes, and gives
-    the same answer whole or byte by byte.
+    Decoding raises only subclasses of ``drivebus.errors.ProtocolError``, for any bytes, and gives the same result whole
+    or byte by byte.
     """
 
     family: str
@@ -61,33 +61,33 @@ class Codec(Protocol):
 
     @property
     def broadcast_address(self) -> int | None:
-        """The address that every station hears and none answers."""
+        """Address that every station obeys and none replies to; None where the protocol has none."""
         ...
 
     def encode_request(self, request: Any, /) -> bytes:
-        """The canonical bytes of a request. Raises ValueError for a field out of range."""
+        """Return the canonical bytes of a request. Raises ValueError for a field out of range."""
         ...
 
     def encode_reply(self, reply: Any, /) -> bytes:
-        """The canonical bytes of a station's reply."""
+        """Return the canonical bytes of a reply."""
         ...
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Station side: the request that begins at offset 0."""
+        """Decode the request that begins at offset 0 (station side)."""
         ...
 
     def decode_reply(self, request: Any, data: bytes, /) -> DecodeResult:
-        """Host side: is this the reply to that request? An error reply of the drive is a message, not an exception."""
+        """Decode the reply to a request (master side). An error reply of the drive is a message, not an exception."""
         ...
 
     def reply_size(self, request: Any, /) -> int:
-        """Bytes of the normal reply; 0 where none is expected (broadcast)."""
+        """Return the bytes of the normal reply; 0 where none is expected (broadcast)."""
         ...
 
     def largest_reply(self, request: Any, /) -> int:
-        """Bytes of the longest lawful reply: with this the reply deadline is computed."""
+        """Return the bytes of the longest permitted reply: the reply timeout is computed from it."""
         ...
 
     def address_of(self, request: Any, /) -> int:
-        """The station that the request speaks to."""
+        """Return the station that the request addresses."""
         ...

@@ -1,1 +1,1 @@
-"""Public kits for tests: virtual time (``virtual``), scripted ports (``playbook``), codecs (``codec_kit``)."""
+"""Public test kits: virtual time (``virtual_time``), scripted buses (``bus_script``), codecs (``codec_kit``)."""
