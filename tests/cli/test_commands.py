@@ -90,17 +90,17 @@ def test_g16_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
     monkeypatch.setattr("drivebus.drives.drive.VOLATILE_SCHEMES", ())
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     words = ("write", "sim://df800@1", "--save", "--model", "df800", "--address", "1")
-    assert ask(*words, "F1.07=12", "--saves-per-day", "1")["outcome"] == "confirmed"
-    error = ask(*words, "F1.07=13", "--saves-per-day", "1", code=1)["error"]
+    assert ask(*words, "F1.07=12", "--eeprom-writes-per-day", "1")["outcome"] == "confirmed"
+    error = ask(*words, "F1.07=13", "--eeprom-writes-per-day", "1", code=1)["error"]
     assert (error["type"], error["params"]["budget"]) == ("EepromBudgetExceeded", 1)
-    assert "--saves-per-day" in error["hint"]
+    assert "--eeprom-writes-per-day" in error["hint"]
     assert ask(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
 
 
 def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expected() -> None:
     words = ("write", "sim://df800@1", "F1.07=12", "--save", "--model", "df800", "--address", "1")
-    text = ask(*words, "--saves-per-day", "-1", code=2)["error"]["text"]
-    assert "--saves-per-day" in text and "found -1" in text and "expected a whole number" in text
+    text = ask(*words, "--eeprom-writes-per-day", "-1", code=2)["error"]["text"]
+    assert "--eeprom-writes-per-day" in text and "found -1" in text and "expected a whole number" in text
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

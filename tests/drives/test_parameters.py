@@ -160,15 +160,15 @@ def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("found", [-1, 2.0, "5", True, None])
 def test_a_budget_is_a_whole_number(found: Any) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        DriveLimits(saves_per_day=found)
-    assert (caught.value.key, caught.value.params["found"]) == ("drives.saves_per_day", found)
+        DriveLimits(eeprom_writes_per_day=found)
+    assert (caught.value.key, caught.value.params["found"]) == ("drives.eeprom_writes_per_day", found)
 
 
 def test_g16_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
     """Counted whatever the budget is: one that is raised goes on where the old one ended, 0 saves nothing."""
 
     async def saved(budget: int, value: float) -> bool:
-        limits = DriveLimits(saves_per_day=budget)
+        limits = DriveLimits(eeprom_writes_per_day=budget)
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive(limits=limits, store=FileStore(tmp_path / "s.json"))
             try:

@@ -209,7 +209,7 @@ def test_a_port_that_can_not_be_opened_has_no_load_and_no_reply_times() -> None:
                 METRIC_PREFIX + name for name in ("bus_load_ratio", "bus_occupied_ratio", "bus_reply_seconds")
             }
             assert of(found, "bus_load_ratio", bus="a") and of(found, "bus_reply_seconds", bus="a", quantile="0.5")
-            assert of(found, "alarms_active", priority="urgent") == 1
+            assert of(found, "alarms_active", priority="critical") == 1
 
     run(story())
 

@@ -38,7 +38,7 @@ JUMPS_PER_STORY = 10
 STORY_DURATION_S, MEAN_COMMAND_PAUSE_S = 20.0, 1.0
 CLOCK_LINE_QUALITIES = ("clean", "clean", "bytes", "loss=0.05", "late=0.05:0.3", "noisy")
 WRITABLE_PARAMETERS = {"c320": "F0.2", "dzb100": "10", "vc660": "F00.02", "df800": "F1.00"}
-SAVES_PER_DAY = 3
+EEPROM_WRITES_PER_DAY = 3
 ScriptedEvent = tuple[float, str, tuple[Any, ...]]
 
 
@@ -160,7 +160,7 @@ class EepromBudgetTrial:
             encoding=kind.encoding,
             settings=dict(kind.settings),
             store=MemoryStore(),
-            limits=DriveLimits(saves_per_day=SAVES_PER_DAY),
+            limits=DriveLimits(eeprom_writes_per_day=EEPROM_WRITES_PER_DAY),
         )
         self.saved: Counter[str] = Counter()
         """Writes that the drive's EEPROM saw, by the latest day that was ever shown."""
@@ -171,7 +171,7 @@ class EepromBudgetTrial:
             for name in jumps:
                 self.clock.jump(name)
                 self.session.count(f"budget after {name}")
-                for _ in range(self.chance.randrange(1, SAVES_PER_DAY + 2)):
+                for _ in range(self.chance.randrange(1, EEPROM_WRITES_PER_DAY + 2)):
                     self._save()
             self.scenario.close()
 
@@ -186,7 +186,7 @@ class EepromBudgetTrial:
         )
         stand.finish(wish)
         written = memory.eeprom_writes.total() - before
-        free = self.saved[self.latest] < SAVES_PER_DAY
+        free = self.saved[self.latest] < EEPROM_WRITES_PER_DAY
         self.saved[self.latest] += written
         if written > free or free is (wish.result_word == "WearBudget"):
             said = f"{self.saved[self.latest]} saves on {self.latest}, the last one ended as {wish.result_word}"

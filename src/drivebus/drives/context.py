@@ -15,7 +15,7 @@ from drivebus.drives.store import Store
 from drivebus.errors import CapabilityError, ConfigurationError, EepromBudgetExceeded, LimitError
 from drivebus.profiles.model import Text
 
-DEFAULT_SAVES_PER_DAY = 20
+DEFAULT_EEPROM_WRITES_PER_DAY = 20
 """Writes of one parameter a day: at 100,000 writes an EEPROM lasts 13 years of that, at 10,000 1.4."""
 
 
@@ -33,7 +33,7 @@ class SaveCount:
 class EepromBudget:
     """Counters of one drive over a Store."""
 
-    def __init__(self, store: Store, key: str, budget: int = DEFAULT_SAVES_PER_DAY) -> None:
+    def __init__(self, store: Store, key: str, budget: int = DEFAULT_EEPROM_WRITES_PER_DAY) -> None:
         self._store, self._key, self.budget = store, key, budget
 
     def count(self, notation: str) -> SaveCount:
@@ -84,20 +84,20 @@ class EepromBudget:
 class DriveLimits:
     """The user's own limits. Those of frequency, in Hz, can only be narrower than the profile's.
 
-    Raises ConfigurationError where ``saves_per_day`` is no whole number from 0.
+    Raises ConfigurationError where ``eeprom_writes_per_day`` is no whole number from 0.
     """
 
     minimum_hz: float = 0.0
     maximum_hz: float | None = None
     forward: bool = True
     reverse: bool = True
-    saves_per_day: int = DEFAULT_SAVES_PER_DAY
+    eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY
     """How often a day each parameter may be written to EEPROM, 0: never (G16). Counted over restarts."""
 
     def __post_init__(self) -> None:
-        found = self.saves_per_day
+        found = self.eeprom_writes_per_day
         if type(found) is not int or found < 0:
-            raise ConfigurationError("drives.saves_per_day", found=found)
+            raise ConfigurationError("drives.eeprom_writes_per_day", found=found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ class Drive:
         self.bus.remove_station(self.address)
 
     def _eeprom_budget(self, limits: DriveLimits) -> EepromBudget:
-        return EepromBudget(self._store, drive_key(self.bus.port.identity, self.address), limits.saves_per_day)
+        return EepromBudget(self._store, drive_key(self.bus.port.identity, self.address), limits.eeprom_writes_per_day)
 
     def _load_stored(self) -> None:
         """Load calibration and EEPROM counters once the port is open: only then its identity is known.

@@ -181,7 +181,7 @@ def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> No
         what = {"what": "waiver.grant"}
         assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
         (alarm,) = kit.service.plant.alarms.active()
-        assert (alarm.kind, alarm.about) == ("store", "audit.jsonl")
+        assert (alarm.kind, alarm.subject) == ("storage_failure", "audit.jsonl")
 
     at_a_desk(story, drive_reset={}, waiver_grant={})
 
@@ -193,7 +193,7 @@ def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
         kit.trail.fails_silently = False
         await desk.call("drive.reset", FAN, LOCAL)
         (alarm,) = kit.service.plant.alarms.active()
-        assert (alarm.kind, alarm.about, alarm.cleared_ms is None) == ("store", "audit.jsonl", False)
+        assert (alarm.kind, alarm.subject, alarm.cleared_ms is None) == ("storage_failure", "audit.jsonl", False)
 
     at_a_desk(story, drive_reset={})
 

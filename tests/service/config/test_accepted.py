@@ -11,7 +11,7 @@ from drivebus.ports.url import parse_port_url
 from drivebus.service import config
 from drivebus.service.config.check import redact_url
 from drivebus.service.config.check_buses import device_of
-from drivebus.service.config.model import AlarmKind, AlarmPriority, PlantConfig
+from drivebus.service.config.model import AlarmKind, AlarmPriority, PlantConfig, RetentionConfig
 from drivebus.service.interlocks.expression import STATE_WORDS
 from fixtures.service import FAN_FILE
 
@@ -74,13 +74,18 @@ def test_the_other_encoding_on_a_line_of_its_own() -> None:
 def test_every_key_of_a_drive_and_of_the_plant_arrives() -> None:
     found = plant(
         pump="title = { en = 'Pump', zh = '泵' }\non_client_lost = 'stop'\non_service_stop = 'hold'\n"
-        "on_restart = 'stop'\nfastest_s = 2.5\nsignals = { output_current = 4.0 }",
-        raw="limits = { saves_per_day = 3, forward = false }",
+        "on_restart = 'stop'\nmin_poll_interval_s = 2.5\nsignals = { output_current = 4.0 }",
+        raw="limits = { eeprom_writes_per_day = 3, forward = false }",
     )
     pump = found.drive("pump")
-    assert (pump.title.en, pump.title.zh, pump.fastest_s, pump.signals) == ("Pump", "泵", 2.5, {"output_current": 4.0})
+    assert (pump.title.en, pump.title.zh, pump.min_poll_interval_s, pump.signals) == (
+        "Pump",
+        "泵",
+        2.5,
+        {"output_current": 4.0},
+    )
     assert (pump.on_client_lost, pump.on_service_stop, pump.on_restart) == ("stop", "hold", "stop")
-    assert (found.drive("raw").limits.saves_per_day, found.drive("raw").limits.forward) == (3, False)
+    assert (found.drive("raw").limits.eeprom_writes_per_day, found.drive("raw").limits.forward) == (3, False)
     with pytest.raises(KeyError):
         found.drive("nobody")
 
@@ -142,7 +147,7 @@ def test_a_period_just_as_long_as_the_question_takes_is_not_too_often() -> None:
     assert plant(fan=edge).drive("fan").signals["output_frequency"] == pytest.approx(once_s, abs=1e-5)
     fast = HEAD.replace("[drive.fan]", f"[drive.fan]\nsignals = {{ output_frequency = {once_s - 1e-3:.6f} }}")
     assert kinds(fast) == ["too_often"]
-    slowed = plant(fan=f"fastest_s = 1.0\nsignals = {{ output_frequency = {once_s - 1e-3:.6f} }}")
+    slowed = plant(fan=f"min_poll_interval_s = 1.0\nsignals = {{ output_frequency = {once_s - 1e-3:.6f} }}")
     assert config.bus_loads(slowed)[0].drives[0].periods == {"output_frequency": 1.0}
 
 
@@ -210,12 +215,12 @@ def test_a_raw_word_may_have_an_alarm_of_its_own() -> None:
 
 def test_a_group_with_everything() -> None:
     more = (
-        '[group.g]\ndrives = ["fan", "pump"]\nleader = "pump"\nratios = { fan = 0.5 }\nstagger_s = 2.0\nat_once = 2\n'
-        'title = "Both"\n'
+        '[group.g]\ndrives = ["fan", "pump"]\nleader = "pump"\nratios = { fan = 0.5 }\n'
+        'start_interval_s = 2.0\nmax_concurrent_starts = 2\ntitle = "Both"\n'
     )
     group = plant(more).groups[0]
     assert (group.drives, group.leader, group.ratios) == (("fan", "pump"), "pump", {"fan": 0.5})
-    assert (group.stagger_s, group.at_once, group.title.zh) == (2.0, 2, "Both")
+    assert (group.start_interval_s, group.max_concurrent_starts, group.title.zh) == (2.0, 2, "Both")
 
 
 # --- places -------------------------------------------------------------------------------------------------------
@@ -238,9 +243,11 @@ def test_databases(url: str) -> None:
 
 
 def test_retention_may_be_equal_and_every_figure_arrives() -> None:
-    more = "[history]\nraw_days = 7.0\nsecond_days = 7.0\nminute_days = 8.0\nhour_days = 9.0\nlargest_mb = 50.0\n"
+    days = "raw_days = 7.0\nrollup_1s_days = 7.0\nrollup_1min_days = 8.0\nrollup_1h_days = 9.0\n"
+    more = f"[history]\nmax_size_mb = 50.0\n[history.retention]\n{days}"
     found = plant(more).history
-    assert (found.raw_days, found.second_days, found.minute_days, found.hour_days, found.largest_mb) == (7, 7, 8, 9, 50)
+    retention = RetentionConfig(raw_days=7, rollup_1s_days=7, rollup_1min_days=8, rollup_1h_days=9)
+    assert (found.retention, found.max_size_mb) == (retention, 50)
 
 
 def test_folders_that_are_there_and_that_are_not(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def a_drive(id: str) -> st.SearchStrategy[DriveConfig]:
         settings=st.sampled_from([{}, {"nibble": True}]),
         limits=st.sampled_from([DriveLimits(), DriveLimits(5.0)]),
         signals=st.sampled_from([{}, {"output_frequency": 0.5}]),
-        fastest_s=st.sampled_from([0.0, 1.0]),
+        min_poll_interval_s=st.sampled_from([0.0, 1.0]),
         on_restart=st.sampled_from(OnRestart),
     )
 
@@ -69,7 +69,7 @@ plants = st.builds(
     named(lambda id: st.builds(GroupConfig, st.just(id), st.sampled_from([("u",), ("u", "v")])), "gh"),
     named(lambda id: st.builds(InterlockConfig, st.just(id), st.just(("u",)), st.sampled_from(["a", "b"])), "ij"),
     named(lambda id: st.builds(AlarmConfig, st.just(id), st.sampled_from(AlarmKind), st.just(())), "kl"),
-    st.sampled_from([HistoryConfig(), HistoryConfig(raw_days=3.0)]),
+    st.sampled_from([HistoryConfig(), HistoryConfig(max_size_mb=50.0)]),
     st.sampled_from([WebConfig(), WebConfig(port=9000)]),
     source=st.sampled_from(["plant.toml", "other.toml"]),
 )
@@ -135,7 +135,7 @@ model = "c320"
         ('address = 2\nmodel = "c320"', 'address = 2\nmodel = "c300"', ReloadAction.RECREATE),
         ("address = 2", "address = 2\nsettings = { nibble = true }", ReloadAction.RECREATE),
         ("address = 2", "address = 2\nsignals = { output_frequency = 1.0 }", ReloadAction.REPOLL),
-        ("address = 2", "address = 2\nfastest_s = 1.0", ReloadAction.REPOLL),
+        ("address = 2", "address = 2\nmin_poll_interval_s = 1.0", ReloadAction.REPOLL),
         ("address = 2", "address = 2\nlimits = { maximum_hz = 40.0 }", ReloadAction.UPDATE),
         ("address = 2", "address = 2\ntitle = 'Fan'", ReloadAction.UPDATE),
         ("address = 2", "address = 2\non_client_lost = 'stop'", ReloadAction.UPDATE),

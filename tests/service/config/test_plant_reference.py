@@ -78,6 +78,6 @@ def test_states_and_paces_on_the_page_are_the_codes_own() -> None:
         row = next(line for line in page.splitlines() if "`on_client_lost`, " in line or "`on_client_lost`、" in line)
         assert all(f"`{name}`" in row for name in UPDATE_FIELDS)
         assert (
-            re.search(r"^\| `signals`[,、] ?`fastest_s` \|", page, re.MULTILINE)
-            and {"signals", "fastest_s"} == REPOLL_FIELDS
+            re.search(r"^\| `signals`[,、] ?`min_poll_interval_s` \|", page, re.MULTILINE)
+            and {"signals", "min_poll_interval_s"} == REPOLL_FIELDS
         )

@@ -38,12 +38,12 @@ def watched(bus: Bus, setting: DriveConfig) -> tuple[Drive, list[Poll]]:
         return real(address, polls, sink)
 
     bus.start_polling = watch  # type: ignore[method-assign]
-    drive.monitor(tuple(setting.signals) or None, period_s=setting.fastest_s)
+    drive.monitor(tuple(setting.signals) or None, period_s=setting.min_poll_interval_s)
     return drive, asked
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
-@pytest.mark.parametrize("more", ["", "signals = { output_current = 3.0 }", "fastest_s = 1.5"])
+@pytest.mark.parametrize("more", ["", "signals = { output_current = 3.0 }", "min_poll_interval_s = 1.5"])
 def test_the_polls_that_are_reckoned_are_those_that_are_sent(model: str, more: str) -> None:
     if model == "c320":
         more = more.replace("output_current", "output_voltage")
@@ -76,7 +76,7 @@ async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]
                     gaps[id] = max(gaps.get(id, 0.0), at - last[-1]) if last else 0.0
                     last.append(at)
 
-            monitors.append(drive.monitor(tuple(one.signals) or None, heard, one.fastest_s))
+            monitors.append(drive.monitor(tuple(one.signals) or None, heard, one.min_poll_interval_s))
         await asyncio.sleep(seconds)
         for monitor in monitors:
             monitor.close()

@@ -77,7 +77,7 @@ def test_every_example_in_the_comments_is_good_as_well(model: str, addresses: tu
     plain = "\n".join(re.sub(r"^# (?=\[[a-z]|[a-z_]+ = )", "", line) for line in lines)
     plant = config.loads(plain)
     assert plant.drives[0].limits.maximum_hz == 45.0
-    assert plant.groups and plant.alarms and plant.history.raw_days == 2.0
+    assert plant.groups and plant.alarms and plant.history.retention.raw_days == 2.0
     assert len(plant.interlocks) == (model != "df800")
 
 

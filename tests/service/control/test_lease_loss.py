@@ -62,7 +62,7 @@ def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stan
                 unit.bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
             await asyncio.sleep(15)
             assert unit.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
-            assert ("lease_lost" in raised(kit)) is (silent and policy is OnClientLost.HOLD)
+            assert ("control_lost" in raised(kit)) is (silent and policy is OnClientLost.HOLD)
             stops = [one.what for one in kit.trail.entries if one.who == "drivebus"]
             assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
 

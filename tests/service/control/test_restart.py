@@ -62,7 +62,7 @@ def test_a_drive_that_is_found_running_is_adopted_or_stopped_and_never_started(p
                 else:
                     assert effects(service) == {Effect.NONE}
                     assert bench.station(1).motor.phase is not OutputPhase.OFF
-                    assert "no_owner" in kinds
+                    assert "running_at_start" in kinds
 
     run(second_life())
 

@@ -16,7 +16,7 @@ from drivebus.service.control.tickets import START_DEADLINE_S
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, plant_config, running_service
 
-GROUP = GroupConfig("fans", ("fan-1", "fan-2"), stagger_s=4.0)
+GROUP = GroupConfig("fans", ("fan-1", "fan-2"), start_interval_s=4.0)
 MOTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "run": ("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}),
     "jog": ("drive.jog", {"drive": "fan-1", "frequency_hz": 5.0}),
@@ -62,15 +62,17 @@ def test_i1_a_slow_record_leaves_the_checks_less_time(
     run(story())
 
 
-@pytest.mark.parametrize("stagger_s", [0.0, 3.0])
+@pytest.mark.parametrize("start_interval_s", [0.0, 3.0])
 def test_each_further_drive_of_a_group_has_a_clock_of_its_own(
-    stagger_s: float, monkeypatch: pytest.MonkeyPatch
+    start_interval_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its turn comes seconds after the wish; the lease shows that somebody still wishes it."""
     monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def story() -> None:
-        group = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), stagger_s=stagger_s, at_once=3)
+        group = GroupConfig(
+            "fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=3
+        )
         async with running_service(plant_config(groups=(group,))) as kit:
             await asyncio.sleep(2)
             await kit.grant_waivers()

@@ -7,12 +7,17 @@ from dataclasses import replace
 import pytest
 
 from drivebus.service.api.operations.history import TimeRangeParams
-from drivebus.service.config.model import HistoryConfig
+from drivebus.service.config.model import HistoryConfig, RetentionConfig
 from drivebus.service.historian import Historian, compaction, writer
 from drivebus.service.historian.points import DAY_MS, HOUR_MS, ResolutionLevel
 from fixtures.historian import NOON_MS, FakeWallClock, HistoryDatabase, compact_all, samples, trend
 
 TEN_YEARS = 3650 * DAY_MS
+
+
+def keep(database: HistoryDatabase, **days: float) -> HistoryConfig:
+    """The database's configuration with another retention."""
+    return replace(database.setting, retention=RetentionConfig(**days))
 
 
 class Clocks:
@@ -48,7 +53,7 @@ async def kept(historian: Historian) -> list[bool]:
 async def test_each_level_stays_as_long_as_it_is_set(
     database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    setting = replace(database.setting, raw_days=2, second_days=7, minute_days=30, hour_days=90)
+    setting = keep(database, raw_days=2, rollup_1s_days=7, rollup_1min_days=30, rollup_1h_days=90)
     wall = FakeWallClock()
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
@@ -74,7 +79,7 @@ async def test_each_level_stays_as_long_as_it_is_set(
 
 
 async def test_what_is_gone_at_a_fine_level_is_shown_from_a_coarse_one(database: HistoryDatabase) -> None:
-    setting = replace(database.setting, raw_days=2, second_days=7)
+    setting = keep(database, raw_days=2, rollup_1s_days=7)
     wall = FakeWallClock()
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
@@ -114,7 +119,7 @@ def test_a_pause_counts_as_a_day_at_most_and_never_backwards() -> None:
 
 
 async def test_age_goes_on_over_a_restart(database: HistoryDatabase) -> None:
-    setting = replace(database.setting, raw_days=2)
+    setting = keep(database, raw_days=2)
     wall = FakeWallClock()
     for day in range(4):
         async with database.historian(setting, wall_ms=wall) as historian:
@@ -128,7 +133,7 @@ async def test_age_goes_on_over_a_restart(database: HistoryDatabase) -> None:
 
 async def test_too_much_goes_from_the_finest_level_first_and_never_the_newest(database: HistoryDatabase) -> None:
     wall = FakeWallClock()
-    setting = replace(HistoryConfig(url=database.setting.url), raw_days=1000, second_days=1000, largest_mb=1e-6)
+    setting = replace(keep(database, raw_days=1000, rollup_1s_days=1000), max_size_mb=1e-6)
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         historian.append(samples([0.3 * n for n in range(3000)]))
@@ -162,7 +167,7 @@ async def test_enough_room_deletes_nothing(database: HistoryDatabase) -> None:
 
 async def test_the_file_gives_back_what_was_deleted(database: HistoryDatabase) -> None:
     wall = FakeWallClock()
-    async with database.historian(replace(database.setting, raw_days=1), wall_ms=wall) as historian:
+    async with database.historian(keep(database, raw_days=1), wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         for hour in range(30):
             values = [float(hash((hour, n)) % 10_007) for n in range(3600)]

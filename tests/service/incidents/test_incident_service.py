@@ -54,14 +54,14 @@ def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_pat
     async def story() -> None:
         async with plant(tmp_path) as kit:
             alarm = await trip(kit)
-            assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "urgent", 5)
+            assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "critical", 5)
             told = [
                 one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
             ]
             assert told == ["raised"], "once, though it got its case afterwards"
             (listed,) = (await kit.call("incidents.list"))["items"]
-            assert listed["id"] == alarm["case"] == "000001-fan-1"
-            case = await kit.call("incidents.get", incident=alarm["case"])
+            assert listed["id"] == alarm["incident"] == "000001-fan-1"
+            case = await kit.call("incidents.get", incident=alarm["incident"])
             assert case["view"]["fault"]["code"] == 5 and case["view"]["state"] == "fault"
             states = [one["state"] for one in case["states"]]
             assert states[-1] == "fault" and "running" in states
@@ -90,7 +90,7 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
             assert kit.trail.outcomes("alarm.acknowledge") == ["asked", "done", "asked", "alarms.unknown"]
         async with plant(tmp_path) as kit:
             (again,) = await faults(kit)
-            assert (again["id"], again["by"], again["case"]) == (alarm["id"], "ann", alarm["case"])
+            assert (again["id"], again["acknowledged_by"], again["incident"]) == (alarm["id"], "ann", alarm["incident"])
             await asyncio.sleep(5)
             assert await faults(kit) == []
             kept = [one for one in (await kit.call("alarms.history", drive="fan-1"))["items"] if one["kind"] == "fault"]
@@ -108,8 +108,8 @@ def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(t
             (tmp_path / "incidents").write_text("a file where the folder should be")
             alarm = await trip(kit)
             await asyncio.sleep(6)
-            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
-            assert (store["about"], store["cleared_ms"], alarm["case"]) == ("incidents", None, None)
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "storage_failure"]
+            assert (store["subject"], store["cleared_ms"], alarm["incident"]) == ("incidents", None, None)
             (tmp_path / "incidents").unlink()
             await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
             await asyncio.sleep(1)
@@ -117,7 +117,7 @@ def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(t
             kit.station("fan-2").trip(Trip.OVERLOAD)
             await asyncio.sleep(12)
             assert [one["drive"] for one in (await kit.call("incidents.list"))["items"]] == ["fan-2"]
-            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "store"]
+            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "storage_failure"]
             assert store["cleared_ms"] is not None
 
     run(story())

@@ -82,7 +82,7 @@ def test_a_case_holds_the_last_minute_and_the_last_frames(tmp_path: Path) -> Non
     assert [(one["t"], one["state"]) for one in case["states"]] == [(-70.0, "running"), (-0.1, "fault")]
     assert [one["kind"] for one in case["events"]] == ["command"]
     assert [(one["n"], one["t"]) for one in case["frames"]] == [(0, -0.5), (1, -1.0)]
-    assert (case["why"], case["raised"]["id"], case["view"]["fault"]) == ("interlock", "a1", OVERCURRENT)
+    assert (case["why"], case["raised"]["id"], case["view"]["fault"]) == ("interlock_trip", "a1", OVERCURRENT)
     assert case["parameters"] is None
 
 
@@ -275,7 +275,7 @@ def test_what_a_silent_drive_said_more_than_a_minute_ago_is_not_in_its_case() ->
 
 
 def test_faults_interlocks_and_unconfirmed_stops_are_trips() -> None:
-    assert {"fault", "interlock", "stop_unconfirmed"} == TRIP_ALARM_KINDS
+    assert {"fault", "interlock_trip", "stop_unconfirmed"} == TRIP_ALARM_KINDS
 
 
 def test_a_case_is_json_all_through(tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def test_a_start_that_was_wished_before_its_drive_was_replaced_is_not_sent(
 
 @pytest.mark.parametrize("rest", [(), (FAN_3.replace("c320", "c300"),)], ids=["gone", "replaced"])
 def test_a_group_of_which_a_drive_was_taken_away_starts_no_further_one(tmp_path: Path, rest: tuple[str, ...]) -> None:
-    group = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\nstagger_s = 4.0\n'
+    group = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\nstart_interval_s = 4.0\n'
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2, FAN_3, PUMP, group)
 
     async def story() -> None:
@@ -283,7 +283,7 @@ def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: P
             write(file, FAN_1, head=head)
             await kit.call("configuration.reload")
             active = kit.service.plant.alarms.active()
-            left = {(one.kind, one.drive, one.about) for one in active if one.cleared_ms is None}
-            assert left == {("no_owner", "fan-1", ""), ("foreign_master", "", "a"), ("store", "", "incidents")}
+            left = {(one.kind, one.drive, one.subject) for one in active if one.cleared_ms is None}
+            assert left == {("running_at_start", "fan-1", ""), ("foreign_master", "", "a"), ("storage_failure", "", "incidents")}
 
     run(story())

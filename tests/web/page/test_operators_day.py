@@ -43,9 +43,9 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
     stage.station("fan-1", lambda drive: drive.trip(Trip.OVERHEAT))
     tile.locator(f".state.alarm:has-text('{word('drives.state_fault')}')").wait_for()
-    page.locator(".banner.alarm.urgent").wait_for()
+    page.locator(".banner.alarm.critical").wait_for()
     page.click("[data-do=acknowledge]")
-    page.locator(".banner.alarm.urgent").wait_for(state="detached")
+    page.locator(".banner.alarm.critical").wait_for(state="detached")
 
     page.click("[data-drive=fan-1]")
     page.locator(".faultnow").wait_for()

@@ -135,7 +135,7 @@ def _bus_document(bus: BusLoadEstimate) -> dict[str, Any]:
             "model": one.model,
             "load_percent": round(one.load_percent, 3),
             "stop_bound_s": round(one.stop_bound_s, 6),
-            "fastest_s": one.min_poll_interval_s,
+            "min_poll_interval_s": one.min_poll_interval_s,
             "period_s": {name: round(value, 6) for name, value in one.periods.items()},
             "refresh_s": {name: round(value, 6) for name, value in one.refresh.items()},
         }

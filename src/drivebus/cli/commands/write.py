@@ -27,14 +27,14 @@ def parse_parameter_assignment(text: str) -> tuple[str, float]:
     return name, float(value)
 
 
-async def _write(target: Target, settings: Assignments, save: bool, saves_per_day: int | None) -> ExitCode:
+async def _write(target: Target, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:
     from drivebus.drives import DriveLimits
 
-    limits = None if saves_per_day is None else DriveLimits(saves_per_day=saves_per_day)
+    limits = None if eeprom_writes_per_day is None else DriveLimits(eeprom_writes_per_day=eeprom_writes_per_day)
     return await send(target, lambda drive: drive.write(dict(settings), save=save), limits)
 
 
-def _plan(dry: DryRun, settings: Assignments, save: bool, saves_per_day: int | None) -> ExitCode:
+def _plan(dry: DryRun, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:
     from drivebus.errors import ConfigurationError
     from drivebus.profiles.model import Parameter
 
@@ -73,10 +73,10 @@ command = drive_command(
         ),
         Option(["--save"], is_flag=True),
         Option(
-            ["--saves-per-day"],
+            ["--eeprom-writes-per-day"],
             type=options.CheckedType(click.IntRange(min=0), "cli.expect.whole_number"),
             metavar="N",
-            example="--saves-per-day 50",
+            example="--eeprom-writes-per-day 50",
         ),
     ),
     examples=(

@@ -41,7 +41,7 @@ def _drive(line: DemoBus, part: DemoDrive) -> str:
         f"address = {part.address}",
         f'model = "{line.model}"',
         f"title = {_title(f'demo.role.{part.role}', number=part.number)}",
-        f"fastest_s = {FASTEST_S[line.model]}",
+        f"min_poll_interval_s = {FASTEST_S[line.model]}",
         'on_service_stop = "stop"',
     ]
     return "\n".join([*rows, *([f"settings = {{ {settings} }}"] if settings else [])])
@@ -50,7 +50,7 @@ def _drive(line: DemoBus, part: DemoDrive) -> str:
 def _group(role: str) -> str:
     keys = [part.key for line in LINES for part in line.drives if part.role == role]
     head = f"[group.{role}s]\ntitle = {_title(f'demo.group.{role}')}\n"
-    return f"{head}drives = {json.dumps(keys)}\nstagger_s = 2.0\nat_once = 1"
+    return f"{head}drives = {json.dumps(keys)}\nstart_interval_s = 2.0\nmax_concurrent_starts = 1"
 
 
 def _interlock() -> str:

@@ -75,7 +75,7 @@ def pop_remote_target(given: dict[str, Any], names: Sequence[str]) -> Target | N
 
 def reject_local_options(given: dict[str, Any], names: Sequence[str]) -> None:
     """Raises ConfigurationError for an option that says nothing to a service."""
-    more = ("dry_run", "wait", "saves_per_day")
+    more = ("dry_run", "wait", "eeprom_writes_per_day")
     wrong = next((name for name in (*names, *more) if given.get(name) not in (None, False, ())), None)
     if wrong is not None:
         raise ConfigurationError("service.not_with", option=f"--{wrong.replace('_', '-')}")

@@ -110,11 +110,11 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
 
 
 def system_alarm(
-    id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, about: str, params: Mapping[str, Any]
+    id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, subject: str, params: Mapping[str, Any]
 ) -> Alarm:
     """Return an alarm that the service itself raises."""
     numbers = {key: formatted_number(value) for key, value in params.items()}
-    named = {"drive": name, "about": about, "reason": ""} | numbers
+    named = {"drive": name, "subject": subject, "reason": ""} | numbers
     return Alarm(
         id=id,
         setting=str(kind),
@@ -124,7 +124,7 @@ def system_alarm(
         title=bilingual_text(f"alarms.title.{kind}", **named),
         text=bilingual_text(f"alarms.text.{kind}", **named),
         raised_ms=now_ms,
-        about=about,
+        subject=subject,
     )
 
 
@@ -137,7 +137,7 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
 
 DEFAULT_ALARMS = (
     AlarmConfig("fault", AlarmKind.FAULT, (), priority=AlarmPriority.CRITICAL),
-    AlarmConfig("silent", AlarmKind.NO_RESPONSE, (), priority=AlarmPriority.HIGH),
+    AlarmConfig("no_response", AlarmKind.NO_RESPONSE, (), priority=AlarmPriority.HIGH),
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
@@ -240,16 +240,16 @@ class AlarmEngine:
         return [change for key in self._shelves.expired(now) for change in self._unshelve(key)]
 
     def raise_alarm(
-        self, kind: SystemAlarm, drive: str, now_ms: int, *, about: str = "", **params: Any
+        self, kind: SystemAlarm, drive: str, now_ms: int, *, subject: str = "", **params: Any
     ) -> list[AlarmChange]:
         """Raise a system alarm unless it is raised already. ``params`` are the parameters of its sentence."""
         name = self._titles.get(drive, Text(drive, drive))
-        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, about, params)
+        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, subject, params)
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
-    def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, about: str = "") -> list[AlarmChange]:
+    def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, subject: str = "") -> list[AlarmChange]:
         """Clear a system alarm, if it is raised."""
-        return self._clear((str(kind), str(kind), drive, about), now_ms)
+        return self._clear((str(kind), str(kind), drive, subject), now_ms)
 
     def _new_id(self) -> str:
         return f"a{self._next_number}"
@@ -287,9 +287,9 @@ class AlarmEngine:
         """Unshelve every alarm of the same key. Raises NotFound."""
         return self._unshelve(self._get(id).key)
 
-    def attach_incident(self, id: str, case: str) -> list[AlarmChange]:
+    def attach_incident(self, id: str, incident: str) -> list[AlarmChange]:
         """Link the incident that was recorded when the alarm was raised. Raises NotFound."""
-        return [self._update("case", self._get(id), case=case)]
+        return [self._update("incident", self._get(id), incident=incident)]
 
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
         self._shelves.remove(key)
@@ -297,7 +297,7 @@ class AlarmEngine:
         return [self._update("unshelved", one, shelved_until_ms=None) for one in shelved]
 
     def _acknowledge(self, alarm: Alarm, by: str, now_ms: int) -> AlarmChange:
-        return self._update("acknowledged", alarm, acknowledged_ms=now_ms, by=by)
+        return self._update("acknowledged", alarm, acknowledged_ms=now_ms, acknowledged_by=by)
 
     def _get(self, id: str) -> Alarm:
         if id not in self._alarms:

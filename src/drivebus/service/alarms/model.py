@@ -17,17 +17,17 @@ class SystemAlarm(StrEnum):
 
     STOP_UNCONFIRMED = "stop_unconfirmed"
     """A stop was sent and the drive does not report stopped."""
-    CONTROL_LOST = "lease_lost"
+    CONTROL_LOST = "control_lost"
     """The owner of the control lease is gone while the drive runs."""
-    RUNNING_AT_START = "no_owner"
+    RUNNING_AT_START = "running_at_start"
     """The drive was already running when the service started."""
-    INTERLOCK_TRIP = "interlock"
+    INTERLOCK_TRIP = "interlock_trip"
     """An interlock stopped the drive."""
-    STORAGE_FAILURE = "store"
+    STORAGE_FAILURE = "storage_failure"
     """The audit trail or the history cannot be written."""
-    AUDIT_INCOMPLETE = "audit"
+    AUDIT_INCOMPLETE = "audit_incomplete"
     """Records of the audit trail were missing when the service started."""
-    PORT_LOST = "port"
+    PORT_LOST = "port_lost"
     """A bus has lost its port."""
     FOREIGN_MASTER = "foreign_master"
     """Another master sends on a bus."""
@@ -67,13 +67,13 @@ class Alarm:
     raised_ms: int
     value: float | int | str | None = None
     """Value or fault code that raised it."""
-    about: str = ""
+    subject: str = ""
     """What else it is about: a bus, an interlock, a store."""
     cleared_ms: int | None = None
     acknowledged_ms: int | None = None
-    by: str | None = None
+    acknowledged_by: str | None = None
     shelved_until_ms: int | None = None
-    case: str | None = None
+    incident: str | None = None
 
     @property
     def active(self) -> bool:
@@ -82,7 +82,7 @@ class Alarm:
     @property
     def key(self) -> AlarmKey:
         """Key; it contains kind and id, so that a configured id that equals a system kind hides no system alarm."""
-        return (self.kind, self.setting, self.drive, self.about)
+        return (self.kind, self.setting, self.drive, self.subject)
 
     def as_json(self) -> Json:
         return {
@@ -94,13 +94,13 @@ class Alarm:
             "title": text_json(self.title),
             "text": text_json(self.text),
             "value": self.value,
-            "about": self.about,
+            "subject": self.subject,
             "raised_ms": self.raised_ms,
             "cleared_ms": self.cleared_ms,
             "acknowledged_ms": self.acknowledged_ms,
-            "by": self.by,
+            "acknowledged_by": self.acknowledged_by,
             "shelved_until_ms": self.shelved_until_ms,
-            "case": self.case,
+            "incident": self.incident,
         }
 
     @classmethod

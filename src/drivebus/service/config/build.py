@@ -33,9 +33,10 @@ from drivebus.service.config.model import (
     OnRestart,
     OnServiceStop,
     PlantConfig,
+    RetentionConfig,
     WebConfig,
 )
-from drivebus.service.config.schema import AlarmTable, DriveTable, PlantFile, TitleIn
+from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, TitleIn
 
 
 @dataclass(slots=True)
@@ -106,7 +107,7 @@ def plant_config(draft: ParsedPlant, source: str) -> PlantConfig:
         groups=tuple(_groups(file)),
         interlocks=tuple(_interlocks(file)),
         alarms=tuple(_alarm(draft, id, one) for id, one in file.alarm.items()),
-        history=HistoryConfig(**file.history.model_dump()),
+        history=_history(file.history),
         audit=_audit(draft),
         web=_web(draft),
         users=draft.resolve_path(file.plant.users) if file.plant.users else None,
@@ -136,7 +137,7 @@ def drive_config(draft: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
         settings=dict(one.settings),
         limits=DriveLimits(**one.limits.model_dump()),
         signals=dict(one.signals),
-        fastest_s=one.fastest_s or 0.0,
+        min_poll_interval_s=one.min_poll_interval_s or 0.0,
         on_client_lost=OnClientLost(one.on_client_lost),
         on_service_stop=OnServiceStop(one.on_service_stop),
         on_restart=OnRestart(one.on_restart),
@@ -145,7 +146,7 @@ def drive_config(draft: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
 
 def unpaced_drives(draft: ParsedPlant) -> frozenset[str]:
     """Drives that ask for no periods: they take what their line has left."""
-    return frozenset(id for id, one in draft.file.drive.items() if not one.signals and one.fastest_s is None)
+    return frozenset(id for id, one in draft.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
 
 
 def drives_on_bus(draft: ParsedPlant, of: BusConfig) -> list[DriveConfig]:
@@ -168,7 +169,13 @@ def _drives(draft: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveConf
 def _groups(file: PlantFile) -> list[GroupConfig]:
     return [
         GroupConfig(
-            id, tuple(one.drives), _text(one.title, id), one.stagger_s, one.at_once, one.leader, dict(one.ratios)
+            id,
+            tuple(one.drives),
+            _text(one.title, id),
+            one.start_interval_s,
+            one.max_concurrent_starts,
+            one.leader,
+            dict(one.ratios),
         )
         for id, one in file.group.items()
     ]
@@ -208,6 +215,11 @@ def polled_signals(draft: ParsedPlant, id: str, one: DriveTable) -> list[str]:
     """The signals that a drive is asked for."""
     profile = draft.profiles.get(id)
     return list(one.signals) or ([] if profile is None else list(profile.signals))
+
+
+def _history(table: HistoryTable) -> HistoryConfig:
+    retention = RetentionConfig(**table.retention.model_dump())
+    return HistoryConfig(url=table.url, retention=retention, max_size_mb=table.max_size_mb)
 
 
 def _audit(draft: ParsedPlant) -> AuditConfig:

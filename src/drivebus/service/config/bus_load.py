@@ -55,8 +55,8 @@ def dialect_of(drive: DriveConfig) -> Dialect:
 
 
 def polls_of(drive: DriveConfig, dialect: Dialect) -> list[Poll]:
-    """What ``Monitor(bus, dialect, drive.signals or None, period_s=drive.fastest_s)`` asks for."""
-    return status_polls(dialect, polled_names(drive, dialect.profile), drive.fastest_s)
+    """What ``Monitor(bus, dialect, drive.signals or None, period_s=drive.min_poll_interval_s)`` asks for."""
+    return status_polls(dialect, polled_names(drive, dialect.profile), drive.min_poll_interval_s)
 
 
 def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSettings:
@@ -97,7 +97,9 @@ def with_sufficient_interval(
 ) -> list[DriveConfig]:
     """The drives, those in ``free`` (which ask for no periods) polled no oftener than the line can do."""
     for pace_s in (0.0, *CANDIDATE_INTERVALS_S):
-        tried = [(replace(drive, fastest_s=pace_s) if drive.id in free else drive, way) for drive, way in drives]
+        tried = [
+            (replace(drive, min_poll_interval_s=pace_s) if drive.id in free else drive, way) for drive, way in drives
+        ]
         if not free or polling_load(tried, line).load_percent <= FULL_LOAD_PERCENT:
             break
     return [drive for drive, _ in tried]
@@ -162,7 +164,9 @@ def _bus_load(plant: PlantConfig, bus: BusConfig) -> BusLoadEstimate:
 def _drive_load(drive: DriveConfig, dialect: Dialect, line: SerialSettings, whole: BusLoad) -> DriveLoadEstimate:
     profile = dialect.profile
     stretch = max(1.0, whole.load_percent / FULL_LOAD_PERCENT)
-    periods = {name: max(profile.signals[name].period_s, drive.fastest_s) for name in polled_names(drive, profile)}
+    periods = {
+        name: max(profile.signals[name].period_s, drive.min_poll_interval_s) for name in polled_names(drive, profile)
+    }
     return DriveLoadEstimate(
         drive=drive.id,
         address=drive.address,
@@ -171,7 +175,7 @@ def _drive_load(drive: DriveConfig, dialect: Dialect, line: SerialSettings, whol
         stop_bound_s=whole.drives[drive.address].stop_bound_s,
         periods=periods,
         refresh={name: period_s * stretch + whole.cycle_s for name, period_s in periods.items()},
-        min_poll_interval_s=drive.fastest_s,
+        min_poll_interval_s=drive.min_poll_interval_s,
     )
 
 

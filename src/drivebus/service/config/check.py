@@ -108,12 +108,12 @@ def _check_history(draft: ParsedPlant) -> Iterator[Issue]:
     history = draft.file.history
     if history.url is not None and not _is_postgres(history.url):
         yield issue("history_url", ("history", "url"), redact_url(history.url))
-    steps = ("raw_days", "second_days", "minute_days", "hour_days")
-    for shorter, longer in pairwise(steps):
-        least, found = getattr(history, shorter), getattr(history, longer)
+    retention = history.retention.model_dump()
+    for shorter, longer in pairwise(retention):
+        least, found = retention[shorter], retention[longer]
         if found < least:
-            also = (("history", shorter),)
-            yield issue("retention", ("history", longer), found, shorter=shorter, least=f"{least:g}", related=also)
+            path, also = ("history", "retention", longer), (("history", "retention", shorter),)
+            yield issue("retention", path, found, shorter=shorter, least=f"{least:g}", related=also)
 
 
 def _is_postgres(url: str) -> bool:

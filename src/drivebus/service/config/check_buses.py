@@ -289,7 +289,7 @@ def _check_periods(draft: ParsedPlant, drives: list[tuple[str, DriveTable]], lin
     for id, drive in drives:
         for name, period_s in drive.signals.items():
             least_s = _poll_time_s(draft.dialects[id], name, line)
-            if name in draft.profiles[id].signals and max(period_s, drive.fastest_s or 0.0) < least_s:
+            if name in draft.profiles[id].signals and max(period_s, drive.min_poll_interval_s or 0.0) < least_s:
                 path = ("drive", id, "signals", name)
                 yield issue("too_often", path, f"{period_s:g} s", least=f"{least_s:.3f}", line=str(line))
 
@@ -301,9 +301,12 @@ def _poll_time_s(dialect: Dialect, name: str, line: SerialSettings) -> float:
 
 
 def sufficient_interval(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> str:
-    """The ``fastest_s`` with which the line could carry all these drives."""
+    """The ``min_poll_interval_s`` with which the line could carry all these drives."""
     for pace_s in CANDIDATE_INTERVALS_S:
-        paced = [(replace(drive, fastest_s=max(pace_s, drive.fastest_s)), dialect) for drive, dialect in drives]
+        paced = [
+            (replace(drive, min_poll_interval_s=max(pace_s, drive.min_poll_interval_s)), dialect)
+            for drive, dialect in drives
+        ]
         if polling_load(paced, line).load_percent <= FULL_LOAD_PERCENT:
             return f"{pace_s:g}"
     return f"> {CANDIDATE_INTERVALS_S[-1]:g}"

@@ -24,7 +24,7 @@ class ReloadAction(StrEnum):
 
 
 UPDATE_FIELDS = frozenset({"title", "limits", "on_client_lost", "on_service_stop", "on_restart"})
-REPOLL_FIELDS = frozenset({"signals", "fastest_s"})
+REPOLL_FIELDS = frozenset({"signals", "min_poll_interval_s"})
 UPDATE_BUS_FIELDS = frozenset({"title"})
 """All other settings of a bus mean that its port is closed and another one opened."""
 _CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms")

@@ -38,8 +38,9 @@ class OnRestart(StrEnum):
 class AlarmPriority(StrEnum):
     """How urgent an alarm is."""
 
-    CRITICAL = "urgent"
+    CRITICAL = "critical"
     HIGH = "high"
+    MEDIUM = "medium"
     LOW = "low"
 
 
@@ -70,7 +71,7 @@ class DriveConfig:
     limits: DriveLimits = field(default_factory=DriveLimits)
     signals: Mapping[str, float] = field(default_factory=dict)
     """Signal → period in seconds, 0.05 and more; every signal of the profile at its own period where empty."""
-    fastest_s: float = 0.0
+    min_poll_interval_s: float = 0.0
     """No poll of this drive more often: as the file says, else what its line can do where no period is asked for."""
     on_client_lost: OnClientLost = OnClientLost.HOLD
     on_service_stop: OnServiceStop = OnServiceStop.STOP
@@ -84,9 +85,9 @@ class GroupConfig:
     id: str
     drives: tuple[str, ...]
     title: Text = Text("", "")
-    stagger_s: float = 0.0
+    start_interval_s: float = 0.0
     """At least so long between two starts."""
-    at_once: int = 1
+    max_concurrent_starts: int = 1
     """So many may accelerate at a time."""
     leader: str | None = None
     ratios: Mapping[str, float] = field(default_factory=dict)
@@ -119,7 +120,7 @@ class AlarmKind(StrEnum):
     ABOVE = "above"
     BELOW = "below"
     FAULT = "fault"
-    NO_RESPONSE = "silent"
+    NO_RESPONSE = "no_response"
     STALE = "stale"
 
 
@@ -140,16 +141,23 @@ class AlarmConfig:
     title: Text = Text("", "")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RetentionConfig:
+    """Days for which samples and rollups stay in the history."""
+
+    raw_days: float = 2.0
+    rollup_1s_days: float = 7.0
+    rollup_1min_days: float = 400.0
+    rollup_1h_days: float = 4000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryConfig:
     """Where samples go and how long they stay. ``url`` None is SQLite in the state directory."""
 
     url: str | None = None
-    raw_days: float = 2.0
-    second_days: float = 7.0
-    minute_days: float = 400.0
-    hour_days: float = 4000.0
-    largest_mb: float = 10_000.0
+    retention: RetentionConfig = RetentionConfig()
+    max_size_mb: float = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from drivebus.drives.context import DEFAULT_SAVES_PER_DAY
+from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
 from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig, WebConfig
 
@@ -68,7 +68,7 @@ class LimitsTable(StrictModel):
     maximum_hz: Hertz | None = None
     forward: bool = True
     reverse: bool = True
-    saves_per_day: Annotated[int, Field(ge=0, le=10_000)] = DEFAULT_SAVES_PER_DAY
+    eeprom_writes_per_day: Annotated[int, Field(ge=0, le=10_000)] = DEFAULT_EEPROM_WRITES_PER_DAY
 
 
 class DriveTable(StrictModel):
@@ -80,7 +80,7 @@ class DriveTable(StrictModel):
     settings: dict[str, SettingValue] = {}
     limits: LimitsTable = LimitsTable()
     signals: dict[str, Period] = {}
-    fastest_s: Annotated[float | None, Field(ge=0, le=_DAY_S)] = None
+    min_poll_interval_s: Annotated[float | None, Field(ge=0, le=_DAY_S)] = None
     on_client_lost: Literal["hold", "stop"] = "hold"
     on_service_stop: Literal["stop", "hold"] = "stop"
     on_restart: Literal["adopt", "stop"] = "adopt"
@@ -89,8 +89,8 @@ class DriveTable(StrictModel):
 class GroupTable(StrictModel):
     drives: Annotated[list[Id], Field(min_length=1)]
     title: Title | None = None
-    stagger_s: Seconds = 0.0
-    at_once: Annotated[int, Field(ge=1, le=1000)] = 1
+    start_interval_s: Seconds = 0.0
+    max_concurrent_starts: Annotated[int, Field(ge=1, le=1000)] = 1
     leader: Id | None = None
     ratios: dict[Id, Annotated[float, Field(ge=0.01, le=100)]] = {}
 
@@ -103,7 +103,7 @@ class InterlockTable(StrictModel):
     title: Title | None = None
 
 
-AlarmKindName = Literal["above", "below", "fault", "silent", "stale"]
+AlarmKindName = Literal["above", "below", "fault", "no_response", "stale"]
 assert set(AlarmKindName.__args__) == set(AlarmKind)  # type: ignore[attr-defined]
 
 
@@ -114,20 +114,24 @@ class AlarmTable(StrictModel):
     threshold: float | None = None
     hysteresis: Annotated[float, Field(ge=0)] = 0.0
     delay_s: Seconds = 0.0
-    priority: Literal["urgent", "high", "low"] = "high"
+    priority: Literal["critical", "high", "medium", "low"] = "high"
     title: Title | None = None
 
 
 _HISTORY, _WEB = HistoryConfig(), WebConfig()
 
 
+class RetentionTable(StrictModel):
+    raw_days: Days = _HISTORY.retention.raw_days
+    rollup_1s_days: Days = _HISTORY.retention.rollup_1s_days
+    rollup_1min_days: Days = _HISTORY.retention.rollup_1min_days
+    rollup_1h_days: Days = _HISTORY.retention.rollup_1h_days
+
+
 class HistoryTable(StrictModel):
     url: Annotated[str, Field(max_length=1000)] | None = None
-    raw_days: Days = _HISTORY.raw_days
-    second_days: Days = _HISTORY.second_days
-    minute_days: Days = _HISTORY.minute_days
-    hour_days: Days = _HISTORY.hour_days
-    largest_mb: Annotated[float, Field(ge=10, le=100_000_000)] = _HISTORY.largest_mb
+    max_size_mb: Annotated[float, Field(ge=10, le=100_000_000)] = _HISTORY.max_size_mb
+    retention: RetentionTable = RetentionTable()
 
 
 class AuditTable(StrictModel):

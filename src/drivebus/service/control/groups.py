@@ -138,7 +138,7 @@ class GroupCommands:
             default=None,
         )
         busy = sum(1 for one in units if one is not unit and self._is_accelerating(one, now))
-        return (last is None or now - last >= group.stagger_s) and busy < group.at_once
+        return (last is None or now - last >= group.start_interval_s) and busy < group.max_concurrent_starts
 
     def _is_accelerating(self, unit: DriveRuntime, now: float) -> bool:
         if unit.group_started_at is None or not unit.started_by_service:

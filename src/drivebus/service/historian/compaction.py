@@ -168,10 +168,10 @@ def clock_at_start(saved: tuple[int, int] | None, wall_ms: int) -> int:
 
 def retention_days(setting: HistoryConfig, level: ResolutionLevel) -> float:
     return {
-        ResolutionLevel.RAW: setting.raw_days,
-        ResolutionLevel.SECOND: setting.second_days,
-        ResolutionLevel.MINUTE: setting.minute_days,
-        ResolutionLevel.HOUR: setting.hour_days,
+        ResolutionLevel.RAW: setting.retention.raw_days,
+        ResolutionLevel.SECOND: setting.retention.rollup_1s_days,
+        ResolutionLevel.MINUTE: setting.retention.rollup_1min_days,
+        ResolutionLevel.HOUR: setting.retention.rollup_1h_days,
     }[level]
 
 
@@ -188,7 +188,7 @@ def delete_oversize(store: HistoryStore, setting: HistoryConfig, now_ms: int) ->
     """Delete a batch of rows if the store is too large, finest level and oldest first, and return whether there may be
     more. Raises StoreError.
     """
-    if store.size_bytes() <= setting.largest_mb * 1e6:
+    if store.size_bytes() <= setting.max_size_mb * 1e6:
         return False
     for level in RESOLUTIONS:
         oldest = store.oldest_stored_ms(level, DELETE_BATCH_ROWS) or store.oldest_stored_ms(level, 0)

@@ -25,7 +25,7 @@ INCIDENT_ID: Final = re.compile(r"(\d{6,12})-[a-z0-9][a-z0-9_-]{0,63}")
 MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
 """All incidents together; beyond it the oldest are deleted."""
-CAPTURE_FILE: Final = "bus.dbcap"
+CAPTURE_FILE: Final = "frames.dbcap"
 WireFrames = Sequence[tuple[float, bool, bytes]]
 """Monotonic second, whether drivebus sent it, its bytes."""
 

@@ -96,7 +96,7 @@ class DriveRuntime:
     def start_monitor(self) -> None:
         """Begin to poll; the bus is open, so that what was proved on this port before is known."""
         self.monitor = self.monitor or self.drive.monitor(
-            self.signals, partial(self._on_status, self), self.config.fastest_s
+            self.signals, partial(self._on_status, self), self.config.min_poll_interval_s
         )
 
     def status(self) -> DriveStatus:

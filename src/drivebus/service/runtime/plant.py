@@ -222,20 +222,20 @@ class Plant:
 
     def raise_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "", **params: Any) -> None:
         """Raise an alarm of the plant's own."""
-        self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), about=subject, **params))
+        self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), subject=subject, **params))
 
     def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
         """What raised it is over."""
-        self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), about=subject))
+        self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), subject=subject))
 
     def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
         """Publish changes of alarms as events. That an alarm has its incident now is seen in the alarm itself."""
         for change in changes:
             for listener in self._listeners:
                 listener.on_alarm(change)
-        for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "case"):
+        for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "incident"):
             text = localized(f"plant.alarm_{word}", {"text": alarm.text})
-            actor = alarm.by if word == "acknowledged" else None
+            actor = alarm.acknowledged_by if word == "acknowledged" else None
             self.publish_event_text(
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
             )
@@ -274,7 +274,7 @@ def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:
         min(highest, default=None),
         own.forward and file.forward,
         own.reverse and file.reverse,
-        file.saves_per_day,
+        file.eeprom_writes_per_day,
     )
 
 

@@ -143,7 +143,7 @@ class ConfigReload:
         """What the service had found about something that is gone is over, and about an interlock that is another."""
         for alarm in self.plant.alarms.active():
             if alarm.kind in SYSTEM_ALARM_KINDS and alarm.cleared_ms is None and _subject_is_gone(alarm, change):
-                self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.about)
+                self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.subject)
 
     def _discard_removed(self, change: ConfigDiff) -> None:
         for id in change.drives.removed:
@@ -162,13 +162,13 @@ def _leaving_drives(change: ConfigDiff) -> list[str]:
 
 
 def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
-    if alarm.kind == SystemAlarm.INTERLOCK_TRIP and alarm.about in (
+    if alarm.kind == SystemAlarm.INTERLOCK_TRIP and alarm.subject in (
         *change.interlocks.removed,
         *change.interlocks.changed,
     ):
         return True
     of_bus = alarm.kind in (SystemAlarm.PORT_LOST, SystemAlarm.FOREIGN_MASTER)
-    return alarm.about in change.buses.removed if of_bus else alarm.drive in change.drives.removed
+    return alarm.subject in change.buses.removed if of_bus else alarm.drive in change.drives.removed
 
 
 def difference_json(change: ConfigDiff) -> Json:

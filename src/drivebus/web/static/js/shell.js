@@ -21,7 +21,7 @@ const NAV_PAGES = [
   ["settings", "view"],
 ];
 const menu = signal(false);
-const RANK = { urgent: 0, high: 1, low: 2 };
+const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
 
 /** Active alarms that nobody shelved, the most urgent and newest first. */
 function openAlarms() {

@@ -19,7 +19,7 @@ import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
-const RANK = { urgent: 0, high: 1, low: 2 };
+const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
 const byPriority = (one, other) => RANK[one.priority] - RANK[other.priority] || other.raised_ms - one.raised_ms;
 const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > serviceNow();
 
@@ -85,7 +85,7 @@ function AlarmRow({ alarm }) {
         onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
       ${able && isShelved(alarm) && html`<${Button} busy=${busy} disabled=${off}
         onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
-      ${alarm.case && html`<a class="button" href=${href("incidents", alarm.case)}>${t("page.open_incident")}</a>`}</div>
+      ${alarm.incident && html`<a class="button" href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     ${shelving && html`<${ShelveDialog} alarm=${alarm} onClose=${() => setShelving(false)} />`}</li>`;
 }
@@ -98,9 +98,9 @@ function plantNowTicking() {
 
 /** What it is about: its drive, with the way there, or the bus, interlock or store. */
 function AlarmDetails({ alarm }) {
-  if (!alarm.drive) return alarm.about ?? "";
-  return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.about
-    ? ` · ${alarm.about}` : ""}`;
+  if (!alarm.drive) return alarm.subject ?? "";
+  return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
+    ? ` · ${alarm.subject}` : ""}`;
 }
 
 function AlarmHistory() {
@@ -117,8 +117,8 @@ function AlarmHistory() {
         <span>${alarm.cleared_ms === null ? t("page.not_cleared")
           : t("page.cleared_after", { after: duration((alarm.cleared_ms - alarm.raised_ms) / 1000) })}</span>
         <span>${alarm.acknowledged_ms === null ? t("page.not_acknowledged")
-          : t("page.acknowledged_by", { by: alarm.by ?? "", time: moment(alarm.acknowledged_ms) })}</span></div>
-      <div class="do">${alarm.case && html`<a class="button"
-        href=${href("incidents", alarm.case)}>${t("page.open_incident")}</a>`}</div></li>`)}</ul>
+          : t("page.acknowledged_by", { by: alarm.acknowledged_by ?? "", time: moment(alarm.acknowledged_ms) })}</span></div>
+      <div class="do">${alarm.incident && html`<a class="button"
+        href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div></li>`)}</ul>
     <${PagedEnd} list=${list} /></div>`;
 }

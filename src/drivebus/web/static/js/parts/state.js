@@ -29,7 +29,7 @@ export function StateMark({ known, direction, size = 22 }) {
     ${known.lost && html`<span class="was">${t("page.state_was")}</span>`}</span>`;
 }
 
-const PRIORITY_ICONS = { urgent: "fault", high: "warning", low: "low" };
+const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", low: "low" };
 
 /** An alarm's priority by shape, word and colour. */
 export function PriorityMark({ priority, word = true, size = 18 }) {

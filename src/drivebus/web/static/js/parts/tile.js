@@ -28,7 +28,7 @@ function ageText(view) {
 }
 
 function Worst({ alarms }) {
-  const [priority] = ["urgent", "high", "low"].filter((name) => alarms[name] > 0);
+  const [priority] = ["critical", "high", "medium", "low"].filter((name) => alarms[name] > 0);
   return priority ? html`<${PriorityMark} priority=${priority} />` : null;
 }
 

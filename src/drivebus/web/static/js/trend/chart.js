@@ -22,7 +22,7 @@ export function colours(host) {
   const style = getComputedStyle(host);
   const named = (name) => style.getPropertyValue(name).trim();
   return {
-    ink: named("--soft"), grid: named("--grid"), font: style.fontFamily, fault: named("--urgent"), mark: named("--ink"),
+    ink: named("--soft"), grid: named("--grid"), font: style.fontFamily, fault: named("--critical"), mark: named("--ink"),
     lines: Array.from({ length: HUES }, (_, at) => named(`--trace-${at + 1}`)),
   };
 }
