@@ -196,8 +196,12 @@ def test_what_the_service_raises_is_raised_once_and_cleared_by_it() -> None:
         "Fan: interlock no-water does not hold; the drive is stopped", "风机：联锁 no-water 不成立；已停止该变频器"
     )
     assert alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="no-water") == []
-    assert words(alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="door")) == ["raised interlock_trip"]
-    assert words(alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 7, subject="no-water")) == ["cleared interlock_trip"]
+    assert words(alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="door")) == [
+        "raised interlock_trip"
+    ]
+    assert words(alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 7, subject="no-water")) == [
+        "cleared interlock_trip"
+    ]
     assert alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 8, subject="no-water") == []
 
 

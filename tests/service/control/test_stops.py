@@ -388,7 +388,9 @@ def test_a_group_is_stopped_together() -> None:
 def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interval_s: float) -> None:
     async def story() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
-        group = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1)
+        group = GroupConfig(
+            "fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1
+        )
         async with running_service(plant_config(buses=buses, groups=(group,))) as kit:
             await ready(kit)
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))

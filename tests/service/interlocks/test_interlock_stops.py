@@ -89,7 +89,9 @@ def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
 def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
     """Drive, interlock, and whether it is still raised."""
     active = kit.service.plant.alarms.active()
-    return [(one.drive, one.subject, one.cleared_ms is None) for one in active if one.kind == SystemAlarm.INTERLOCK_TRIP]
+    return [
+        (one.drive, one.subject, one.cleared_ms is None) for one in active if one.kind == SystemAlarm.INTERLOCK_TRIP
+    ]
 
 
 def test_an_alarm_is_raised_for_what_was_stopped_and_not_for_what_stands() -> None:

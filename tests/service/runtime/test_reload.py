@@ -284,6 +284,10 @@ def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: P
             await kit.call("configuration.reload")
             active = kit.service.plant.alarms.active()
             left = {(one.kind, one.drive, one.subject) for one in active if one.cleared_ms is None}
-            assert left == {("running_at_start", "fan-1", ""), ("foreign_master", "", "a"), ("storage_failure", "", "incidents")}
+            assert left == {
+                ("running_at_start", "fan-1", ""),
+                ("foreign_master", "", "a"),
+                ("storage_failure", "", "incidents"),
+            }
 
     run(story())
