@@ -132,7 +132,7 @@ def _entry(rng: Random) -> AuditEntry:
         drive,
         {"frequency_hz": rng.uniform(0, 50)},
         [{"sent": frame}] * rng.randrange(3),
-        rng.choice(("asked", "confirmed")),
+        rng.choice(("requested", "confirmed")),
     )
 
 

@@ -26,7 +26,7 @@ async def test_a_method_that_an_address_does_not_have_is_told_those_that_it_has(
     async with WebAppHarness(tmp_path).client() as client:
         answer = await client.patch(f"{API_PREFIX}/drives/fan-1/waiver")
     assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, POST")
-    assert answer.json()["error"]["code"] == "access.no_such_method"
+    assert answer.json()["error"]["code"] == "auth.no_such_method"
 
 
 @pytest.mark.parametrize("body", [{"name": 5, "password": "x"}, {}, {"name": "a", "password": "b", "x": 1}])

@@ -41,7 +41,7 @@ def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) 
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
     again = visit(f"#login={code}", role=None)
     again.locator("input[name=password]").wait_for()
-    again.locator(f".notice.bad:has-text('{i18n.text('access.wrong_code', 'en')}')").wait_for()
+    again.locator(f".notice.bad:has-text('{i18n.text('auth.wrong_code', 'en')}')").wait_for()
     assert code not in again.url
 
 
@@ -50,7 +50,7 @@ def test_a_wrong_password_is_told_and_nothing_is_shown(stage: Stage, visit: Any)
     page.fill("input[name=name]", "operator")
     page.fill("input[name=password]", PASSWORD + "?")
     page.click("button[type=submit]")
-    page.locator(f".notice.bad:has-text('{i18n.text('access.wrong_password', 'en')}')").wait_for()
+    page.locator(f".notice.bad:has-text('{i18n.text('auth.wrong_password', 'en')}')").wait_for()
     assert page.locator(".tile, .stopbar").count() == 0
 
 

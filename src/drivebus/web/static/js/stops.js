@@ -45,7 +45,7 @@ export async function stop(kind, id = null, how = "stop") {
 
 /** Nobody answered, the plant's own process is just not there, or the page's token is an old server's: asking again can
  * do no harm and may help. */
-const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "access.csrf";
+const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
 async function ended(mine, path, body) {
   const until = nowMs() + RETRY_WINDOW_MS;
@@ -55,7 +55,7 @@ async function ended(mine, path, body) {
       return evaluateStop(await api.post(path, body, { patience_ms: STOP_TIMEOUT_MS }));
     } catch (error) {
       // Another tab logged in meanwhile: refused at the door, so nothing was done yet.
-      if (error.code === "access.csrf" && !renewed) {
+      if (error.code === "auth.csrf" && !renewed) {
         renewed = true;
         await loadSession().catch(() => null);
         continue;

@@ -51,7 +51,7 @@ function ControlLease({ view }) {
       onClick=${() => run(() => takeControl(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
     ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
-    ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
+    ${view.lease && !mine && may("write_parameters") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
       ${t("page.take_over")}…<//>`}
     <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}
       </div>`;

@@ -78,8 +78,8 @@ function Entry({ entry }) {
       <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
 }
 
-const OUTCOME_KEYS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
-const SUCCESS_OUTCOMES = new Set(["asked", "confirmed", "acknowledged", "done"]);
+const OUTCOME_KEYS = new Set(["requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
+const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done"]);
 
 /** The word of an outcome; of an error its sentence, where the record has the numbers that it needs. */
 function outcomeOf({ outcome, params }) {
