@@ -16,6 +16,7 @@ from drivebus.bus.transaction import Transaction
 from drivebus.drives.context import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
+from drivebus.drives.permissives import PermitInputs
 from drivebus.drives.state import DriveStatus
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
@@ -93,13 +94,13 @@ def _always(talk: OperationContext, command: Any) -> Any:
     return (yield from get_bus_conditions()).now
 
 
-def _granted(command: Any, address: int, effect: Any, write_class: Any, around: Any, *rest: Any) -> Permit:
+def _granted(inputs: PermitInputs) -> Permit:
     return Permit(
-        station=address,
-        effect=effect,
-        retry_policy=write_class,
-        expires_at=around.now + 2.0,
-        stop_epoch=around.stop_epoch,
+        station=inputs.station,
+        effect=inputs.effect,
+        retry_policy=inputs.retry_policy,
+        expires_at=inputs.conditions.now + 2.0,
+        stop_epoch=inputs.conditions.stop_epoch,
     )
 
 
