@@ -1,5 +1,5 @@
-// Stops: by REST alone, so that they work while the live line is lost, and with whatever the page last knew. No lease,
-// no second step, no question. Each tells what became of it.
+// Stops: by REST alone, so that they work without a live connection. No lease, no second step, no dialog. The outcome
+// of each is shown.
 import { batch, signal } from "./lib.js";
 import { api } from "./api.js";
 import { loadSession } from "./session.js";
@@ -8,7 +8,7 @@ import { drive, group, nowMs } from "./store.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
-/** A server that can't be reached is asked again so long, not longer: nobody expects a stop of ten minutes ago. */
+/** Retry window of a stop while the server cannot be reached: a stop of minutes ago is no longer expected. */
 const RETRY_WINDOW_MS = 30_000;
 const MAX_COUNTED_PAUSE_MS = 700;
 const MAX_ENTRIES = 5;
@@ -69,7 +69,7 @@ async function ended(mine, path, body) {
   }
 }
 
-/** An outcome came with it: the stop was sent and is not confirmed. Else nobody knows whether it was sent at all. */
+/** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
 function failed(error) {
   return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
 }
