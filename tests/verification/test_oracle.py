@@ -181,7 +181,7 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
 def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and fence a late reply is the answer to the next request of its shape."""
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now, *more: None)
-    monkeypatch.setattr("drivebus.bus.core.reject_reason", lambda core, flight: None)
+    monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
     here = stand(session, VC660, (1,), weather="late=0.2:0.3")
     here.monitor(1)
     here.run(300.0)
@@ -321,7 +321,9 @@ def test_i11_a_read_that_acts(session: CampaignRun) -> None:
 
 def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
-    monkeypatch.setattr("drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.job)))
+    monkeypatch.setattr(
+        "drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.prepared))
+    )
     here = stand(session, weather="loss=0.1")
     here.bus.core.stations[1].unanswered_requests = kept
     here.monitor(1)

@@ -17,10 +17,7 @@ SECTIONS = {
     "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
     "cli.section.change": _commands("write", "prove"),
     "cli.section.plant": _commands("init", "check", "serve", "stop-all", "user", "audit"),
-    "cli.section.tools": {
-        **_commands("decode", "models", "ports", "profile", "capture", "completion"),
-        "lab": "verification.cli:command",
-    },
+    "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "acceptance", "completion"),
 }
 
 
