@@ -17,7 +17,7 @@ from pathlib import Path
 
 BENCHMARK_TOKEN = "dbt_benchmark"
 """Of a user who may see, stop and read parameters."""
-SERVICE_COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+SERVICE_COMMAND = [sys.executable, "-m", "drivebus"]
 SYSTEMD_UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "service" / "systemd" / "drivebus.service"
 PATIENCE_S = 180.0
 

@@ -28,7 +28,7 @@ def nothing() -> None:
 
 cli()
 """
-DRIVEBUS_PROGRAM = "from drivebus.cli import main\nmain()\n"
+DRIVEBUS_PROGRAM = "from drivebus.cli.main import main\nmain()\n"
 ROUNDS = 40
 
 

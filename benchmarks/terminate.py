@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.harness import Figures
 
-RUN_COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+RUN_COMMAND = [sys.executable, "-m", "drivebus"]
 TERMINATE_PROFILE = 'format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n'
 """The simulated drive is a process like the others here, and may be kept from its core: so late it may answer."""
 GOAL_S = 3.0

@@ -17,7 +17,7 @@ import pytest
 
 import drivebus
 from drivebus import errors, profiles
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs" / "protocols").glob("*.md"))

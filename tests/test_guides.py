@@ -14,7 +14,7 @@ import pytest
 
 from drivebus import profiles
 from drivebus.cli.click_ext import LazyGroup
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from test_examples import run
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -70,7 +70,7 @@ RUNNING = [(page, words) for page in PAGES if ".zh" not in page.name for words i
 
 @pytest.mark.parametrize(("page", "words"), RUNNING, ids=[" ".join(words[1:3]) for _, words in RUNNING])
 def test_what_needs_no_hardware_runs(page: Path, words: list[str], tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from drivebus.cli import main; main()", *words[1:]]
+    command = [sys.executable, "-m", "drivebus", *words[1:]]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=90, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 

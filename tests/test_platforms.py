@@ -18,7 +18,7 @@ sys.meta_path.insert(0, Missing())
 for name in {ONLY_POSIX}:
     sys.modules.pop(name, None)
 sys.argv = ["drivebus", *sys.argv[1:]]
-from drivebus.cli import main
+from drivebus.cli.main import main
 main()
 """
 

@@ -7,7 +7,7 @@ line of text for each thing that happened. The same seed and budget give the sam
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib import import_module
@@ -34,20 +34,18 @@ CAMPAIGN_NAMES = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Campaign:
-    """A named series of trials. ``full_budget`` is that of the committed report, both budgets are in ``unit``."""
+    """``full``: the budget of the committed report; ``slice``: that of CI. Both in ``unit``."""
 
     name: str
     unit: str
     """What a trial is, plural: "bytes", "transactions", "instants"."""
     evidence_for: tuple[str, ...]
-    """Invariants and traps that it checks (docs/explanation/verification.md), e.g. "I5", "T04"."""
+    """Goals, invariants and traps that it is evidence for, e.g. "G04", "I5"."""
     full_budget: int
     ci_budget: int
     run: Callable[[CampaignRun], None]
-    summary: Mapping[str, str]
-    """One sentence in each language ("en", "zh")."""
     report: str = ""
     """Name of the report's file without its ending; ``lab-<name>`` where empty."""
 

@@ -8,7 +8,7 @@ import click
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, LazyGroup, Option
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from generator.words import say, table
 
 COMMON = {"lang", "json", "help"}
@@ -36,7 +36,7 @@ def _verb(command: click.Command, path: tuple[str, ...], language: str) -> Itera
     pieces = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     yield f"### `drivebus {' '.join(path)}`\n"
     yield f"```\n{pieces}\n```\n"
-    yield output.text(f"help.{command.topic}.long") + "\n"  # type: ignore[attr-defined]
+    yield output.text(f"help.{command.help_key}.long") + "\n"  # type: ignore[attr-defined]
     yield from _parameters(command, context, language)
     examples: Sequence[str] = command.examples  # type: ignore[attr-defined]
     if examples:

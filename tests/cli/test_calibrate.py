@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus.cli import output
-from drivebus.cli.commands import prove
+from drivebus.cli.commands import calibrate
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
 from drivebus.errors import ConfigurationError, StopUnconfirmed
@@ -65,8 +65,8 @@ def proved(
 
     monkeypatch.setattr("drivebus.cli.keyboard.raw_keyboard", reading)
     clear_simulated_buses()
-    link = f"sim://{model}@1?" + "&".join(("name=prove", "ramp=1", *options))
-    return virtual_time.run(prove._calibrate(Target(link, model, 1)))
+    port = f"sim://{model}@1?" + "&".join(("name=prove", "ramp=1", *options))
+    return virtual_time.run(calibrate._calibrate(Target(port=port, model=model, address=1)))
 
 
 def turn_keypad() -> str:
@@ -84,10 +84,10 @@ def test_t08_a_dzb100_is_proved_step_by_step_and_remembered(
     assert person.asked == [0, 0], "asked before the first motion"
     assert station().motor.starts > 0 and not station().motor.energised
     said = capsys.readouterr().out
-    assert f"query_coding = {coding}" in said and f"setpoint_coding = {coding}" in said and "Kept" in said
+    assert f"query_coding = {coding}" in said and f"setpoint_coding = {coding}" in said and "Stored" in said
     nobody = Person()
     assert proved(monkeypatch, "dzb100", nobody, *options) is ExitCode.DONE
-    assert "Nothing is left to prove" in capsys.readouterr().out and not nobody.asked
+    assert "Nothing is left to calibrate" in capsys.readouterr().out and not nobody.asked
 
 
 @pytest.mark.parametrize("keys", [("n",), (turn_keypad, "n"), (turn_keypad, "\r"), (turn_keypad, lambda: None)])
@@ -120,7 +120,7 @@ def test_a_df800s_direction_is_what_the_person_saw(
 
 def test_who_saw_nothing_proves_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert proved(monkeypatch, "df800", Person("y", "?")) is ExitCode.FAILED
-    assert "nothing is proved" in capsys.readouterr().out
+    assert "nothing is stored" in capsys.readouterr().out
     assert station().motor.starts == 1
     assert proved(monkeypatch, "df800", Person("n")) is ExitCode.INTERRUPTED, "asked again"
 
@@ -140,7 +140,7 @@ def test_a_model_without_open_proofs_is_asked_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert proved(monkeypatch, "c320", Person()) is ExitCode.DONE
-    assert "Nothing is left to prove on this c320" in capsys.readouterr().out
+    assert "Nothing is left to calibrate on this c320" in capsys.readouterr().out
 
 
 def test_ctrl_c_in_a_proof_that_moves_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,21 +193,21 @@ def test_a_drive_that_falls_silent_while_it_turns_is_stopped_and_said_to_be_unco
 
 @pytest.mark.skipif(sys.platform == "win32", reason="ptys of POSIX")
 def test_at_a_terminal_each_step_waits_for_its_key() -> None:
-    with PtyTerminal("prove", "sim://df800@1", "--model", "df800", "--address", "1") as terminal:
+    with PtyTerminal("calibrate", "sim://df800@1", "--model", "df800", "--address", "1") as terminal:
         terminal.wait_for("Press y to jog it")
         terminal.press("y")
-        terminal.wait_for("Which way did it turn?")
+        terminal.wait_for("In which direction did it turn?")
         terminal.press("f")
-        terminal.wait_for("Proved: direction_field = b3b2")
+        terminal.wait_for("Determined: direction_field = b3b2")
         assert terminal.exit_code() == 0
-    assert "forgotten now" in terminal.output
+    assert "is not stored" in terminal.output
 
 
 def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
     with pytest.raises(ConfigurationError) as caught:
         proved(monkeypatch, "df800", Person())
-    assert caught.value.key == "prove.no_terminal"
+    assert caught.value.key == "calibrate.no_terminal"
     with pytest.raises(KeyError):
         station()
 
@@ -216,7 +216,7 @@ def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -
 def test_a_dry_run_shows_what_would_be_sent(model: str, purposes: int) -> None:
     words = ["/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
     output.parse_global_options(words)
-    result = CliRunner().invoke(prove.command, words, standalone_mode=False)
+    result = CliRunner().invoke(calibrate.command, words, standalone_mode=False)
     frames = json.loads(result.stdout)["frames"]
     assert len(frames) == purposes
     if model == "dzb100":

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from drivebus import errors, profiles
 from drivebus.cli import errors as cli_errors
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("--model", "c320", "--address", "1")
@@ -106,7 +106,7 @@ def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expect
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
     said = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
-    assert "drivebus scan LINK" in said
+    assert "drivebus scan PORT" in said
 
 
 def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:
@@ -133,31 +133,43 @@ def test_a_verb_that_the_model_has_not_is_refused_with_1() -> None:
 
 
 def test_bus_stop_names_who_stopped_who_could_only_say_yes_and_where_nobody_was() -> None:
-    found = ask("bus-stop", "sim://c320@1-2", "--model", "c320", "--address", "1-2")
+    found = ask("stop", "--all", "sim://c320@1-2", "--model", "c320", "--address", "1-2")
     assert found["confirmed"] == [1, 2]
     assert found["unconfirmed"] == []
-    acknowledged = ask("bus-stop", "sim://df800@1", "--model", "df800", "--address", "1")
+    acknowledged = ask("stop", "--all", "sim://df800@1", "--model", "df800", "--address", "1")
     assert acknowledged["acknowledged"] == [1]
 
 
 def test_a_bus_stop_of_an_absent_drive_that_was_named_exits_with_4() -> None:
-    found = ask("bus-stop", "sim://vc660@1", "--model", "vc660", "--address", "1-2", code=4)
+    found = ask("stop", "--all", "sim://vc660@1", "--model", "vc660", "--address", "1-2", code=4)
     assert found["confirmed"] == [1]
     assert found["unconfirmed"] == [2]
 
 
 def test_scan_tells_what_it_found_and_that_it_only_read() -> None:
     result = CliRunner().invoke(
-        cli, ["scan", "sim://vc660@2", "--models", "vc660", "--addresses", "1-3", "--listen", "0.1", "--lang", "en"]
+        cli,
+        ["scan", "sim://vc660@2", "--models", "vc660", "--addresses", "1-3", "--listen-seconds", "0.1", "--lang", "en"],
     )
     assert result.exit_code == 0
     assert "vc660" in result.stdout
     assert "Only reads are sent" in result.stderr
-    assert "comm-loss timer" in result.stderr
+    assert "communication-loss timer" in result.stderr
 
 
 def test_scan_of_an_empty_line_exits_with_1_and_says_what_to_check() -> None:
-    words = ("scan", "sim://vc660@9", "--models", "vc660", "--addresses", "1-2", "--listen", "0", "--lang", "en")
+    words = (
+        "scan",
+        "sim://vc660@9",
+        "--models",
+        "vc660",
+        "--addresses",
+        "1-2",
+        "--listen-seconds",
+        "0",
+        "--lang",
+        "en",
+    )
     assert "A/B" in say(*words, "--bauds", "9600", "--formats", "8N1", code=1)
 
 
@@ -213,7 +225,7 @@ def test_ports_answers_on_a_machine_without_serial_ports_too() -> None:
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_refused_profile_is_told_with_file_and_line_and_exits_with_2(tmp_path: Path, language: str) -> None:
     bad = tmp_path / "mine.toml"
-    bad.write_text('format = 1\nmodel = "mine"\nfamily = "nobody"\n')
+    bad.write_text('format = 1\nextends = "c320"\nfamily = "nobody"\n')
     result = CliRunner().invoke(cli, ["profile", "check", str(bad), "--lang", language])
     assert result.exit_code == 2
     (line,) = [line for line in result.stderr.splitlines() if "nobody" in line]
@@ -252,7 +264,7 @@ def test_a_port_that_is_not_there_is_told_with_what_to_do() -> None:
 
 
 def test_an_unknown_setting_is_told_with_those_that_there_are() -> None:
-    found = ask("status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--set", "speed=9", code=2)
+    found = ask("status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--option", "speed=9", code=2)
     assert "setpoint_coding" in found["error"]["text"]
 
 
@@ -295,6 +307,6 @@ def test_nothing_that_moved_or_may_have_moved_the_motor_goes_without_a_stop() ->
 
 
 def test_a_bus_stop_without_addresses_stops_who_is_there_and_says_how_many_addresses_were_silent() -> None:
-    found = ask("bus-stop", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
+    found = ask("stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
     assert found["confirmed"] == [1, 2]
     assert len(found["absent"]) == 29

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus import i18n
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 
 VECTORS = [
     json.loads(line)

@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 
 VECTORS = {
     vector["id"]: vector
@@ -61,9 +61,9 @@ C320 = ("--model", "c320", "--address", "0")
         ("dzb100-3-request", ("read", "23", "--model", "dzb100", "--address", "3")),
         (
             "dzb100-run-10hz",
-            ("run", "--frequency", "10", "--set", "setpoint_coding=hex-0.1", "--model", "dzb100", "--address", "1"),
+            ("run", "--frequency", "10", "--option", "setpoint_coding=hex-0.1", "--model", "dzb100", "--address", "1"),
         ),
-        ("dzb100-stop-all", ("bus-stop", "--model", "dzb100", "--address", "1-3")),
+        ("dzb100-stop-all", ("stop", "--all", "--model", "dzb100", "--address", "1-3")),
         ("vc660-write-f00.02", ("write", "F00.02=30", "--model", "vc660", "--address", "1")),
         ("vc660-start", ("run", "--frequency", "10", "--model", "vc660", "--address", "1")),
         ("vc660-stop", ("stop", "--model", "vc660", "--address", "1")),
@@ -96,15 +96,15 @@ def test_a_frame_is_told_with_its_reply_length_and_its_time_on_the_bus() -> None
 
 
 def test_the_line_of_a_dry_run_is_the_options_else_the_links_else_the_profiles() -> None:
-    assert dry("stop", *C320)["line"] == "9600 8E1"
-    assert dry("stop", *C320, "--baud", "19200", "--format", "8O1")["line"] == "19200 8O1"
+    assert dry("stop", *C320)["serial"] == "9600 8E1"
+    assert dry("stop", *C320, "--baud", "19200", "--format", "8O1")["serial"] == "19200 8O1"
     link = f"serial://{NOWHERE}?baud=2400"
     result = CliRunner().invoke(cli, ["stop", link, *C320, "--dry-run", "--json"])
-    assert json.loads(result.stdout)["line"] == "2400 8E1"
+    assert json.loads(result.stdout)["serial"] == "2400 8E1"
 
 
 def test_a_broadcast_is_told_to_have_no_reply() -> None:
-    frame = dry("bus-stop", "--model", "c320", "--address", "1-2")["frames"][0]
+    frame = dry("stop", "--all", "--model", "c320", "--address", "1-2")["frames"][0]
     assert frame["reply_bytes"] == 0
 
 
@@ -117,7 +117,7 @@ def test_reads_in_a_dry_run_carry_no_command_and_every_verb_that_sends_has_one(v
     else:
         words += ["--model", model, "--address", "1"]
     words += ["--frequency", "5"] if verb == "run" else []
-    words += ["--set", "setpoint_coding=hex-0.1"] if verb == "run" and model == "dzb100" else []
+    words += ["--option", "setpoint_coding=hex-0.1"] if verb == "run" and model == "dzb100" else []
     result = CliRunner().invoke(cli, words)
     if result.exit_code != 0:
         assert json.loads(result.stdout)["error"]["type"] in ("CapabilityError", "StartInhibited", "LimitError")
@@ -135,9 +135,9 @@ def test_a_dry_run_is_told_to_people_in_both_languages(language: str) -> None:
     assert "dry." not in result.output
 
 
-SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion", "lab"}
+SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion"}
 """The demo and the lab's campaigns speak to their own simulated plants only."""
-OF_A_PLANT = {"init", "check", "serve", "stop-all", "user", "audit"}
+OF_A_PLANT = {"init", "check", "serve", "user", "audit"}
 """What a plant would send is told by ``check`` before it is served; of a stop there is nothing to try. ``init`` reads
 only, as ``scan`` does, whose dry run shows the frames."""
 
@@ -157,7 +157,7 @@ def test_a_value_that_fits_no_word_is_refused_in_a_dry_run_too() -> None:
 
 
 def test_a_frequency_that_goes_only_with_a_run_command_is_shown_as_a_running_drive_would_get_it() -> None:
-    proved = ("--set", "query_coding=hex-0.1", "--set", "setpoint_coding=hex-0.1")
+    proved = ("--option", "query_coding=hex-0.1", "--option", "setpoint_coding=hex-0.1")
     found = dry("set-frequency", "10", "--model", "dzb100", "--address", "2", *proved)
     assert [frame["hex"] for frame in found["frames"]] == ["43 03 01 30 32 30 31 30 30 36 34"]
     assert "ran forward" in found["notes"][0]

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.cli import output, text_layout
+from drivebus.cli import output
+from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.formatting import outcome_text, status_text
-from drivebus.cli.progress import format_duration
+from drivebus.cli.formatting import format_reading, format_value, outcome_text, status_text
+from drivebus.cli.output import format_duration
 from drivebus.cli.scanning import print_scan
-from drivebus.cli.value_format import format_reading, format_value
 from drivebus.commissioning.scan import ScanProgress, SniffResult
 from drivebus.drives.state import DriveState, DriveStatus, Outcome, OutcomeStatus
 from drivebus.values import Reading, missing_reading
@@ -90,4 +90,4 @@ def test_a_scan_that_asked_nobody_does_not_say_that_nobody_answered(capsys: pyte
     assert capsys.readouterr().out == ""
     progress.done_s = 10.0
     print_scan("x", progress, None, ExitCode.FAILED)
-    assert "Nobody answered" in capsys.readouterr().out
+    assert "No drive answered" in capsys.readouterr().out

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus.capture.dbcap import BytesRecord, EventRecord, read_capture
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("--model", "c320", "--address", "1")
@@ -61,7 +61,7 @@ def test_a_recorded_line_is_shown_again_by_monitor(tmp_path: Path) -> None:
 def test_one_capture_holds_a_whole_scan_with_the_settings_that_each_part_was_asked_under(tmp_path: Path) -> None:
     file = tmp_path / "scan.dbcap"
     words = ("scan", "sim://vc660@1?drives=19200-8N1", "--models", "vc660", "--addresses", "1-2", "--formats", "8N1")
-    result = invoke(*words, "--bauds", "9600,19200", "--listen", "0.1", "--record", str(file), "--json")
+    result = invoke(*words, "--bauds", "9600,19200", "--listen-seconds", "0.1", "--record", str(file), "--json")
     assert result.exit_code == 0, result.output
     opened = [one for one in read_capture(file).records if isinstance(one, EventRecord) and one.name == "opened"]
     assert [one.details["baud"] for one in opened] == [9600, 9600, 19200], "listened first, then both settings"

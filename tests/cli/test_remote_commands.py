@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
@@ -78,7 +78,7 @@ def state(plant: RunningService) -> DriveState:
 
 def test_status_tells_what_the_service_knows(service: str) -> None:
     found = verb(service, "status", *FAN)
-    assert (found["link"], found["model"], found["address"], found["state"]) == (service, "c320", 1, "stopped")
+    assert (found["port"], found["model"], found["address"], found["state"]) == (service, "c320", 1, "stopped")
     reading = found["readings"]["output_frequency"]
     assert (reading["value"], reading["quality"]) == (0.0, "good") and reading["age_s"] < 30.0
 
@@ -126,7 +126,7 @@ def test_f18_ctrl_c_stops_the_drive_of_an_attached_run_and_gives_it_back(plant: 
 
 
 def test_bus_stop_stops_the_whole_plant(plant: RunningService, service: str) -> None:
-    found = verb(service, "bus-stop")
+    found = verb(service, "stop", "--all")
     everybody = sorted(plant.kit.service.plant.drives)
     assert (sorted(found["confirmed"]), found["unconfirmed"]) == (everybody, [])
     for drive in everybody:
@@ -169,9 +169,9 @@ def test_who_owns_the_drive_is_not_disturbed(
 def test_s08_a_viewer_may_look_and_nothing_else(plant: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.VIEWER))
     verb(plant.url, "status", *FAN)
-    for words in (["stop", *FAN], ["set-frequency", *FAN, "10"], ["write", *FAN, "F1.10=1"], ["bus-stop"]):
+    for words in (["stop", *FAN], ["set-frequency", *FAN, "10"], ["write", *FAN, "F1.10=1"], ["stop", "--all"]):
         found = verb(plant.url, words[0], *words[1:], code=ExitCode.FAILED)
-        assert found["error"]["key"] == "auth.forbidden"
+        assert found["error"]["key"] == "access.forbidden"
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_s08_a_viewer_may_look_and_nothing_else(plant: RunningService, monkeypat
         (["stop", "--service", "x", *FAN, "--dry-run"], "service.not_with"),
         (["stop", "--service", "x", *FAN, "--model", "c320"], "service.not_with"),
         (["run", "--service", "x", *FAN, "--frequency", "1", "--wait"], "service.not_with"),
-        (["bus-stop", "--service", "x", "--address", "1"], "service.not_with"),
+        (["stop", "--all", "--service", "x", "--address", "1"], "service.not_with"),
         (["monitor", "--service", "x", "--record", "a.dbcap"], "service.not_with"),
         (["status", "--service", "ftp://127.0.0.1", *FAN], "service.address"),
         (["status", "--service", "http://a:b@127.0.0.1", *FAN], "service.address"),
@@ -255,7 +255,7 @@ def test_an_answer_that_does_not_come_leaves_it_unknown(strange: str) -> None:
 
 def test_a_redirect_is_not_followed_with_the_token(strange: str) -> None:
     Strange.reply = lambda self: self._say(307, {}, Location="http://127.0.0.1:1/")  # type: ignore[method-assign]
-    assert verb(strange, "bus-stop", code=ExitCode.UNKNOWN)["error"]["key"] == "service.not_stopped"
+    assert verb(strange, "stop", "--all", code=ExitCode.UNKNOWN)["error"]["key"] == "service.not_stopped"
 
 
 def test_the_live_view_shows_the_plant_and_then_that_it_is_gone(

@@ -65,7 +65,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
 @pytest.fixture
 def plant_for_two() -> Iterator[Plant]:
     """Behind TCP, where a second master can speak."""
-    with simulated("--listen", "tcp://127.0.0.1:0") as found:
+    with simulated("--bind", "tcp://127.0.0.1:0") as found:
         yield found
 
 

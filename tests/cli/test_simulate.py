@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+COMMAND = [sys.executable, "-m", "drivebus"]
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def test_the_first_line_names_a_pty_that_is_there(tmp_path: Path) -> None:
 
 
 def test_a_tcp_port_answers_a_real_frame() -> None:
-    with simulated("--model", "vc660", "--address", "1", "--listen", "tcp://127.0.0.1:0") as (_, first):
+    with simulated("--model", "vc660", "--address", "1", "--bind", "tcp://127.0.0.1:0") as (_, first):
         port = int(first["url"].split(":")[2].partition("?")[0])
         with socket.create_connection(("127.0.0.1", port), 5) as connection:
             connection.settimeout(5)

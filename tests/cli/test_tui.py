@@ -21,8 +21,8 @@ from drivebus.cli.demo.layout import LINES
 from drivebus.cli.demo.plant import MemoryDemoPlant, PtyDemoPlant
 from drivebus.cli.demo.script import END_S, STORY
 from drivebus.cli.demo.stage import Stage
-from drivebus.cli.root import cli
-from drivebus.cli.text_layout import table, width, wrap
+from drivebus.cli.main import cli
+from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.capture_source import CapturePlayer
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
@@ -397,7 +397,7 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
     assert result.exit_code == 0, result.output
     rows = [json.loads(text) for text in result.stdout.splitlines() if '"drives"' in text][-1]["drives"]
     assert [row["state"] for row in rows] == ["stopped", "stopped"]
-    assert "Address 9 (vc660) speaks another protocol" in result.stderr
+    assert "Address 9 (vc660) uses another protocol" in result.stderr
 
 
 def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus.capture.dbcap import BytesRecord, CaptureHeader, CaptureWriter, read_capture
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.commissioning.decode.framing import split_frames
 from drivebus.commissioning.wireshark import WIRESHARK_OPTIONS
 from drivebus.errors import ProtocolError

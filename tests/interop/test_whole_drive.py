@@ -27,7 +27,7 @@ from peers import need_module
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
 
-CLI = (sys.executable, "-c", "from drivebus.cli import main; main()")
+CLI = (sys.executable, "-m", "drivebus")
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
     (log.parent / "tmp").mkdir()
     with log.open("w") as errors:
         own = os.environ | {"TMPDIR": str(log.parent / "tmp")}
-        command = [sys.executable, "-c", "from drivebus.cli import main; main()", "demo", "--json", "--lang", "en"]
+        command = [sys.executable, "-m", "drivebus", "demo", "--json", "--lang", "en"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=own)
         try:
             yield process, _printed(process, log) | {"tmp": own["TMPDIR"]}

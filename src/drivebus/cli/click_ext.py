@@ -1,7 +1,9 @@
-"""click's commands, speaking both languages: help comes from the catalogues, laid out for wide characters."""
+"""click commands, options and arguments with texts from the catalogues and a layout for Chinese characters."""
 
 from __future__ import annotations
 
+import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
@@ -9,13 +11,13 @@ from typing import Any
 import click
 
 from drivebus.cli import errors, output
-from drivebus.cli.text_layout import paragraphs, two_columns
 
-_MAX_HELP_WIDTH = 100
+_MAX_HELP_CELLS = 100
+_MIN_HELP_CELLS = 50
 
 
 class Option(click.Option):
-    """An option whose help is the sentence ``help.<key>``; ``{example}`` in it is a value that works."""
+    """An option with the help text ``help.<key>``; ``example`` is a value that works."""
 
     def __init__(self, *names: Any, key: str = "", example: str = "", **rest: Any) -> None:
         super().__init__(*names, **rest)
@@ -28,13 +30,13 @@ class Option(click.Option):
         return names + takes, self.help_text()
 
     def help_text(self) -> str:
-        """What the option does, and a real value."""
-        said = output.text(self.key)
-        return said + output.text("cli.for_example", example=self.example) if self.example else said
+        """Return the explanation and the example."""
+        text = output.text(self.key)
+        return text + output.text("cli.for_example", example=self.example) if self.example else text
 
 
 class Choice(click.Choice[str]):
-    """One of a few words, with a complaint in the user's language."""
+    """One of a few words; a wrong value is reported in the user's language."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:
@@ -45,7 +47,7 @@ class Choice(click.Choice[str]):
 
 
 class Argument(click.Argument):
-    """An argument that explains itself in the help."""
+    """An argument with the help text ``help.<key>``."""
 
     def __init__(self, *names: Any, key: str = "", **rest: Any) -> None:
         super().__init__(*names, **rest)
@@ -53,67 +55,65 @@ class Argument(click.Argument):
 
 
 class _LocalizedHelp:
-    """What verbs and groups share: a page of help in the user's language."""
+    """Help page of commands and groups in the user's language."""
 
     examples: Sequence[str] = ()
+    help_key: str = ""
 
     def _help_page(self, command: click.Command, ctx: click.Context, body: Sequence[tuple[str, str]]) -> str:
-        cells = min(ctx.terminal_width or _terminal_width(), _MAX_HELP_WIDTH)
         usage = " ".join([ctx.command_path, *command.collect_usage_pieces(ctx)])
-        parts = [output.text("cli.usage", usage=usage), paragraphs(output.text(f"help.{self.topic}.long"), cells)]
+        explanation = output.paragraphs(output.text(f"help.{self.help_key}.long"), _help_cells())
+        parts = [output.text("cli.usage", usage=usage), explanation]
         parts += [f"{title}\n{text}" for title, text in body if text]
         if self.examples:
             parts.append(output.text("cli.examples") + "\n" + "\n".join(f"  {line}" for line in self.examples))
         return "\n\n".join(parts) + "\n"
 
-    topic: str = ""
-
     def _options_help(self, command: click.Command, ctx: click.Context) -> str:
         options = [param for param in command.get_params(ctx) if isinstance(param, click.Option)]
         rows = [row for option in options if (row := option.get_help_record(ctx))]
-        return two_columns(rows, min(_terminal_width(), _MAX_HELP_WIDTH))
+        return output.two_columns(rows, _help_cells())
 
 
 class CliCommand(_LocalizedHelp, click.Command):
-    """One verb. ``examples`` are command lines that work as they stand (a test parses each)."""
+    """One command. ``examples`` are command lines that work as they stand; a test parses each."""
 
-    def __init__(self, name: str, *, examples: Sequence[str] = (), topic: str = "", **rest: Any) -> None:
+    def __init__(self, name: str, *, examples: Sequence[str] = (), help_key: str = "", **rest: Any) -> None:
         super().__init__(name, **rest)
         self.examples = examples
-        self.topic = topic or name
+        self.help_key = help_key or name
         self.params += common_options()
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        return output.text(f"help.{self.topic}.short")
+        return output.text(f"help.{self.help_key}.short")
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         return help_option()
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        cells = min(_terminal_width(), _MAX_HELP_WIDTH)
         arguments = [(p.make_metavar(ctx), output.text(p.key)) for p in self.params if isinstance(p, Argument)]
         body = [
-            (output.text("cli.arguments"), two_columns(arguments, cells)),
+            (output.text("cli.arguments"), output.two_columns(arguments, _help_cells())),
             (output.text("cli.options"), self._options_help(self, ctx)),
         ]
         formatter.write(self._help_page(self, ctx, body))
 
 
 class LazyGroup(_LocalizedHelp, click.Group):
-    """A group whose verbs are imported when they are called: ``sections`` maps a heading to {verb: "module:name"}."""
+    """A group that imports a command when it is called: ``sections`` maps a heading to {command: "module:name"}."""
 
-    def __init__(self, name: str, *, sections: Mapping[str, Mapping[str, str]], topic: str, **rest: Any) -> None:
+    def __init__(self, name: str, *, sections: Mapping[str, Mapping[str, str]], help_key: str, **rest: Any) -> None:
         self.examples = rest.pop("examples", ())
         super().__init__(name, **rest)
         self.sections = sections
-        self.topic = topic
+        self.help_key = help_key
         self.params += common_options()
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [verb for verbs in self.sections.values() for verb in verbs]
+        return [name for section in self.sections.values() for name in section]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        place = next((verbs[cmd_name] for verbs in self.sections.values() if cmd_name in verbs), None)
+        place = next((section[cmd_name] for section in self.sections.values() if cmd_name in section), None)
         if place is None:
             return None
         module, _, name = place.partition(":")
@@ -123,7 +123,7 @@ class LazyGroup(_LocalizedHelp, click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """click's, with the verbs that a wrong word may have meant."""
+        """Resolve as click does, and add similar command names to the error of an unknown one."""
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
@@ -138,20 +138,16 @@ class LazyGroup(_LocalizedHelp, click.Group):
         return help_option()
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        cells = min(_terminal_width(), _MAX_HELP_WIDTH)
-        topic = "" if self.topic == "drivebus" else f"{self.topic}."
-        body = [
-            (output.text(key), two_columns([(v, output.text(f"help.{topic}{v}.short")) for v in verbs], cells))
-            for key, verbs in self.sections.items()
-        ]
-        formatter.write(
-            self._help_page(self, ctx, [*body, (output.text("cli.options"), self._options_help(self, ctx))])
-        )
+        prefix = "" if self.help_key == "drivebus" else f"{self.help_key}."
+        body = []
+        for heading, section in self.sections.items():
+            rows = [(name, output.text(f"help.{prefix}{name}.short")) for name in section]
+            body.append((output.text(heading), output.two_columns(rows, _help_cells())))
+        body.append((output.text("cli.options"), self._options_help(self, ctx)))
+        formatter.write(self._help_page(self, ctx, body))
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **named: Any) -> Any:
-        """Run, and end the process with the exit code that the outcome deserves."""
-        import sys
-
+        """Run, and end the process with the exit code of the outcome."""
         arguments = list(sys.argv[1:] if args is None else args)
         output.parse_global_options(arguments)
         _escape_unencodable()
@@ -177,7 +173,7 @@ class LazyGroup(_LocalizedHelp, click.Group):
 
 
 def common_options() -> list[click.Parameter]:
-    """Options of every verb; ``voice.listen`` has already heeded them."""
+    """Return the options of every command; ``output.parse_global_options`` has already applied them."""
     return [
         Option(["--lang"], type=Choice(["en", "zh"]), expose_value=False, example="--lang zh"),
         Option(["--json"], is_flag=True, expose_value=False),
@@ -185,7 +181,7 @@ def common_options() -> list[click.Parameter]:
 
 
 def help_option() -> click.Option:
-    """--help in the user's language."""
+    """Return ``--help`` in the user's language."""
 
     def show(ctx: click.Context, option: click.Parameter, value: bool) -> None:
         if value and not ctx.resilient_parsing:
@@ -195,16 +191,12 @@ def help_option() -> click.Option:
     return Option(["--help"], is_flag=True, is_eager=True, expose_value=False, callback=show, key="help.option.help")
 
 
-def _terminal_width() -> int:
-    import shutil
-
-    return max(50, shutil.get_terminal_size().columns - 2)
+def _help_cells() -> int:
+    return min(max(_MIN_HELP_CELLS, shutil.get_terminal_size().columns - 2), _MAX_HELP_CELLS)
 
 
 def _escape_unencodable() -> None:
-    """A terminal that can't show a character gets an escape instead of a crash."""
-    import sys
-
+    """Print an escape for a character that the terminal cannot encode, instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:

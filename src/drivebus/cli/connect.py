@@ -1,53 +1,56 @@
-"""From LINK, --model and --address to an open bus and a drive on it."""
+"""Open the bus and the drive that the options of a command name: on a port, or through a running service."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import output
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, DriveLimits
-    from drivebus.ports.base import Port
+    from drivebus.ports import Port
     from drivebus.profiles import DriveProfile
-    from drivebus.serial_settings import SerialSettings
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Target:
-    """What the options of a drive verb say: where, what, how."""
+    """The drive that the options of a command name."""
 
-    link: str
+    port: str
+    """Port URL; with ``service`` its address or socket."""
     model: str
     address: int
     baud: int | None = None
     format: str | None = None
     encoding: str | None = None
-    set: tuple[tuple[str, str], ...] = ()
-    """``--set NAME=VALUE``: open questions of the family, answered for this drive."""
+    option: tuple[tuple[str, str], ...] = ()
+    """``--option NAME=VALUE``: values of profile options."""
     record: str | None = None
-    """``--record FILE``: a capture to write."""
+    """``--record FILE``: the capture to write."""
     service: str | None = None
-    """``--service``: who owns the bus; ``link`` is then its address too."""
+    """``--service``: the service that owns the bus."""
     drive: str = ""
-    """``--drive``: the drive's name in the service's plant."""
+    """``--drive``: name of the drive in the service's plant."""
 
+    @cached_property
     def profile(self) -> DriveProfile:
-        """Raises ProfileError for a model nobody knows."""
+        """Profile of the model. Raises ProfileError for an unknown model."""
         from drivebus import profiles
 
         return profiles.load(self.model)
 
     def drive_options(self) -> dict[str, Any]:
-        """``--set`` as values. Raises ConfigurationError for a name or value that the profile does not know."""
-        profile = self.profile()
-        return {name: _option_value(profile, name, text) for name, text in self.set}
+        """Convert ``--option`` to the types of the profile. Raises ConfigurationError for an unknown name or value."""
+        return {name: _option_value(self.profile, name, text) for name, text in self.option}
 
-    def serial_settings(self) -> SerialSettings:
-        """Settings of the line: the options', else the LINK's, else the profile's."""
-        return open_port(self.link, self.profile(), self.baud, self.format).settings
+    def open_port(self) -> Port:
+        """Return the port, not yet opened. Raises PortUrlError."""
+        return open_port(self.port, self.profile, self.baud, self.format)
 
 
 def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
@@ -55,13 +58,13 @@ def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
 
     if name not in profile.settings:
         known = ", ".join(sorted(profile.settings)) or "–"
-        raise ConfigurationError("cli.setting_unknown", model=profile.model, found=name, expected=known)
+        raise ConfigurationError("cli.option_unknown", model=profile.model, found=name, expected=known)
     question = next((one for one in profile.open_questions if one.setting == name), None)
     choices = question.choices if question else ()
     value = _convert_like(text, profile.settings[name])
     if value is None or (choices and value not in choices):
         expected = ", ".join(str(choice) for choice in choices) or type(profile.settings[name]).__name__
-        raise ConfigurationError("cli.setting_value", name=name, found=text, expected=expected)
+        raise ConfigurationError("cli.option_value", name=name, found=text, expected=expected)
     return value
 
 
@@ -69,7 +72,7 @@ _BOOLEANS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "
 
 
 def _convert_like(text: str, like: Any) -> Any:
-    """``text`` as a value of the same type as ``like``; None where it is none."""
+    """Convert ``text`` to the type of ``like``; None if that is not possible."""
     if isinstance(like, bool):
         return _BOOLEANS.get(text.lower())
     try:
@@ -78,47 +81,45 @@ def _convert_like(text: str, like: Any) -> Any:
         return None
 
 
-def open_port(link: str, profile: DriveProfile | None, baud: int | None, format: str | None) -> Port:
-    """Return an unopened port; the profile supplies what options and URL leave out. Raises PortUrlError."""
-    from drivebus import ports
-    from drivebus.ports.url import parse_port_url
+def open_port(url: str, profile: DriveProfile, baud: int | None, format: str | None) -> Port:
+    """Return the port, not yet opened. The options override the URL, which overrides the profile.
 
-    if profile is not None:
-        given = parse_port_url(link).explicit
-        baud = baud if baud is not None or "baud" in given else profile.serial.baud
-        format = format if format is not None or "format" in given else profile.serial.format
-    return ports.open_port(link, baud=baud, format=format)
+    Raises PortUrlError.
+    """
+    from drivebus import ports
+    from drivebus.serial_settings import SerialSettings
+
+    defaults = SerialSettings.parse(profile.serial.baud, profile.serial.format)
+    return ports.open_port(url, baud=baud, format=format, defaults=defaults)
 
 
 @asynccontextmanager
 async def open_drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
-    """The open bus with the drive on it, within the user's ``limits``; closed afterwards.
+    """Open the bus with the drive on it, within the user's ``limits``; close both afterwards.
 
-    Raises PortUnavailable, PortUrlError, ProfileError; CaptureError where ``record`` can't be created. With ``service``
-    the same face over the service that owns the bus; raises what that says.
+    With ``target.service`` the pair has the same interface over the service. Raises PortUnavailable, PortUrlError,
+    ProfileError, CaptureError where ``record`` can't be created, and the errors of the service.
     """
     if target.service is not None:
-        async with _open_remote(target) as served:
-            yield served
+        async with _open_remote(target) as remote:
+            yield remote
         return
     from drivebus.bus import Bus
-    from drivebus.cli import output
     from drivebus.drives import Drive
     from drivebus.errors import BusError
 
-    profile = target.profile()
-    settings = target.drive_options()
-    with record_port(open_port(target.link, profile, target.baud, target.format), target.record) as port:
+    profile, settings = target.profile, target.drive_options()
+    with record_port(target.open_port(), target.record) as port:
         async with Bus(port) as bus:
-            found = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings, limits=limits)
+            drive = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings, limits=limits)
             try:
-                yield bus, found
+                yield bus, drive
             except BusError:
                 if bus.health(target.address).foreign_master:
                     output.print_note("hint.foreign_master")
                 raise
             finally:
-                found.close()
+                drive.close()
 
 
 @asynccontextmanager
@@ -128,46 +129,44 @@ async def _open_remote(target: Target) -> AsyncIterator[tuple[Any, Any]]:
 
     assert target.service is not None
     async with open_client(target.service) as client:
-        found = RemoteDrive(client, target.drive, target.address, target.profile())
+        drive = RemoteDrive(client, target.drive, target.address, target.profile)
         try:
-            yield RemoteBus(), found
+            yield RemoteBus(), drive
         finally:
-            await found.close()
+            await drive.close()
 
 
 @contextmanager
 def record_port(port: Port, file: str | None) -> Iterator[Port]:
-    """The port, with a capture of all that passes through it where ``file`` names one; says so at the end."""
-    with record_ports(file) as around:
-        yield around(port)
+    """Record all bytes of a port in a capture if ``file`` is given; report the file at the end."""
+    with record_ports(file) as wrap:
+        yield wrap(port)
 
 
 @contextmanager
 def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
-    """What puts one capture around port after port, each opened before the next; says at the end what became of it.
+    """Provide a function that records port after port in one capture; report the file at the end.
 
-    A disk that fails ends the capture, never what the bus does.
+    A disk error ends the capture, never the communication.
     """
-    from drivebus.cli import output
-
     if file is None:
         yield lambda port: port
         return
     from drivebus.ports.recording import RecordingPort
 
-    capturing: list[RecordingPort] = []
+    recording: list[RecordingPort] = []
 
-    def around(port: Port) -> Port:
-        capturing[:] = [capturing[0].continue_on(port) if capturing else RecordingPort(port, file)]
-        return capturing[0]
+    def wrap(port: Port) -> Port:
+        recording[:] = [recording[0].continue_on(port) if recording else RecordingPort(port, file)]
+        return recording[0]
 
     try:
-        yield around
+        yield wrap
     finally:
-        for one in capturing:
-            one.end_capture()
-    error = capturing[0].error if capturing else None
+        for port in recording:
+            port.end_capture()
+    error = recording[0].error if recording else None
     if error is not None:
         output.print_note("record.cut", file=file, reason=error.strerror or str(error))
-    elif capturing:
+    elif recording:
         output.print_note("record.done", file=file)

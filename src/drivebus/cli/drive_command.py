@@ -1,71 +1,129 @@
-"""What the verbs that command one drive share: parameters, running, and telling the outcome."""
+"""Commands on one drive: parameters, target, execution and outcome.
+
+Each works on a PORT, or with ``--service`` and ``--drive`` on a drive of a running service.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import copy
+from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any
+
+import click
 
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.remote import options as remote_options
-from drivebus.cli.remote.options import RemoteCommand
+from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    import click
-
     from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.state import Outcome
 
+_PORT_OPTIONS = ("port", "model", "address", "baud", "format", "encoding", "option", "record")
+_LOCAL_OPTIONS = ("dry_run", "wait", "eeprom_writes_per_day")  # options of some commands that a service does not take
+_REPLACED_ARGUMENTS = ("port", "source", "target")  # arguments that ``--service`` replaces
+_SERVICE_GIVEN = "drivebus.service"
 
-_PORT_OPTIONS = ("link", "model", "address", "baud", "format", "encoding", "set", "record")
+
+class RemoteCommand(CliCommand):
+    """A command that needs no PORT if ``--service`` is given."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        own = args[: args.index("--")] if "--" in args else args
+        ctx.meta[_SERVICE_GIVEN] = any(word == "--service" or word.startswith("--service=") for word in own)
+        return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        params = super().get_params(ctx)
+        if not ctx.meta.get(_SERVICE_GIVEN):
+            return params
+        return [_optional(param) for param in params if param.name not in _REPLACED_ARGUMENTS]
 
 
-def pop_target(given: dict[str, Any]) -> Target:
-    """Take the options of ``options.drive()`` out of a verb's parameters."""
-    return Target(**{name: given.pop(name) for name in _PORT_OPTIONS})
+def _optional(param: click.Parameter) -> click.Parameter:
+    """Return a copy that is not required: the service has the value."""
+    if not (param.required and isinstance(param, click.Option)):
+        return param
+    optional = copy.copy(param)
+    optional.required = False
+    return optional
 
 
 def drive_command(
     name: str,
-    do: Callable[..., Awaitable[ExitCode]],
+    execute: Callable[..., Awaitable[ExitCode]],
     plan: Callable[..., ExitCode],
     *,
     extra: tuple[click.Parameter, ...] = (),
     examples: tuple[str, ...],
 ) -> CliCommand:
-    """A verb on one drive: ``do(target, **extra)`` does it, ``plan(dry, **extra)`` says what it would send."""
+    """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames."""
 
     def run(**given: Any) -> ExitCode:
-        served = remote_options.pop_remote_target(given, _PORT_OPTIONS)
+        remote = pop_remote_target(given)
         dry_run = given.pop("dry_run")
-        target = served or pop_target(given)
+        target = remote or pop_target(given)
         if dry_run:
             from drivebus.cli.dry_run import DryRun
 
             return plan(DryRun(target), **given)
-        return asyncio.run(do(target, **given))  # type: ignore[arg-type]
+        return asyncio.run(execute(target, **given))  # type: ignore[arg-type]
 
-    first, *rest = options.drive_options()
-    params = [first, *[one for one in extra if one.param_type_name == "argument"], *rest]
-    params += [one for one in extra if one.param_type_name != "argument"]
-    params += [*remote_options.service_drive_options(), options.dry_run_option()]
+    port, *rest = options.drive_options()
+    params = [port, *[param for param in extra if param.param_type_name == "argument"], *rest]
+    params += [param for param in extra if param.param_type_name != "argument"]
+    params += [options.service_option(), options.service_drive_option(), options.dry_run_option()]
     return RemoteCommand(name, callback=run, params=params, examples=examples)
 
 
+def pop_target(given: dict[str, Any]) -> Target:
+    """Take the options of ``options.drive_options()`` out of ``given``."""
+    return Target(**{name: given.pop(name) for name in _PORT_OPTIONS})
+
+
+def pop_remote_target(given: dict[str, Any]) -> Target | None:
+    """Return the drive of ``--service`` and ``--drive`` with its model and address; None without ``--service``.
+
+    Takes these and the options of a port out of ``given``. Raises ConfigurationError for an option that a service does
+    not take, and for one of the two without the other.
+    """
+    service, drive = given.pop("service", None), given.pop("drive", None)
+    if service is None:
+        if drive is not None:
+            raise ConfigurationError("service.drive_alone")
+        return None
+    reject_local_options(given, _PORT_OPTIONS)
+    if drive is None:
+        raise ConfigurationError("service.no_drive")
+    for name in _PORT_OPTIONS:
+        given.pop(name, None)
+    from drivebus.cli.remote.client import call_once
+
+    view = call_once(service, "drives.get", {"drive": drive})
+    return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
+
+
+def reject_local_options(given: dict[str, Any], names: Sequence[str]) -> None:
+    """Raise ConfigurationError for an option that a service does not take."""
+    wrong = next((name for name in (*names, *_LOCAL_OPTIONS) if given.get(name) not in (None, False, ())), None)
+    if wrong is not None:
+        raise ConfigurationError("service.not_with", option=f"--{wrong.replace('_', '-')}")
+
+
 async def run_command(
-    target: Target, do: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None
+    target: Target, operation: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None
 ) -> ExitCode:
-    """One command to one drive; its outcome decides the exit code."""
+    """Run one operation on one drive and print its outcome."""
     async with connect.open_drive(target, limits) as (bus, drive):
-        return print_outcome(await do(drive), bus.now())
+        return print_outcome(await operation(drive), bus.now())
 
 
 def print_outcome(outcome: Outcome, now: float, *, stream: bool = False, **more: Any) -> ExitCode:
-    """Print an outcome; ``more`` joins its JSON."""
+    """Print an outcome, ``more`` in its JSON; return its exit code."""
     from drivebus.cli.formatting import outcome_exit_code, outcome_json, outcome_text
 
     output.print_json(more | outcome_json(outcome, now), stream=stream)
@@ -74,10 +132,31 @@ def print_outcome(outcome: Outcome, now: float, *, stream: bool = False, **more:
 
 
 def single_step_plan(purpose: str, requests: Callable[[DryRun], Any], *notes: str) -> Callable[..., ExitCode]:
-    """A plan of one step."""
+    """Make a plan of one step."""
 
     def plan(dry: DryRun, **_: Any) -> ExitCode:
         dry.add(purpose, requests(dry))
         return dry.print(*notes)
 
     return plan
+
+
+def nothing_moved(error: BaseException) -> bool:
+    """Return whether a failed command cannot have moved the motor, so that no stop must follow.
+
+    Nothing was sent, or the drive or the service rejected it. A lost control lease means that another user commands it.
+    """
+    from drivebus import errors
+
+    never_sent = (
+        errors.ConfigurationError,
+        errors.CapabilityError,
+        errors.LimitError,
+        errors.PreflightError,
+        errors.StartInhibited,
+        errors.Expired,
+        errors.PortUnavailable,
+        errors.DriveRejected,
+        errors.ServiceError,
+    )
+    return isinstance(error, never_sent) or (isinstance(error, errors.BusError) and error.outcome is None)

@@ -1,4 +1,4 @@
-"""``--dry-run``: the exact bytes that would be sent, the reply expected, and the time on the bus. Opens no port."""
+"""``--dry-run``: the frames of a command, the expected reply lengths and the time on the bus. Opens no port."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from drivebus.serial_settings import SerialSettings, StationTiming
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedFrame:
-    """One frame that would leave."""
+    """A frame that the command would send."""
 
     purpose: str
-    """An i18n key: dry.<purpose>."""
+    """Catalogue key ``dry.<purpose>``."""
     data: bytes
     reply_bytes: int
-    """Length of the normal reply; 0 where nobody answers."""
+    """Length of the normal reply; 0 after a broadcast."""
     request_s: float
     gap_s: float
     reply_s: float
@@ -34,7 +34,7 @@ class PlannedFrame:
 
     @property
     def bus_s(self) -> float:
-        """Silence before, request, reply; after a broadcast its turnaround. The station's own delay comes on top."""
+        """Time on the bus: gap, request, and reply or turnaround; without the station's own delay."""
         return self.gap_s + self.request_s + (self.reply_s if self.reply_bytes else self.turnaround_s)
 
     def to_json(self) -> dict[str, Any]:
@@ -51,71 +51,71 @@ class PlannedFrame:
 
 
 def plan_frames(
-    purpose: str, requests: Iterable[Any], codec: Codec, timing: StationTiming, line: SerialSettings
+    purpose: str, requests: Iterable[Any], codec: Codec, timing: StationTiming, settings: SerialSettings
 ) -> list[PlannedFrame]:
-    """The frames of some requests. Raises ValueError for a field out of range, as sending would."""
-    return [_plan_frame(purpose, request, codec, timing, line) for request in requests]
+    """Return the frames of requests. Raises ValueError for a field out of range."""
+    return [_plan_frame(purpose, request, codec, timing, settings) for request in requests]
 
 
-def _plan_frame(purpose: str, request: Any, codec: Codec, timing: StationTiming, line: SerialSettings) -> PlannedFrame:
+def _plan_frame(
+    purpose: str, request: Any, codec: Codec, timing: StationTiming, settings: SerialSettings
+) -> PlannedFrame:
     data = codec.encode_request(request)
     reply = codec.reply_size(request)
     return PlannedFrame(
-        purpose,
-        data,
-        reply,
-        request_s=line.seconds(len(data)),
-        gap_s=timing.gap_s(line),
-        reply_s=line.seconds(reply),
+        purpose=purpose,
+        data=data,
+        reply_bytes=reply,
+        request_s=settings.seconds(len(data)),
+        gap_s=timing.gap_s(settings),
+        reply_s=settings.seconds(reply),
         turnaround_s=timing.turnaround_s,
-        timeout_s=timing.timeout_s(line, codec.largest_reply(request)) if reply else 0.0,
+        timeout_s=timing.timeout_s(settings, codec.largest_reply(request)) if reply else 0.0,
     )
 
 
 class DryRun:
-    """Collects what a verb would send to one drive."""
+    """Frames that a command would send to one drive."""
 
     def __init__(self, target: Target) -> None:
         from drivebus.drives.dialects.create import create_dialect
 
-        self.target = target
-        profile = target.profile()
-        self.serial_settings = target.serial_settings()
+        self.serial_settings = target.open_port().settings
         self.dialect: Dialect = create_dialect(
-            profile, target.address, encoding=target.encoding, settings=target.drive_options()
+            target.profile, target.address, encoding=target.encoding, settings=target.drive_options()
         )
         self.frames: list[PlannedFrame] = []
 
     def add(self, purpose: str, requests: Iterable[Any]) -> None:
-        """Requests, in the order in which they would leave."""
-        link = self.dialect.station_config
-        self.frames += plan_frames(purpose, requests, link.codec, link.timing, self.serial_settings)
+        """Add requests in the order of sending."""
+        station = self.dialect.station_config
+        self.frames += plan_frames(purpose, requests, station.codec, station.timing, self.serial_settings)
 
     def print(self, *notes: str) -> ExitCode:
-        """Print everything; ``notes`` are keys of what depends on the drive's answers."""
+        """Print the frames; ``notes`` are catalogue keys."""
         return print_plan(self.frames, self.serial_settings, notes)
 
 
-def print_plan(planned: Sequence[PlannedFrame], line: SerialSettings, notes: Sequence[str] = ()) -> ExitCode:
-    """Print planned frames."""
+def print_plan(planned: Sequence[PlannedFrame], settings: SerialSettings, notes: Sequence[str] = ()) -> ExitCode:
+    """Print frames and the total time on the bus."""
     total = sum(one.bus_s for one in planned)
     output.print_json(
         {
             "dry_run": True,
-            "line": str(line),
+            "serial": str(settings),
             "frames": [one.to_json() for one in planned],
             "bus_s": round(total, 6),
             "notes": [output.text(note) for note in notes],
         }
     )
-    output.print_text(_plan_text(planned, line, total))
+    output.print_text(_plan_text(planned, settings, total))
     for note in notes:
         output.print_message(note)
     return ExitCode.DONE
 
 
-def _plan_text(planned: Sequence[PlannedFrame], line: SerialSettings, total: float) -> str:
-    title = output.text("dry.title", line=line, count=len(planned), bus_ms=f"{total * 1000:.1f}")
+def _plan_text(planned: Sequence[PlannedFrame], settings: SerialSettings, total: float) -> str:
+    title = output.text("dry.title", serial=settings, count=len(planned), bus_ms=f"{total * 1000:.1f}")
     lines = [output.wrap_for(title, sys.stdout)]
     for one in planned:
         answer = output.text("dry.reply", count=one.reply_bytes) if one.reply_bytes else output.text("dry.no_reply")

@@ -1,4 +1,4 @@
-"""Exit codes, and what the user reads when a verb ends badly."""
+"""Exit codes of the commands, and reports of errors."""
 
 from __future__ import annotations
 
@@ -21,22 +21,18 @@ from drivebus.errors import (
 
 
 class ExitCode(IntEnum):
-    """What a verb's exit code says to a script."""
+    """Exit code of a command."""
 
-    DONE = 0
-    """Confirmed, or acknowledged and said so."""
-    FAILED = 1
-    """The drive or the bus said no."""
-    USAGE = 2
-    """Usage or configuration."""
+    DONE = 0  # confirmed, or acknowledged and reported as such
+    FAILED = 1  # rejected by the drive, or failed on the bus
+    USAGE = 2  # wrong usage or configuration
     INVALID_FRAME = 3
-    UNKNOWN = 4
-    """Outcome unknown, or stop unconfirmed."""
+    UNKNOWN = 4  # outcome unknown, or stop unconfirmed
     INTERRUPTED = 128 + signal.SIGINT
 
 
 def exit_code_of(error: BaseException) -> ExitCode:
-    """The exit code of an error of the library."""
+    """Return the exit code of a library error."""
     if isinstance(error, OutcomeUnknown | StopUnconfirmed):
         return ExitCode.UNKNOWN
     if isinstance(error, ConfigurationError):
@@ -45,7 +41,7 @@ def exit_code_of(error: BaseException) -> ExitCode:
 
 
 def report_error(error: DrivebusError) -> ExitCode:
-    """Say what went wrong, on standard error, and as a document where JSON was asked for."""
+    """Print an error on standard error, and as a document with ``--json``; return its exit code."""
     code = exit_code_of(error)
     print_error(error)
     output.print_json(error_json(error) | {"exit": int(code)}, stream=True)
@@ -53,19 +49,19 @@ def report_error(error: DrivebusError) -> ExitCode:
 
 
 def from_os_error(error: OSError) -> ConfigurationError:
-    """A file or folder that a verb was given and the operating system refuses."""
+    """Convert an error of the operating system about a file or folder of the command line."""
     return ConfigurationError("cli.system", file=error.filename or "-", reason=error.strerror or str(error))
 
 
 def print_error(error: DrivebusError) -> None:
-    """What went wrong and what to do about it, on standard error."""
+    """Print the error and its remedy on standard error."""
     _print_error_line(error_text(error))
-    if said := error_hint(error):
-        click.echo(output.wrap_for(said, sys.stderr), err=True)
+    if hint := error_hint(error):
+        click.echo(output.wrap_for(hint, sys.stderr), err=True)
 
 
 def error_json(error: DrivebusError) -> dict[str, Any]:
-    """An error as JSON: type, key and numbers for programs, the sentence for people."""
+    """Return an error as JSON: type, key and parameters for programs, the sentence for people."""
     return {
         "error": {
             "type": type(error).__name__,
@@ -80,13 +76,13 @@ def error_json(error: DrivebusError) -> dict[str, Any]:
 
 
 def error_hint(error: DrivebusError) -> str | None:
-    """What to do at the command line about it, where there is such a thing: the sentence ``hint.<key>``."""
+    """Return the remedy at the command line, ``hint.<key>``; None if the catalogue has none."""
     key = f"hint.{error.key}"
     return output.text(key) if i18n.known(key) else None
 
 
 def error_text(error: DrivebusError) -> str:
-    """The error's own text; a model's name that nobody knows is no refused file."""
+    """Return the error's text; an unknown model name gets the list of models."""
     complaints = error.params.get("complaints") or ()
     if [one.kind for one in complaints] == ["no_model"]:
         from drivebus import profiles
@@ -96,7 +92,7 @@ def error_text(error: DrivebusError) -> str:
 
 
 def report_usage(error: click.ClickException) -> ExitCode:
-    """A wrong command line: what is wrong, in the user's language, and where the help is."""
+    """Print a wrong usage of the command line, and the command that prints the help."""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "drivebus"
     sentence = usage_text(error)
@@ -108,12 +104,12 @@ def report_usage(error: click.ClickException) -> ExitCode:
 
 
 def usage_text(error: click.ClickException) -> str:
-    """click's own complaints, in the user's language."""
+    """Translate an error of click."""
     if isinstance(error, click.NoSuchOption):
         return _with_suggestions("cli.no_such_option", error.option_name, error.possibilities)
     if isinstance(error, click.exceptions.UsageError) and type(error).__name__ == "NoSuchCommand":
         return _with_suggestions(
-            "cli.no_such_verb", getattr(error, "command_name", ""), getattr(error, "possibilities", None)
+            "cli.no_such_command", getattr(error, "command_name", ""), getattr(error, "possibilities", None)
         )
     if isinstance(error, click.MissingParameter):
         return output.text("cli.missing", name=_parameter_name(error))
@@ -142,7 +138,7 @@ def _print_error_line(sentence: str) -> None:
 
 
 def supports_colour(stream: Any) -> bool:
-    """Colours only on a terminal, and never where NO_COLOR is set."""
+    """Return whether ``stream`` is a terminal and NO_COLOR is not set."""
     import os
 
     return not os.environ.get("NO_COLOR") and hasattr(stream, "isatty") and bool(stream.isatty())

@@ -1,16 +1,19 @@
-"""What a bare install leaves out: the packages of the page and of its users (the extra ``server``)."""
+"""Packages of the optional extras of the installation: ``server`` and ``tui``."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
-SERVER_PACKAGES = ("argon2", "fastapi", "httptools", "prometheus_client", "uvicorn", "websockets")
+EXTRA_PACKAGES = {
+    "server": ("argon2", "fastapi", "httptools", "prometheus_client", "uvicorn", "websockets"),
+    "tui": ("textual",),
+}
 
 
-def require_server() -> None:
-    """Before anything is opened. Raises ConfigurationError where one of them is not installed."""
-    missing = [name for name in SERVER_PACKAGES if find_spec(name) is None]
+def require_extra(extra: str) -> None:
+    """Check that the packages of an extra are installed, before anything is opened. Raises ConfigurationError."""
+    missing = [name for name in EXTRA_PACKAGES[extra] if find_spec(name) is None]
     if missing:
         from drivebus.errors import ConfigurationError
 
-        raise ConfigurationError("serve.no_server", missing=", ".join(missing))
+        raise ConfigurationError(f"cli.extra.{extra}", missing=", ".join(missing))

@@ -1,102 +1,128 @@
-"""Outcomes, statuses and frames, for people and for programs. Text in, text out; sends nothing."""
+"""Text and JSON of readings, drive states, outcomes and frames."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.text_layout import two_columns
-from drivebus.cli.tui.rows import status_json
-from drivebus.cli.value_format import format_reading, format_value
+from drivebus.types import Json
 from drivebus.values import Quality, Reading
 
 if TYPE_CHECKING:
     from drivebus.drives.state import DriveStatus, FrameExchange, Outcome
-    from drivebus.profiles.model import DriveProfile
+    from drivebus.profiles.model import DriveProfile, Parameter, Signal
+
+MISSING_VALUE = "–"
+_MAX_PAGE_CELLS = 98
 
 
-def outcome_exit_code(outcome: Outcome) -> ExitCode:
-    """0 confirmed or acknowledged, 4 unknown, 1 refused or failed."""
-    if outcome.succeeded:
-        return ExitCode.DONE
-    return ExitCode.UNKNOWN if outcome.status == "unknown" else ExitCode.FAILED
+# --- readings -----------------------------------------------------------------------------------------------------
 
 
-def outcome_json(outcome: Outcome, now: float) -> dict[str, Any]:
-    """An outcome with its evidence: every frame of the command, and when."""
-    return {
-        "outcome": str(outcome.status),
-        "text": outcome.text(output.language()),
-        "notes": [output.text(key, **params) for key, params in outcome.notes],
-        "evidence": [exchange_json(one) for one in outcome.exchanges],
-        "status": status_json(outcome.drive_status, now) if outcome.drive_status else None,
+def format_value(value: float | int | str | None, unit: str = "", entry: Signal | Parameter | None = None) -> str:
+    """Format ``25.00 Hz`` with the decimals of the profile ``entry``; an absent value is a dash, never 0."""
+    if value is None:
+        return MISSING_VALUE
+    return f"{value if isinstance(value, str) else _format_number(value, entry)} {unit}".rstrip()
+
+
+def _format_number(value: float, entry: Signal | Parameter | None) -> str:
+    decimals = entry.scale.decimals if entry is not None else 0
+    rounded = f"{value:.{decimals}f}"
+    return rounded if abs(float(rounded) - value) < 1e-9 else f"{value:g}"
+
+
+def format_reading(reading: Reading, entry: Signal | Parameter | None = None) -> str:
+    """Format the value; a word without a unit (terminals, fault bits) also in hexadecimal."""
+    shown = format_value(reading.value, reading.unit, entry)
+    is_word = reading.raw is not None and reading.value is not None and not reading.unit
+    return f"{shown} ({reading.raw:04X}H)" if is_word else shown
+
+
+def reading_json(reading: Reading, now: float) -> Json:
+    """Return ``{value, unit, quality, age_s}``, and the reason of an absent or uncertain value."""
+    found: Json = {
+        "value": reading.value,
+        "unit": reading.unit,
+        "quality": str(reading.quality),
+        "age_s": round_or_none(reading.age_s(now)),
     }
+    return found | ({"reason": output.text(reading.reason)} if reading.reason else {})
 
 
-def exchange_json(one: FrameExchange) -> dict[str, Any]:
-    """One frame and its answer."""
+def round_or_none(value: float | None, decimals: int = 3) -> float | None:
+    return None if value is None else round(value, decimals)
+
+
+# --- status -------------------------------------------------------------------------------------------------------
+
+
+def status_json(status: DriveStatus, now: float) -> Json:
+    """Return state, direction, fault and readings."""
+    fault = status.fault
     return {
-        "sent": one.sent,
-        "received": one.received,
-        "sent_at": one.sent_at,
-        "received_at": one.received_at,
-        "error": one.error,
+        "state": str(status.state),
+        "reason": output.text(status.reason) if status.reason else None,
+        "direction": str(status.direction) if status.direction else None,
+        "fault": None
+        if fault is None
+        else {
+            "code": fault.code,
+            "label": fault.label,
+            "text": output.to_json_value(fault.text),
+            "cause": output.to_json_value(fault.cause) if fault.cause else None,
+            "remedy": output.to_json_value(fault.remedy) if fault.remedy else None,
+        },
+        "readings": {name: reading_json(reading, now) for name, reading in status.readings.items()},
     }
-
-
-def outcome_text(outcome: Outcome) -> str:
-    """The outcome in words: what became of it, then what the user should know besides."""
-    text = outcome.text(output.language())
-    notes = [said for key, params in outcome.notes if (said := output.text(key, **params)) != text]
-    told = output.wrap_for(output.text(f"outcome.{outcome.status}", text=text), sys.stdout)
-    return "\n".join([told, *(output.wrap_for(note, sys.stdout, indent=2) for note in notes)])
 
 
 def status_text(status: DriveStatus, now: float, profile: DriveProfile) -> str:
-    """A drive's page: state, fault, readings with their age."""
+    """Format the page of a drive: state, fault, readings with their age."""
     rows = [(output.text("status.state"), state_text(status))]
     if status.fault is not None:
-        rows.append(
-            (output.text("status.fault"), f"{status.fault.label} {output.to_json_value(status.fault.text)}".strip())
-        )
+        label = f"{status.fault.label} {output.to_json_value(status.fault.text)}".strip()
+        rows.append((output.text("status.fault"), label))
         for name in ("cause", "remedy"):
             text = getattr(status.fault, name)
             rows += [(output.text(f"status.{name}"), output.to_json_value(text))] if text else []
-    readings = [reading_row(name, reading, now, profile) for name, reading in status.readings.items()]
-    head = [output.text(f"status.{name}") for name in ("reading", "meaning", "value", "age", "quality")]
-    page = [two_columns(rows, min(98, output.terminal_width(sys.stdout)), indent=0)]
-    return "\n\n".join([*page, output.fitted_table(*_drop_meaning_column(head, readings))] if readings else page)
+    page = [output.two_columns(rows, min(_MAX_PAGE_CELLS, output.terminal_width(sys.stdout)), indent=0)]
+    readings = [_reading_row(name, reading, now, profile) for name, reading in status.readings.items()]
+    if readings:
+        columns = ["reading", "meaning", "value", "age", "quality"]
+        if output.language() == "en":  # the names are English: their meaning is shown in other languages
+            columns.remove("meaning")
+        head = [output.text(f"status.{name}") for name in columns]
+        page.append(output.fitted_table(head, [[row[name] for name in columns] for row in readings]))
+    return "\n\n".join(page)
 
 
-def _drop_meaning_column(head: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    """Without the column that says what a name means, where the reader reads the names themselves."""
-    if output.language() != "en":
-        return head, rows
-    return [head[0], *head[2:]], [[row[0], *row[2:]] for row in rows]
+def _reading_row(name: str, reading: Reading, now: float, profile: DriveProfile) -> dict[str, str]:
+    age = reading.age_s(now)
+    signal = profile.signals.get(name)
+    reason = output.text(reading.reason) if reading.reason else ""
+    is_good = reading.quality is Quality.GOOD
+    return {
+        "reading": name,
+        "meaning": output.to_json_value(signal.text) if signal is not None else output.text(f"signal.{name}"),
+        "value": format_reading(reading, signal),
+        "age": MISSING_VALUE if age is None else f"{age:.2f} s",
+        "quality": reason if is_good else output.text(f"status.{reading.quality}", why=reason),
+    }
 
 
 def state_text(status: DriveStatus) -> str:
-    """``running, forward``; an unknown state with the reason."""
+    """Format ``running, forward``; an unknown state with the reason."""
     words = output.text(f"live.state.{status.state}")
     if status.direction is not None:
         words += output.text("status.comma") + output.text(f"status.{status.direction}")
     return words + (output.text("status.because", why=output.text(status.reason)) if status.reason else "")
 
 
-def reading_row(name: str, reading: Reading, now: float, profile: DriveProfile) -> list[str]:
-    """One reading as a row: the name that ``read`` takes, what it means, value, age; without a value the reason."""
-    age = reading.age_s(now)
-    signal = profile.signals.get(name)
-    meaning = output.to_json_value(signal.text) if signal is not None else output.text(f"signal.{name}")
-    reason = output.text(reading.reason) if reading.reason else ""
-    said = reason if reading.quality is Quality.GOOD else output.text(f"status.{reading.quality}", why=reason)
-    return [name, meaning, format_reading(reading, signal), "–" if age is None else f"{age:.2f} s", said]
-
-
 def status_line(status: DriveStatus, profile: DriveProfile) -> str:
-    """One short line for an attached run."""
+    """Format the one-line status of an attached run."""
     shown = []
     for name in ("set_frequency", "output_frequency", "output_current", "dc_bus_voltage"):
         reading = status.readings.get(name)
@@ -104,3 +130,43 @@ def status_line(status: DriveStatus, profile: DriveProfile) -> str:
             value = format_value(reading.value, reading.unit, profile.signals.get(name))
             shown.append(f"{output.text(f'status.short.{name}')} {value}")
     return " · ".join([state_text(status), *shown])
+
+
+# --- outcomes -----------------------------------------------------------------------------------------------------
+
+
+def outcome_exit_code(outcome: Outcome) -> ExitCode:
+    """Return 0 for confirmed or acknowledged, 4 for unknown, 1 for refused or failed."""
+    if outcome.succeeded:
+        return ExitCode.DONE
+    return ExitCode.UNKNOWN if outcome.status == "unknown" else ExitCode.FAILED
+
+
+def outcome_json(outcome: Outcome, now: float) -> Json:
+    """Return an outcome with its evidence: every frame of the command, with times."""
+    return {
+        "outcome": str(outcome.status),
+        "text": outcome.text(output.language()),
+        "notes": [output.text(key, **params) for key, params in outcome.notes],
+        "evidence": [exchange_json(exchange) for exchange in outcome.exchanges],
+        "status": status_json(outcome.drive_status, now) if outcome.drive_status else None,
+    }
+
+
+def exchange_json(exchange: FrameExchange) -> Json:
+    """Return a frame and its reply."""
+    return {
+        "sent": exchange.sent,
+        "received": exchange.received,
+        "sent_at": exchange.sent_at,
+        "received_at": exchange.received_at,
+        "error": exchange.error,
+    }
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """Format the outcome and its notes."""
+    text = outcome.text(output.language())
+    notes = [note for key, params in outcome.notes if (note := output.text(key, **params)) != text]
+    result = output.wrap_for(output.text(f"outcome.{outcome.status}", text=text), sys.stdout)
+    return "\n".join([result, *(output.wrap_for(note, sys.stdout, indent=2) for note in notes)])

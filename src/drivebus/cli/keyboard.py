@@ -1,4 +1,4 @@
-"""Keys as they are pressed, with the moment of the last one. The one door to terminal modes; opened by ``jog`` only."""
+"""Keys of the terminal as they are pressed. The only module that changes the mode of the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 
 class KeyQueue:
-    """A queue of keys; ``None`` in it means that the terminal is gone."""
+    """Queue of pressed keys; ``None`` means that the terminal is gone."""
 
     def __init__(self) -> None:
         self._queue: asyncio.Queue[str | None] = asyncio.Queue()
@@ -18,7 +18,7 @@ class KeyQueue:
         self.last_key_at = float("-inf")
 
     def on_keys(self, text: str | None) -> None:
-        """Called from the event loop for each chunk of keys."""
+        """Add keys; called from the event loop."""
         self.last_key_at = asyncio.get_running_loop().time()
         for key in text or ():
             self.last_key = key
@@ -28,18 +28,18 @@ class KeyQueue:
             self._queue.put_nowait(None)
 
     async def get(self, timeout_s: float | None = None) -> str | None:
-        """The next key. Raises TimeoutError after ``timeout_s``."""
+        """Return the next key. Raises TimeoutError after ``timeout_s`` seconds."""
         return await asyncio.wait_for(self._queue.get(), timeout_s)
 
     def clear(self) -> None:
-        """Drop what was pressed meanwhile."""
+        """Drop the queued keys."""
         while not self._queue.empty():
             self._queue.get_nowait()
 
 
 @contextmanager
 def raw_keyboard() -> Iterator[KeyQueue]:
-    """Keys of the terminal, unbuffered and unseen; its former mode comes back whatever happens."""
+    """Read keys of the terminal unbuffered and without echo; restore its former mode at the end."""
     keys = KeyQueue()
     with _read_windows(keys) if sys.platform == "win32" else _read_posix(keys):
         yield keys

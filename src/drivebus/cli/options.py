@@ -1,4 +1,4 @@
-"""Options that several verbs share, each with a value that works."""
+"""Options and option types that several commands share."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str)
     return [CompletionItem(name) for name in [*found, "sim://", "tcp://", "rfc2217://"] if name.startswith(incomplete)]
 
 
-def port_argument(name: str = "link") -> click.Argument:
-    """LINK: where the line is."""
-    return Argument([name], metavar="LINK", key="help.argument.link", shell_complete=_complete_ports)
+def port_argument(*, required: bool = True) -> click.Argument:
+    """Return the argument PORT."""
+    return Argument(["port"], metavar="PORT", required=required, shell_complete=_complete_ports)
 
 
 def source_argument() -> click.Argument:
-    """LINK or a capture file."""
-    return Argument(["source"], metavar="LINK|FILE", shell_complete=_complete_ports)
+    """Return the argument PORT or capture file."""
+    return Argument(["source"], metavar="PORT|FILE", shell_complete=_complete_ports)
 
 
 def serial_options() -> list[click.Parameter]:
-    """--baud and --format; without them the LINK's own, else the profile's."""
+    """Return ``--baud`` and ``--format``."""
     bauds = click.IntRange(50, 4_000_000)
     return [
         Option(["--baud"], type=CheckedType(bauds, "cli.expect.baud"), metavar="BAUD", example="--baud 19200"),
@@ -51,9 +51,8 @@ def serial_options() -> list[click.Parameter]:
 
 
 def model_option(required: bool = True) -> click.Option:
-    return Option(
-        ["--model"], required=required, metavar="MODEL", shell_complete=_complete_models, example="--model c320"
-    )
+    complete = _complete_models
+    return Option(["--model"], required=required, metavar="MODEL", shell_complete=complete, example="--model c320")
 
 
 def encoding_option() -> click.Option:
@@ -61,12 +60,12 @@ def encoding_option() -> click.Option:
 
 
 def drive_options() -> list[click.Parameter]:
-    """LINK and all that names one drive on it."""
-    station = CheckedType(click.IntRange(0, 247), "cli.expect.address")
+    """Return PORT and the options that name one drive on it."""
+    address = CheckedType(click.IntRange(0, 247), "cli.expect.address")
     return [
         port_argument(),
         model_option(),
-        Option(["--address"], required=True, type=station, metavar="N", example="--address 1"),
+        Option(["--address"], required=True, type=address, metavar="N", example="--address 1"),
         *serial_options(),
         encoding_option(),
         profile_option(),
@@ -75,14 +74,24 @@ def drive_options() -> list[click.Parameter]:
 
 
 def profile_option() -> click.Option:
-    """--set: an open question of the family, answered."""
-    example = "--set setpoint_coding=hex-0.1"
-    return Option(["--set"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
+    """Return ``--option``: a value of a profile option."""
+    example = "--option setpoint_coding=hex-0.1"
+    return Option(["--option"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
 
 
 def record_option() -> click.Option:
-    """--record: a capture of every byte, for ``monitor`` and for evidence."""
+    """Return ``--record``: a capture of every byte."""
     return Option(["--record"], type=CAPTURE, metavar="FILE", example="--record trip-of-pump-3.dbcap")
+
+
+def service_option() -> click.Option:
+    """Return ``--service``: the address or socket of a running service."""
+    return Option(["--service"], metavar="URL|SOCKET", example="--service http://127.0.0.1:8080")
+
+
+def service_drive_option() -> click.Option:
+    """Return ``--drive``: the name of a drive in the service's plant."""
+    return Option(["--drive"], metavar="NAME", example="--drive fan-1")
 
 
 def dry_run_option() -> click.Option:
@@ -90,7 +99,7 @@ def dry_run_option() -> click.Option:
 
 
 class CheckedType(_Type):
-    """click's type, with a complaint in the user's language: ``key`` says what was expected."""
+    """A type of click with the error in the user's language; ``key`` is the text of the expected value."""
 
     def __init__(self, inner: _Type, key: str) -> None:
         self.inner = inner
@@ -105,7 +114,7 @@ class CheckedType(_Type):
 
 
 class NumberType(_Type):
-    """A number from ``low`` to ``high``, a whole one where these are; the complaint is in the user's language."""
+    """A number from ``low`` to ``high``; a whole number if ``low`` is an int."""
 
     name = "number"
 
@@ -129,7 +138,7 @@ class NumberType(_Type):
 
 
 class ParsedType(_Type):
-    """A value read by one function that raises ValueError; ``key`` says what was expected."""
+    """A value parsed by a function that raises ValueError; ``key`` is the text of the expected value."""
 
     def __init__(self, name: str, read: Callable[[str], Any], key: str) -> None:
         self.name = name
@@ -152,7 +161,7 @@ def _parse_format(text: str) -> str:
 
 
 def parse_addresses(text: str) -> tuple[int, ...]:
-    """``0-3,7`` → (0, 1, 2, 3, 7). Raises ValueError."""
+    """Parse ``0-3,7`` to (0, 1, 2, 3, 7). Raises ValueError."""
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
@@ -177,7 +186,7 @@ def _parse_frequency(text: str) -> float:
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
-    """``NAME=VALUE``. Raises ValueError."""
+    """Parse ``NAME=VALUE``. Raises ValueError."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not (name and equals and value):
         raise ValueError(text)

@@ -1,9 +1,11 @@
-"""How a verb speaks: in which language, as sentences or as JSON, and to which stream."""
+"""Terminal output of the commands: language, text or JSON, wrapping, tables, progress bar."""
 
 from __future__ import annotations
 
 import json
+import re
 import sys
+import unicodedata
 from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
@@ -13,35 +15,47 @@ import click
 
 from drivebus import i18n
 
+_UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
+_MIN_WRAP_CELLS = 20  # a narrower terminal is treated as one of this width
+_MIN_LAST_COLUMN_CELLS = 20  # with less space, the last column of a table goes to its own lines
+_WIDE = "\u2e80-\u9fff\uff00-\uffef\u3000-\u303f"
+_CLOSING = "，。；：、！？）」”》…"
+_BREAKABLE_PIECE = re.compile(rf"\s+|[（「“《]*[{_WIDE}](?:[{_CLOSING}]*)|[^\s{_WIDE}]+[{_CLOSING}]*")
+
+
+# --- settings of an invocation ------------------------------------------------------------------------------------
+
 
 @dataclass(slots=True)
 class OutputSettings:
-    """What ``--lang`` and ``--json`` ask for."""
+    """Values of ``--lang`` and ``--json``."""
 
     language: str
     as_json: bool = False
 
 
-_settings: ContextVar[OutputSettings | None] = ContextVar("drivebus_voice", default=None)
+_settings: ContextVar[OutputSettings | None] = ContextVar("drivebus_output", default=None)
 
 
 def parse_global_options(arguments: list[str]) -> OutputSettings:
-    """Find ``--lang`` and ``--json`` wherever they stand, before anything is parsed: ``--help`` and a wrong option
-    must already speak the right language."""
-    voice = OutputSettings(i18n.preferred())
+    """Find ``--lang`` and ``--json`` anywhere in the arguments, before click parses them.
+
+    The texts of ``--help`` and of usage errors depend on them.
+    """
+    settings = OutputSettings(i18n.preferred())
     own = arguments[: arguments.index("--")] if "--" in arguments else arguments
     for index, argument in enumerate(own):
         name, _, value = argument.partition("=")
         if name == "--lang":
             wanted = value or (own[index + 1] if index + 1 < len(own) else "")
-            voice.language = wanted if wanted in i18n.LANGUAGES else voice.language
-        voice.as_json = voice.as_json or argument == "--json"
-    _settings.set(voice)
-    return voice
+            settings.language = wanted if wanted in i18n.LANGUAGES else settings.language
+        settings.as_json = settings.as_json or argument == "--json"
+    _settings.set(settings)
+    return settings
 
 
 def current_settings() -> OutputSettings:
-    """The voice of this invocation; the user's own language outside one."""
+    """Return the settings of this invocation; outside one, text in the language of the locale."""
     return _settings.get() or OutputSettings(i18n.preferred())
 
 
@@ -54,65 +68,38 @@ def as_json() -> bool:
 
 
 def text(key: str, /, **params: Any) -> str:
-    """The sentence for ``key`` in the user's language."""
+    """Return the sentence of a catalogue key in the user's language."""
     return i18n.text(key, language(), **params)
 
 
+# --- printing -----------------------------------------------------------------------------------------------------
+
+
 def print_message(key: str, /, **params: Any) -> None:
-    """A sentence on standard output; nothing where JSON was asked for."""
+    """Print a sentence on standard output; nothing with ``--json``."""
     if not as_json():
         click.echo(wrap_for(text(key, **params), sys.stdout))
 
 
 def print_note(key: str, /, **params: Any) -> None:
-    """A sentence beside the result, on standard error: progress, warnings, what happens next."""
+    """Print a sentence on standard error: progress, warnings, hints."""
     click.echo(wrap_for(text(key, **params), sys.stderr), err=True)
 
 
-def print_text(text: str) -> None:
-    """Ready text on standard output; nothing where JSON was asked for."""
+def print_text(ready: str) -> None:
+    """Print a text on standard output as it is; nothing with ``--json``."""
     if not as_json():
-        click.echo(text)
-
-
-def join_sentences(said: Sequence[str]) -> str:
-    """One after the other: Chinese puts no blank between them."""
-    return ("" if language() == "zh" else " ").join(said)
-
-
-def wrap_for(text: str, stream: Any, indent: int = 0) -> str:
-    """Broken at words where ``stream`` is a terminal, on as many cells as it has; else left whole."""
-    if not (hasattr(stream, "isatty") and stream.isatty()):
-        return " " * indent + text
-    from drivebus.cli.text_layout import wrap
-
-    cells = terminal_width(stream) - indent
-    return "\n".join(" " * indent + part for line in text.split("\n") for part in wrap(line, max(20, cells)))
-
-
-def terminal_width(stream: Any) -> int:
-    """Cells of a line of ``stream``; without end where it is no terminal."""
-    import shutil
-
-    on_terminal = hasattr(stream, "isatty") and stream.isatty()
-    return shutil.get_terminal_size().columns - 1 if on_terminal else 10_000
-
-
-def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table no wider than the terminal."""
-    from drivebus.cli.text_layout import table
-
-    return table(head, rows, terminal_width(sys.stdout))
+        click.echo(ready)
 
 
 def print_json(value: Any, *, stream: bool = False) -> None:
-    """One JSON document where it was asked for; ``stream`` puts it on one line."""
+    """Print a JSON document with ``--json``; ``stream`` puts it on one line."""
     if as_json():
         click.echo(json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value))
 
 
 def to_json_value(value: Any) -> Any:
-    """JSON form of what the library hands out: bytes as spaced hex, enums by value, texts in the user's language."""
+    """Convert a library value to JSON: bytes as spaced hex, enums by value, texts in the user's language."""
     if isinstance(value, bytes | bytearray):
         return bytes(value).hex(" ").upper()
     if hasattr(value, "en") and hasattr(value, "zh"):
@@ -122,3 +109,155 @@ def to_json_value(value: Any) -> Any:
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
     return getattr(value, "value", None) if hasattr(value, "value") else str(value)
+
+
+def join_sentences(sentences: Sequence[str]) -> str:
+    """Join sentences; Chinese has no blank between them."""
+    return ("" if language() == "zh" else " ").join(sentences)
+
+
+# --- width and wrapping -------------------------------------------------------------------------------------------
+
+
+def terminal_width(stream: Any) -> int:
+    """Return the cells of a line of ``stream``; unlimited if it is no terminal."""
+    import shutil
+
+    on_terminal = hasattr(stream, "isatty") and stream.isatty()
+    return shutil.get_terminal_size().columns - 1 if on_terminal else _UNLIMITED_CELLS
+
+
+def width(string: str) -> int:
+    """Return the terminal cells of ``string``; a Chinese character has two."""
+    return sum(2 if unicodedata.east_asian_width(c) in "WF" else 0 if unicodedata.combining(c) else 1 for c in string)
+
+
+def pad(string: str, cells: int) -> str:
+    """Fill ``string`` with blanks up to ``cells``; a longer one stays whole."""
+    return string + " " * max(0, cells - width(string))
+
+
+def wrap(string: str, cells: int) -> list[str]:
+    """Break into lines of at most ``cells``; Chinese breaks anywhere but before closing punctuation."""
+    lines: list[str] = []
+    line = ""
+    for piece in _BREAKABLE_PIECE.findall(string):
+        if line and width(line) + width(piece.rstrip()) > cells:
+            lines.append(line.rstrip())
+            line = ""
+        line += piece if line else piece.lstrip()
+    return [*lines, line.rstrip()] if line.strip() else lines
+
+
+def wrap_for(string: str, stream: Any, indent: int = 0) -> str:
+    """Wrap at the width of the terminal; an output that is no terminal gets whole lines."""
+    if not (hasattr(stream, "isatty") and stream.isatty()):
+        return " " * indent + string
+    cells = max(_MIN_WRAP_CELLS, terminal_width(stream) - indent)
+    return "\n".join(" " * indent + part for line in string.split("\n") for part in wrap(line, cells))
+
+
+def paragraphs(string: str, cells: int, indent: int = 2) -> str:
+    """Wrap and indent paragraphs; a line that begins with two blanks stays as it is."""
+    blank = " " * indent
+    shown: list[str] = []
+    for line in string.split("\n"):
+        verbatim = line.startswith("  ") or not line
+        shown += [blank + line if line else ""] if verbatim else [blank + part for part in wrap(line, cells - indent)]
+    return "\n".join(shown)
+
+
+# --- tables -------------------------------------------------------------------------------------------------------
+
+
+def two_columns(rows: Sequence[tuple[str, str]], cells: int, indent: int = 2, widest: int = 26) -> str:
+    """Format a definition list: terms on the left, explanations wrapped on the right."""
+    left = min(max((width(term) for term, _ in rows), default=0), widest) + 2
+    shown: list[str] = []
+    for term, meaning in rows:
+        lines = wrap(meaning, cells - indent - left) or [""]
+        if width(term) + 2 > left:
+            shown.append(" " * indent + term)
+        else:
+            shown.append((" " * indent + pad(term, left) + lines.pop(0)).rstrip())
+        shown += [" " * (indent + left) + line for line in lines]
+    return "\n".join(shown)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLIMITED_CELLS) -> str:
+    """Format a table whose columns are as wide as their widest cell.
+
+    The last column is wrapped to end within ``cells``, on lines of its own if little space is left beside the others.
+    """
+    widths = [max(width(row[index]) for row in [head, *rows]) for index in range(len(head))]
+    left = sum(widths[:-1]) + 2 * (len(head) - 1)
+    beside = cells - left >= min(_MIN_LAST_COLUMN_CELLS, widths[-1])
+
+    def first_cells(row: Sequence[str]) -> str:
+        return "  ".join(pad(cell, widths[index]) for index, cell in enumerate(row[:-1]))
+
+    shown: list[str] = []
+    for row in [head, *rows] if beside else rows:
+        last = wrap(row[-1], cells - (left if beside else 4))
+        shown.append(f"{first_cells(row)}  {last.pop(0) if last and beside else ''}".rstrip())
+        shown += [" " * (left if beside else 4) + line for line in last]
+    return "\n".join(shown if beside else [first_cells(head).rstrip(), *shown])
+
+
+def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table no wider than the terminal."""
+    return table(head, rows, terminal_width(sys.stdout))
+
+
+# --- progress -----------------------------------------------------------------------------------------------------
+
+
+class ProgressBar:
+    """Progress bar on standard error with a description and the remaining time; nothing if it is no terminal."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> ProgressBar:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[left]}"))
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._task = self._bar.add_task("", total=1.0, left="")
+            self._bar.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, what: str, done: float, total: float) -> None:
+        """Show ``done`` of ``total`` seconds."""
+        if self._bar is not None:
+            left = text("scan.left", time=format_minutes(max(0.0, total - done)))
+            self._bar.update(self._task, description=what, total=total, completed=done, left=left)
+
+    def update_count(self, what: str, done: int, total: int, unit: str) -> None:
+        """Show ``done`` of ``total`` trials."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=what, total=total, completed=done, left=f"{done}/{total} {unit}")
+
+    def print_above(self, line: str) -> None:
+        """Print a line above the bar."""
+        if self._bar is not None:
+            self._bar.console.print(line, markup=False, highlight=False)
+
+
+def format_minutes(seconds: float) -> str:
+    """Format a time as ``3:07``."""
+    whole = int(seconds + 0.5)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def format_duration(seconds: float) -> str:
+    """Format a duration as ``31 min 50 s`` or ``2 s``; at least 1 s."""
+    minutes, rest = divmod(max(1, int(seconds + 0.5)), 60)
+    return text("scan.long" if minutes else "scan.short", minutes=minutes, seconds=rest)

@@ -1,19 +1,133 @@
-"""A scan for people and programs: the bar while it runs, what it found, and what it would ask."""
+"""Scan of a port for the commands ``scan``, ``init`` and ``monitor``: plan, search, selection, output."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivebus.cli import output
+import click
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Option
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.progress import ProgressBar, format_duration
+from drivebus.cli.output import ProgressBar, format_duration
+from drivebus.types import Json
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress, SniffResult
+    from drivebus.ports import Port
+    from drivebus.serial_settings import SerialSettings
+
+# --- options ------------------------------------------------------------------------------------------------------
+
+
+def parse_words(text: str) -> tuple[str, ...]:
+    """Parse ``a,b``. Raises ValueError for an empty list."""
+    found = tuple(part.strip() for part in text.split(",") if part.strip())
+    if not found:
+        raise ValueError(text)
+    return found
+
+
+def search_options() -> list[click.Parameter]:
+    """Return ``--models`` and ``--addresses``: what a scan looks for."""
+    from drivebus.protocols.family import default_scan_models
+
+    models = options.ParsedType("models", parse_words, "cli.expect.models")
+    default = ",".join(default_scan_models())
+    return [
+        Option(["--models"], default=default, type=models, metavar="M,...", example="--models c320,vc660"),
+        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
+    ]
+
+
+def listen_option() -> click.Option:
+    """Return ``--listen-seconds``: time to listen for another master before the first request."""
+    seconds = options.NumberType(0.0, 86_400.0)
+    return Option(["--listen-seconds"], type=seconds, default=2.0, metavar="S", example="--listen-seconds 5")
+
+
+# --- plan and search ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanRequest:
+    """Port and range of a scan; None stands for every value that the models have."""
+
+    port: str
+    models: tuple[str, ...]
+    addresses: tuple[int, ...] | None = None
+    bauds: tuple[int, ...] | None = None
+    formats: tuple[str, ...] | None = None
+    encoding: str | None = None
+
+    def plan(self) -> list[ScanPass]:
+        """Return the passes. ``?baud=`` and ``&format=`` of the URL, and a raw TCP server, fix the settings."""
+        from drivebus import ports, profiles
+        from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan
+
+        parsed = ports.parse_port_url(self.port)
+        fixed = ports.open_port(self.port).settings if parsed.scheme in FIXED_SETTINGS_SCHEMES else None
+        return plan_scan(
+            [profiles.load(model) for model in self.models],
+            addresses=self.addresses,
+            bauds=self.bauds or ((parsed.settings.baud,) if "baud" in parsed.explicit else None),
+            formats=self.formats or ((parsed.settings.format,) if "format" in parsed.explicit else None),
+            encodings=(self.encoding,) if self.encoding else None,
+            fixed=fixed,
+        )
+
+    def open_port(self, settings: SerialSettings) -> Port:
+        """Return the port with these serial settings, not yet opened."""
+        from drivebus import ports
+
+        return ports.open_port(self.port, baud=settings.baud, format=settings.format)
+
+
+async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] | None:
+    """Listen, then scan; return the drives with a valid reply, or None if another master is active.
+
+    Raises PortUnavailable.
+    """
+    from drivebus.commissioning import scan
+
+    passes = request.plan()
+    if listen_s > 0 and passes:
+        output.print_note("scan.listening", seconds=f"{listen_s:g}")
+        sniffed = await scan.sniff(request.open_port(passes[0].settings), listen_s)
+        if sniffed.count:
+            output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
+            return None
+    progress = scan.ScanProgress(sum(one.duration_s for one in passes))
+    with ScanProgressBar() as bar:
+        await scan.scan(passes, request.open_port, progress, bar.on_progress)
+    return [drive for drive in progress.found if not drive.doubtful]
+
+
+def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive], None]) -> list[DetectedDrive]:
+    """Select one drive per address with the settings, family and encoding of the first; report each other address.
+
+    A C320 answers in two encodings: the one found first is taken.
+    """
+    if not found:
+        return []
+
+    def kind(drive: DetectedDrive) -> tuple[object, ...]:
+        return (drive.settings, drive.family, drive.encoding)
+
+    alike = {drive.address: drive for drive in found if kind(drive) == kind(found[0])}
+    for drive in found:
+        if drive.address not in alike:
+            left_out(drive)
+    return [alike[address] for address in sorted(alike)]
+
+
+# --- output -------------------------------------------------------------------------------------------------------
 
 
 class ScanProgressBar(ProgressBar):
-    """The bar of a scan; what is found is told above it at once."""
+    """Progress bar of a scan; it prints each drive at once."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -24,39 +138,41 @@ class ScanProgressBar(ProgressBar):
         return self
 
     def on_progress(self, progress: ScanProgress) -> None:
-        """The scan moved on."""
-        for found in progress.found[self._reported :]:
-            self.print_above(output.text("scan.found", **_device_params(found)))
+        """Show the progress."""
+        for drive in progress.found[self._reported :]:
+            self.print_above(output.text("scan.found", **_device_params(drive)))
         self._reported = len(progress.found)
         if progress.address is not None:
             where = f"{progress.settings} {progress.kind[0]}/{progress.kind[1]} {progress.address:3d}"
             self.update(where, progress.done_s, progress.total_s)
 
 
-def _device_params(found: DetectedDrive) -> dict[str, Any]:
+def _device_params(drive: DetectedDrive) -> dict[str, Any]:
     return {
-        "models": "/".join(found.models),
-        "address": found.address,
-        "settings": str(found.settings),
-        "encoding": found.encoding,
+        "models": "/".join(drive.models),
+        "address": drive.address,
+        "settings": str(drive.settings),
+        "encoding": drive.encoding,
     }
 
 
-def print_scan(link: str, progress: ScanProgress, overheard: SniffResult | None, code: ExitCode) -> ExitCode:
+def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, code: ExitCode) -> ExitCode:
+    """Print the result of a scan; return ``code``."""
+    foreign = None
+    if sniffed is not None:
+        foreign = {
+            "bytes": sniffed.count,
+            "line_errors": sniffed.line_errors,
+            "first": sniffed.first,
+            "seconds": sniffed.seconds,
+        }
     output.print_json(
         {
-            "link": link,
-            "overheard": None
-            if overheard is None
-            else {
-                "bytes": overheard.count,
-                "line_errors": overheard.line_errors,
-                "first": overheard.first,
-                "seconds": overheard.seconds,
-            },
-            "found": [device_json(found) for found in progress.found],
+            "port": port,
+            "foreign_traffic": foreign,
+            "found": [device_json(drive) for drive in progress.found],
             "complete": code in (ExitCode.DONE, ExitCode.FAILED) and progress.left_s < 1e-6,
-            "asked_s": round(progress.done_s, 3),
+            "scanned_s": round(progress.done_s, 3),
         }
     )
     if progress.found or progress.done_s > 0:
@@ -64,41 +180,41 @@ def print_scan(link: str, progress: ScanProgress, overheard: SniffResult | None,
     return code
 
 
-def device_json(found: DetectedDrive) -> dict[str, Any]:
-    """One find as JSON."""
+def device_json(drive: DetectedDrive) -> Json:
+    """Return a detected drive as JSON."""
     return {
-        "models": list(found.models),
-        "family": found.family,
-        "encoding": found.encoding,
-        "address": found.address,
-        "baud": found.settings.baud,
-        "format": found.settings.format,
-        "doubtful": found.doubtful,
-        "sent": found.exchange[0],
-        "received": found.exchange[1],
+        "models": list(drive.models),
+        "family": drive.family,
+        "encoding": drive.encoding,
+        "address": drive.address,
+        "baud": drive.settings.baud,
+        "format": drive.settings.format,
+        "doubtful": drive.doubtful,
+        "sent": drive.exchange[0],
+        "received": drive.exchange[1],
     }
 
 
 def _scan_table(found: list[DetectedDrive]) -> str:
     if not found:
-        return output.text("scan.nobody")
-    head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "line", "note")]
+        return output.text("scan.nothing")
+    head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
     rows = [
         [
-            str(one.address),
-            " / ".join(one.models),
-            one.encoding,
-            str(one.settings),
-            output.text("scan.doubtful") if one.doubtful else "",
+            str(drive.address),
+            " / ".join(drive.models),
+            drive.encoding,
+            str(drive.settings),
+            output.text("scan.doubtful") if drive.doubtful else "",
         ]
-        for one in found
+        for drive in found
     ]
     return output.fitted_table(head, rows)
 
 
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
-    """The first question of each pass, byte for byte, and how often it would be asked."""
-    from drivebus.cli.dry_run import plan_frames as plan_frames
+    """Print the first request of each pass, byte for byte, and the number of requests."""
+    from drivebus.cli.dry_run import plan_frames
     from drivebus.commissioning.scan import probe_request
     from drivebus.drives.dialects.create import create_dialect
 
@@ -108,18 +224,12 @@ def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
         if not one.addresses:
             continue
         dialect = create_dialect(candidate.profile, one.addresses[0], encoding=candidate.encoding)
-        frame = plan_frames(
-            "scan", [probe_request(dialect)], dialect.station_config.codec, dialect.station_config.timing, one.settings
-        )[0]
-        where = {"line": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
-        documents.append(where | {"questions": one.probe_count, "seconds": round(one.duration_s, 3)} | frame.to_json())
-        output.print_message(
-            "scan.pass",
-            hex=output.to_json_value(frame.data),
-            time=format_duration(one.duration_s),
-            count=one.probe_count,
-            **where,
-        )
+        station = dialect.station_config
+        frame = plan_frames("scan", [probe_request(dialect)], station.codec, station.timing, one.settings)[0]
+        where = {"serial": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
+        documents.append(where | {"requests": one.probe_count, "seconds": round(one.duration_s, 3)} | frame.to_json())
+        data, time = output.to_json_value(frame.data), format_duration(one.duration_s)
+        output.print_message("scan.pass", hex=data, time=time, count=one.probe_count, **where)
     total = sum(one.duration_s for one in passes)
     output.print_json({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
     output.print_message("scan.total", time=format_duration(total))

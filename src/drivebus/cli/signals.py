@@ -1,4 +1,4 @@
-"""How an attached verb learns that it must end: Ctrl-C, a terminal that goes away, or a request to terminate."""
+"""Signals that end an attached command: Ctrl-C, a closed terminal, a request to terminate."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-"""SIGHUP: the terminal is gone. SIGBREAK: its Windows cousin. What a platform lacks is left out."""
+_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # SIGHUP: terminal closed; SIGBREAK: the same on Windows
 
 
 class ShutdownSignal:
-    """Set by the first signal; later ones change nothing, so that a second Ctrl-C can't cut a stop short."""
+    """Request to shut down, set by the first signal.
+
+    Later signals change nothing: a second Ctrl-C must not interrupt a stop.
+    """
 
     def __init__(self) -> None:
         self._event = asyncio.Event()
@@ -28,12 +30,12 @@ class ShutdownSignal:
         return self._event.is_set()
 
     def request(self, cause: str) -> None:
-        """Ask for the end, as a signal would."""
+        """Request the shutdown, as a signal does."""
         self.cause = self.cause or cause
         self._event.set()
 
     async def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait for it; True when it has come, False after ``timeout_s``."""
+        """Wait for the request; return False after ``timeout_s`` seconds without one."""
         try:
             await asyncio.wait_for(self._event.wait(), timeout_s)
         except TimeoutError:
@@ -41,24 +43,24 @@ class ShutdownSignal:
         return True
 
     async def interruptible(self, work: Awaitable[T]) -> T | None:
-        """The result of ``work``; None where the end came first (``work`` is then cancelled)."""
+        """Return the result of ``work``; None if the shutdown was requested first (``work`` is then cancelled)."""
         task = asyncio.ensure_future(work)
-        ending = asyncio.ensure_future(self._event.wait())
+        shutdown = asyncio.ensure_future(self._event.wait())
         try:
-            await asyncio.wait({task, ending}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({task, shutdown}, return_when=asyncio.FIRST_COMPLETED)
             if task.done():
                 return task.result()
             return None
         finally:
-            for each in (task, ending):
+            for each in (task, shutdown):
                 each.cancel()
-            await asyncio.gather(task, ending, return_exceptions=True)
+            await asyncio.gather(task, shutdown, return_exceptions=True)
 
 
 @contextmanager
 def shutdown_signals() -> Iterator[ShutdownSignal]:
-    """An ``Ending`` that the process' signals set; the former handlers are restored afterwards."""
-    ending = ShutdownSignal()
+    """Provide a ``ShutdownSignal`` set by the signals of the process; restore the former handlers at the end."""
+    shutdown = ShutdownSignal()
     loop = asyncio.get_running_loop()
     former: dict[int, Any] = {}
     for name in _SIGNAL_NAMES:
@@ -67,11 +69,11 @@ def shutdown_signals() -> Iterator[ShutdownSignal]:
             continue
         former[number] = signal.getsignal(number)
         try:
-            loop.add_signal_handler(number, _on_signal, ending, name)
+            loop.add_signal_handler(number, _on_signal, shutdown, name)
         except NotImplementedError:
-            signal.signal(number, lambda *_, name=name: loop.call_soon_threadsafe(_on_signal, ending, name))
+            signal.signal(number, lambda *_, name=name: loop.call_soon_threadsafe(_on_signal, shutdown, name))
     try:
-        yield ending
+        yield shutdown
     finally:
         for number, handler in former.items():
             with suppress(NotImplementedError):
@@ -79,16 +81,16 @@ def shutdown_signals() -> Iterator[ShutdownSignal]:
             signal.signal(number, handler)
 
 
-def _on_signal(ending: ShutdownSignal, name: str) -> None:
+def _on_signal(shutdown: ShutdownSignal, name: str) -> None:
     if name == "SIGHUP":
         discard_output()
-    ending.request(name)
+    shutdown.request(name)
 
 
 def discard_output() -> None:
-    """The terminal is gone: what is still printed goes nowhere, so that no failed write can stop the stop."""
+    """Discard all further output: the terminal is gone, and a failed write must not interrupt a stop."""
     with suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
+        devnull = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):
-            os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
+            os.dup2(devnull, stream.fileno())
+        os.close(devnull)

@@ -1,7 +1,7 @@
-"""Ports: serial, TCP serial servers, RFC 2217, memory and replay, chosen by the scheme of a port URL.
+"""Bytes in and out: serial ports, TCP serial servers, RFC 2217, memory, replay. Chosen by the scheme of a LINK.
 
-Ports transport bytes and do not know frames. A scheme is an entry point of the group ``drivebus.ports``, a function
-``open_port(url: PortUrl) -> Port``, imported when it is used.
+Nothing here knows a frame. Modules of a scheme are imported when it is used, through the entry-point group
+``drivebus.ports``: a factory ``open_port(link: drivebus.ports.url.Link) -> Port``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.errors import PortUrlError
 from drivebus.ports.base import Port
-from drivebus.ports.url import PORT_URL_EXAMPLES, PortUrl, parse_port_url
+from drivebus.ports.url import DEFAULT_SETTINGS, PORT_URL_EXAMPLES, PortUrl, parse_port_url
+from drivebus.serial_settings import SerialSettings
 from drivebus.types import Capabilities, Receiver
 
 if TYPE_CHECKING:
@@ -20,9 +21,19 @@ if TYPE_CHECKING:
 __all__ = ["Capabilities", "Port", "PortUrl", "Receiver", "list_ports", "open_port", "parse_port_url"]
 
 
-def open_port(url: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> Port:
-    """Return the port of a URL, not yet opened; arguments override the query. Raises PortUrlError."""
-    parsed = parse_port_url(url, baud=baud, format=format, **options)
+def open_port(
+    url: str,
+    *,
+    baud: int | None = None,
+    format: str | None = None,
+    defaults: SerialSettings = DEFAULT_SETTINGS,
+    **options: Any,
+) -> Port:
+    """Return the port of a URL, not yet opened; arguments override its query, which overrides ``defaults``.
+
+    Raises PortUrlError.
+    """
+    parsed = parse_port_url(url, baud=baud, format=format, defaults=defaults, **options)
     found = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
     if not found:
         known = ", ".join(sorted({entry.name for entry in entry_points(group="drivebus.ports")}))
@@ -32,7 +43,7 @@ def open_port(url: str, *, baud: int | None = None, format: str | None = None, *
 
 
 def list_ports() -> list[PortInfo]:
-    """Return the serial ports of this machine: device, description, stable name, processes that use it."""
+    """The serial ports of this machine: device, what it is, its stable name, who holds it."""
     from drivebus.ports.discovery import list_ports as listed
 
     return listed()

@@ -16,8 +16,7 @@ from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
 
-DEFAULT_BAUD = 9600  # factory setting of all four families, or the first that they offer
-DEFAULT_FORMAT = "8N1"
+DEFAULT_SETTINGS = SerialSettings(9600)  # factory baud rate of all four families, or the first that they offer
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
 PORT_URL_EXAMPLES = (
     "/dev/ttyUSB0, COM3, serial:///dev/ttyUSB0?baud=9600&format=8E1, tcp://192.168.1.50:4001, sim://c320@1"
@@ -100,8 +99,18 @@ class PortUrl:
         return value
 
 
-def parse_port_url(text: str, *, baud: int | None = None, format: str | None = None, **options: Any) -> PortUrl:
-    """Parse a port URL; arguments override its query. Raises PortUrlError: found, expected, remedy."""
+def parse_port_url(
+    text: str,
+    *,
+    baud: int | None = None,
+    format: str | None = None,
+    defaults: SerialSettings = DEFAULT_SETTINGS,
+    **options: Any,
+) -> PortUrl:
+    """Parse a port URL; arguments override its query, which overrides ``defaults``.
+
+    Raises PortUrlError: found, expected, remedy.
+    """
     scheme, rest = _split_scheme(text.strip())
     target, _, query = rest.partition("?")
     chosen = _query(text, query) | {name: _option_text(value) for name, value in options.items() if value is not None}
@@ -110,7 +119,7 @@ def parse_port_url(text: str, *, baud: int | None = None, format: str | None = N
     if format is not None:
         chosen["format"] = format
     explicit = frozenset(chosen) & {"baud", "format"}
-    settings = _settings(text, chosen.pop("baud", str(DEFAULT_BAUD)), chosen.pop("format", DEFAULT_FORMAT))
+    settings = _settings(text, chosen.pop("baud", str(defaults.baud)), chosen.pop("format", defaults.format))
     if scheme in NETWORK_SCHEMES:
         host, port = _address(text, scheme, target)
         return PortUrl(

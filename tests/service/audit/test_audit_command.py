@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.service.audit import AuditEntry, AuditTrail
 from fixtures.audit import LI, new_trail, written_trail
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.service import config
 from drivebus.service.config import bus_load
 from drivebus.service.config.bus_load import bus_loads

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivebus.cli.commands import init as verb
-from drivebus.cli.root import cli
+from drivebus.cli.main import cli
 from drivebus.commissioning.scan import DetectedDrive
 from drivebus.serial_settings import SerialSettings
 from drivebus.service import config
@@ -130,13 +130,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
-    for wrong in (
-        "ttyUSB0 is no port URL",
-        "scheme tpc",
-        "there is no model vc66",
-        "found 1-x",
-        "address 0 is broadcast",
-    ):
+    for wrong in ("ttyUSB0 is no PORT", "scheme tpc", "there is no model vc66", "found 1-x", "address 0 is broadcast"):
         assert wrong in result.output, "asked again, with the reason"
     assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
         ("main-pump", 1, "Main pump"),
@@ -146,7 +140,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 def test_a_scan_writes_what_answered(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
-    words = ["--scan", "--models", "vc660,df800", "--addresses", "1-3", "--listen", "0", "-o", path]
+    words = ["--scan", "--models", "vc660,df800", "--addresses", "1-3", "--listen-seconds", "0", "-o", path]
     result = init("sim://vc660@1,3", *words, "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["drives"] == ["vc660-1", "vc660-3"]
@@ -155,7 +149,7 @@ def test_a_scan_writes_what_answered(tmp_path: Path) -> None:
 
 
 def test_a_scan_that_finds_nobody_writes_nothing(tmp_path: Path) -> None:
-    words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen", "0", "-o", tmp_path / "plant.toml"]
+    words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen-seconds", "0", "-o", tmp_path / "plant.toml"]
     result = init("sim://vc660@1?drives=1200-8N1&baud=38400&format=8N1", *words)
     assert result.exit_code == 1 and "nothing is written" in result.output
     assert not (tmp_path / "plant.toml").exists()
@@ -175,7 +169,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
 
 def test_t18_whoever_speaks_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
-    line = verb._answer("/dev/x", everybody)
+    line = verb._bus_answer("/dev/x", everybody)
     assert [(one.address, one.encoding, one.others) for one in line.drives] == [
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),

@@ -17,13 +17,13 @@ from typing import Any
 
 import pytest
 
-from drivebus.cli.commands import stop_all
+from drivebus.cli.commands import stop
 from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.errors import ConfigurationError, StopUnconfirmed
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
 
-COMMAND = [sys.executable, "-c", "from drivebus.cli import main; main()"]
+COMMAND = [sys.executable, "-m", "drivebus"]
 PLANT = """
 format = 1
 [plant]
@@ -104,7 +104,7 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
             for drive in ("fan-1", "fan-2"):
                 await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
             await client.call("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}, ME)
-            stopped = await asyncio.to_thread(verb, "stop-all", str(file), "--json")
+            stopped = await asyncio.to_thread(verb, "stop", "--all", str(file), "--json")
             assert stopped.returncode == 0, stopped
             assert json.loads(stopped.stdout)["buses"]["a"]["confirmed"] is True
             await client.call("start_inhibit.release", {"drive": "fan-2"}, ME)
@@ -195,9 +195,9 @@ def children(pid: int) -> list[int]:
 
 
 def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
-    found = verb("stop-all", "--directory", str(tmp_path))
+    found = verb("stop", "--all", "--directory", str(tmp_path))
     assert found.returncode == 1 and "nothing was stopped" in found.stderr
-    assert verb("stop-all").returncode == 2
+    assert verb("stop", "--all").returncode == 2
 
 
 @pytest.mark.parametrize(
@@ -209,9 +209,9 @@ def test_a_mistake_in_the_file_keeps_nobody_from_stopping_everything(
     """Ruling 5: whoever is in the middle of editing it needs the stop as well."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     file = write(tmp_path, wrong)
-    assert stop_all._folder(str(file), None) == tmp_path / "state"
+    assert stop._state_folder(str(file), None) == tmp_path / "state"
     file.write_text(f'format = 1\n[plant]\nid = "hall"\n[bus.a]\n{wrong}')
-    assert stop_all._folder(str(file), None) == tmp_path / "drivebus" / "plants" / "hall"
+    assert stop._state_folder(str(file), None) == tmp_path / "drivebus" / "plants" / "hall"
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_file_that_names_no_plant_is_refused_with_its_mistakes(text: str, tmp_
     file = tmp_path / "plant.toml"
     file.write_text(text)
     with pytest.raises(ConfigurationError) as refused:
-        stop_all._folder(str(file), None)
+        stop._state_folder(str(file), None)
     assert refused.value.key == "plant_config.refused"
 
 
@@ -230,14 +230,14 @@ def test_stop_all_never_waits_for_a_plant_that_hangs_and_calls_nothing_stopped(
     says: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frozen, it still has its socket, and the kernel takes the word for it."""
-    monkeypatch.setattr(stop_all, "ACCEPT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(stop, "STOP_ACCEPT_TIMEOUT_S", 0.2)
 
     def asked() -> None:
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(tmp_path / "stop.sock"))
             door.listen()
             threading.Thread(target=answered, args=(door,), daemon=True).start()
-            asyncio.run(stop_all._request_stop(tmp_path))
+            asyncio.run(stop._request_stop(tmp_path))
 
     def answered(door: socket.socket) -> None:
         if says:

@@ -1,1 +1,1 @@
-"""One module a verb; each has ``command`` and imports what it needs when it runs."""
+"""One module per command, each with ``command``; a module imports what it needs when it runs."""

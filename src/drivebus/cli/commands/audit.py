@@ -1,4 +1,4 @@
-"""``audit verify``, ``audit list``: the trail of a plant as it lies on disk; no service is needed or disturbed."""
+"""``audit``: verify and list the audit trail of a plant on disk, with or without a running service."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _row(item: dict[str, Any]) -> list[str]:
 
 
 def escape_control_characters(text: str) -> str:
-    r"""Control characters, terminal escapes and what turns the direction of writing stand as ``\x1b`` (S13)."""
+    r"""Control characters, terminal escapes and what turns the direction of writing stand as ``\x1b``."""
     return "".join(
         one.encode("unicode_escape").decode() if unicodedata.category(one)[0] in "CZ" and one != " " else one
         for one in text
@@ -64,7 +64,7 @@ def escape_control_characters(text: str) -> str:
 
 
 def _places(plant: str | None, checkpoints: str | None, key: str | None) -> AuditPaths:
-    """Of a plant's file, of a state directory, or of the only plant that this user has. Raises ConfigurationError."""
+    """Return the paths of a plant file, a state directory, or this user's only plant. Raises ConfigurationError."""
     from drivebus.service.audit.chain import AuditPaths
 
     folder, kept = _state_directory(plant)
@@ -77,7 +77,7 @@ def _places(plant: str | None, checkpoints: str | None, key: str | None) -> Audi
 
 
 def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
-    """The state directory, and what the plant's file says of the second file and the key."""
+    """Return the state directory, and the audit settings of the plant file."""
     from drivebus.service.config.model import AuditConfig
 
     if plant is None:
@@ -98,7 +98,7 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
 
 @contextmanager
 def _readable_trail(folder: Path) -> Iterator[None]:
-    """A file that is there and can't be read is the user's to mend."""
+    """Convert an OSError to a ConfigurationError."""
     try:
         yield
     except OSError as error:
@@ -112,7 +112,7 @@ def _argument() -> Argument:
 
 verify = CliCommand(
     "verify",
-    topic="audit.verify",
+    help_key="audit.verify",
     callback=_verify,
     params=[
         _argument(),
@@ -127,7 +127,7 @@ verify = CliCommand(
 
 list_ = CliCommand(
     "list",
-    topic="audit.list",
+    help_key="audit.list",
     callback=_list,
     params=[
         _argument(),
@@ -146,7 +146,7 @@ list_ = CliCommand(
 
 command = LazyGroup(
     "audit",
-    topic="audit",
+    help_key="audit",
     sections={
         "cli.section.audit": {
             "verify": "drivebus.cli.commands.audit:verify",

@@ -1,4 +1,4 @@
-"""``capture export FILE --pcapng OUT``: recorded traffic for Wireshark."""
+"""``capture export``: convert a capture to pcapng for Wireshark."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def _print_result(file: str, out: str, capture: Capture, frames: list[CapturedFr
     from drivebus.commissioning import wireshark
 
     command = f"wireshark {wireshark.WIRESHARK_OPTIONS} {quote(out)}"
-    told: dict[str, Any] = {"file": file, "pcapng": out} | _counts(frames)
+    result: dict[str, Any] = {"file": file, "pcapng": out} | _counts(frames)
     dated = wireshark.capture_start_us(capture) is not None
-    output.print_json(told | {"started": capture.header.started if dated else None, "truncated": capture.truncated})
-    output.print_message("capture.export.done", **told)
+    output.print_json(result | {"started": capture.header.started if dated else None, "truncated": capture.truncated})
+    output.print_message("capture.export.done", **result)
     output.print_message("capture.export.open", command=command)
-    if told["other"]:
-        output.print_note("capture.export.other", count=told["other"])
+    if result["other"]:
+        output.print_note("capture.export.other", count=result["other"])
     if capture.truncated:
         output.print_note("capture.export.truncated", file=file)
     if not dated:
@@ -46,29 +46,29 @@ def _print_result(file: str, out: str, capture: Capture, frames: list[CapturedFr
 
 
 def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
-    heard, modbus = sum(one.received for one in frames), sum(one.modbus for one in frames)
+    received, modbus = sum(one.received for one in frames), sum(one.modbus for one in frames)
     count = len(frames)
-    return {"frames": count, "sent": count - heard, "heard": heard, "modbus": modbus, "other": count - modbus}
+    return {"frames": count, "sent": count - received, "received": received, "modbus": modbus, "other": count - modbus}
 
 
 def _write(out: Path, data: bytes, force: bool) -> None:
-    """A whole new file or none; with ``force`` in the place of an old one. Raises CaptureError."""
+    """Write a complete new file or none; ``force`` replaces an old one. Raises CaptureError."""
     from drivebus.capture.dbcap import CaptureError
 
-    written = out.with_name(f"{out.name}.part") if force else out
+    part = out.with_name(f"{out.name}.part") if force else out
     try:
-        with written.open("xb") as file:
-            _write_or_delete(file, written, data)
+        with part.open("xb") as file:
+            _write_or_delete(file, part, data)
         if force:
-            written.replace(out)
+            part.replace(out)
     except FileExistsError as error:
-        raise CaptureError("capture.export.exists", file=str(written)) from error
+        raise CaptureError("capture.export.exists", file=str(part)) from error
     except OSError as error:
         raise CaptureError("capture.export.write", file=str(out), reason=error.strerror or str(error)) from error
 
 
 def _write_or_delete(file: Any, path: Path, data: bytes) -> None:
-    """Half a file is taken away again."""
+    """Write the file; delete it if it is incomplete."""
     try:
         file.write(data)
         file.flush()
@@ -85,7 +85,7 @@ def _pcapng(text: str) -> str:
 
 export = CliCommand(
     "export",
-    topic="capture.export",
+    help_key="capture.export",
     callback=_export,
     params=[
         Argument(["file"], metavar="FILE", type=click.Path(), key="help.argument.capture"),
@@ -107,7 +107,7 @@ export = CliCommand(
 
 command = LazyGroup(
     "capture",
-    topic="capture",
+    help_key="capture",
     sections={"cli.section.capture": {"export": "drivebus.cli.commands.capture:export"}},
     no_args_is_help=True,
     examples=("drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng",),

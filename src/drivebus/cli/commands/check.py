@@ -1,4 +1,4 @@
-"""``check``: every mistake of a plant.toml, or what the plant will cost its lines. Opens no port, sends nothing."""
+"""``check``: errors of a plant.toml, or the load that the plant puts on its buses. Opens no port."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _violation_params(one: RequirementViolation) -> dict[str, Any]:
 
 
 def format_seconds(value_s: float) -> str:
-    """As a person says it."""
+    """Format ``250 ms`` or ``1.2 s``."""
     return f"{value_s * 1000:.0f} ms" if value_s < 1.0 else f"{value_s:.3g} s"
 
 

@@ -1,4 +1,4 @@
-"""``coast``: switch the output off; the motor runs out by itself."""
+"""``coast``: switch the output off; the motor coasts to rest."""
 
 from __future__ import annotations
 

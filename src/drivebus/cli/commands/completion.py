@@ -1,4 +1,4 @@
-"""``completion``: the script that teaches a shell our verbs."""
+"""``completion``: print the completion script of a shell."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivebus.cli.click_ext import Argument, Choice, CliCommand
 def _complete(shell: str) -> None:
     from click.shell_completion import get_completion_class
 
-    from drivebus.cli.root import cli
+    from drivebus.cli.main import cli
 
     kind = get_completion_class(shell)
     if kind is not None:

@@ -1,4 +1,4 @@
-"""``decode``: a frame explained, byte for byte. The explaining is ``commissioning.explain``'s."""
+"""``decode``: explain a frame, byte for byte."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_hex(text: str) -> bytes:
 
 
 def _join_words(ctx: click.Context, param: click.Parameter, parts: tuple[str, ...]) -> bytes:
-    """One frame, whether the shell handed it over in one piece or in pairs."""
+    """Join the words of the shell to one frame."""
     found: bytes = HEX.convert(" ".join(parts), param, ctx)
     return found
 
@@ -52,7 +52,7 @@ def _decode(hex: bytes, model: str, encoding: str | None, direction: str | None,
 
 
 def description_json(model: str, data: bytes, found: FrameDescription) -> dict[str, Any]:
-    """The JSON of a frame; ``fields`` has at least the keys of the worked vectors."""
+    """Return the JSON of a frame; ``fields`` has at least the keys of the test vectors."""
     from drivebus.commissioning.decode.describe import alternative_fields
 
     other = alternative_fields(found)
@@ -75,8 +75,8 @@ def description_json(model: str, data: bytes, found: FrameDescription) -> dict[s
 
 
 def description_text(model: str, data: bytes, found: FrameDescription) -> str:
-    """The same for people."""
-    from drivebus.cli.text_layout import two_columns
+    """Format the explanation of a frame."""
+    from drivebus.cli.output import two_columns
 
     verdict = output.text("decode.valid" if found.valid else "decode.invalid")
     way = output.text(f"decode.{found.direction}")
@@ -106,14 +106,14 @@ def _alternative_text(reading: Interpretation) -> str:
 
 
 def field_label(name: str) -> str:
-    """A field's name for people; what has none keeps the name that JSON gives it."""
+    """Return the label of a field; its JSON name if it has none."""
     from drivebus.commissioning.decode import labels
 
     return labels.field_label(name, output.language())
 
 
 def field_text(name: str, value: Any) -> str:
-    """A field's value; words of the wire with their hexadecimal form beside."""
+    """Format the value of a field; raw words also in hexadecimal."""
     from drivebus.commissioning.decode import labels
 
     said = labels.value_text(name, value, output.language())

@@ -6,14 +6,14 @@ import click
 
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.extras import require_server
+from drivebus.cli.extras import require_extra
 from drivebus.cli.options import PERIOD, CheckedType
 
 
 def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> ExitCode:
     if terminal or plain or memory:
         return _in_terminal(plain, memory, period)
-    require_server()
+    require_extra("server")
     from drivebus.cli.demo.dashboard import show
 
     return show(port)

@@ -1,6 +1,6 @@
-"""``jog``: the motor turns while a key is held. The terminal's key repeat renews a lease; silence stops it (T13).
+"""``jog``: run the motor while a key is held. The key repeat of the terminal renews a dead-man timer.
 
-One press alone starts nothing: only the key's repeat shows that a hand holds it.
+A single press starts nothing: only its repeat shows that the key is held.
 """
 
 from __future__ import annotations
@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive
     from drivebus.drives.state import Direction, Outcome
 
-LEASE_S = 0.5
-"""No motion outlives the hand on the key by more (T13)."""
-FIRST_REPEAT_TIMEOUT_S = 1.0
-"""Terminals repeat a held key after 0.25 to 0.66 s for the first time."""
+DEAD_MAN_TIMEOUT_S = 0.5  # the motor stops this long after the last key at the latest
+FIRST_REPEAT_TIMEOUT_S = 1.0  # terminals repeat a held key after 0.25 to 0.66 s
 FORWARD, REVERSE, QUIT = frozenset(" f"), frozenset("r"), frozenset("q\x1b\x03\x04")
 
 
@@ -37,24 +35,24 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
 
     if not sys.stdin.isatty():
         raise ConfigurationError("jog.no_terminal")
-    with shutdown_signals() as ending:
+    with shutdown_signals() as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             with raw_keyboard() as keys:
                 output.print_message("jog.how")
-                await _until_quit(bus, drive, keys, ending, frequency)
-    return ExitCode.INTERRUPTED if ending.received else ExitCode.DONE
+                await _until_quit(bus, drive, keys, shutdown, frequency)
+    return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
 
 
 async def _until_quit(
-    bus: Bus, drive: Drive, keys: KeyQueue, ending: ShutdownSignal, frequency_hz: float | None
+    bus: Bus, drive: Drive, keys: KeyQueue, shutdown: ShutdownSignal, frequency_hz: float | None
 ) -> None:
-    while not ending.received:
-        key = await ending.interruptible(keys.get())
+    while not shutdown.received:
+        key = await shutdown.interruptible(keys.get())
         if key is None or key in QUIT:
             return
         direction = _direction(key)
         if direction is not None and await _is_held(keys, key):
-            await _jog_while_held(bus, drive, keys, ending, key, frequency_hz, direction)
+            await _jog_while_held(bus, drive, keys, shutdown, key, frequency_hz, direction)
             keys.clear()
 
 
@@ -65,7 +63,7 @@ def _direction(key: str) -> Direction | None:
 
 
 async def _is_held(keys: KeyQueue, key: str) -> bool:
-    """The same key comes again soon: it is held."""
+    """Return whether the same key is repeated soon."""
     try:
         return await keys.get(FIRST_REPEAT_TIMEOUT_S) == key
     except TimeoutError:
@@ -76,24 +74,24 @@ async def _jog_while_held(
     bus: Bus,
     drive: Drive,
     keys: KeyQueue,
-    ending: ShutdownSignal,
+    shutdown: ShutdownSignal,
     key: str,
     frequency_hz: float | None,
     direction: Direction,
 ) -> None:
-    """Jog as long as the key repeats. Leaving the block stops the drive and confirms it."""
-    async with drive.jog(frequency_hz, direction, lease_s=LEASE_S) as lease:
-        _print_jog_outcome(lease.start_outcome, bus, "begun")
+    """Jog while the key repeats, then stop the drive and confirm it."""
+    async with drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S) as session:
+        _print_jog_outcome(session.start_outcome, bus, "begun")
         loop = asyncio.get_running_loop()
-        while not ending.received and keys.last_key == key:
-            left_s = keys.last_key_at + LEASE_S - loop.time()
+        while not shutdown.received and keys.last_key == key:
+            left_s = keys.last_key_at + DEAD_MAN_TIMEOUT_S - loop.time()
             if left_s <= 0:
                 break
-            lease.renew()
-            pressed = await ending.interruptible(_next_key(keys, left_s))
+            session.renew()
+            pressed = await shutdown.interruptible(_next_key(keys, left_s))
             if pressed != key:
                 break
-    _print_jog_outcome(lease.stop_outcome, bus, "ended")
+    _print_jog_outcome(session.stop_outcome, bus, "ended")
 
 
 async def _next_key(keys: KeyQueue, timeout_s: float) -> str | None:

@@ -1,4 +1,4 @@
-"""``models``: what drivebus knows, with its grade; then the user's own files, and which of them are refused."""
+"""``models``: list the models with their grade, the user's own profile files, and rejected files."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 from drivebus.cli import output
 from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.errors import ExitCode, error_json, print_error
-from drivebus.cli.text_layout import paragraphs
+from drivebus.cli.output import paragraphs
 
 
 def _models() -> ExitCode:
-    """A refused file hides no other; 2 where there is one."""
+    """List all models; return 2 if a file is rejected."""
     from drivebus import profiles
     from drivebus.errors import ProfileError
 
@@ -33,14 +33,14 @@ def _models() -> ExitCode:
 
 
 def _row(name: str, profile: Any) -> dict[str, Any]:
-    """``name`` is what ``--model`` takes: a user's own file may keep its base's name within."""
+    """Return a model; ``name`` is the value of ``--model``, the user's own file may contain the name of its base."""
     return {
         "model": name,
         "title": output.to_json_value(profile.title),
         "maker": output.to_json_value(profile.maker),
         "family": profile.family,
         "encodings": list(profile.encodings),
-        "line": {"baud": profile.serial.baud, "format": profile.serial.format},
+        "serial": {"baud": profile.serial.baud, "format": profile.serial.format},
         "addresses": list(profile.addresses),
         "broadcast": profile.broadcast,
         "grade": profile.grade,
@@ -55,7 +55,7 @@ def _table(found: list[dict[str, Any]]) -> str:
             row["model"],
             row["title"],
             ", ".join(row["encodings"]),
-            f"{row['line']['baud']} {row['line']['format']}",
+            f"{row['serial']['baud']} {row['serial']['format']}",
             row["grade"],
         ]
         for row in found

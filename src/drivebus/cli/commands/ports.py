@@ -1,4 +1,4 @@
-"""``ports``: the serial ports of this machine, and who holds them."""
+"""``ports``: list the serial ports of this machine, and the programs that use them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def _ports() -> None:
 
 
 def ports_table(found: list[PortInfo]) -> str:
-    """One row a port."""
-    head = [output.text(f"ports_verb.{name}") for name in ("device", "description", "link", "held")]
+    """Format one row per port."""
+    head = [output.text(f"ports_verb.{name}") for name in ("device", "description", "url", "used_by")]
     return output.fitted_table(head, [[port.device, port.description, port.url, _users(port)] for port in found])
 
 
@@ -37,7 +37,7 @@ def _users(port: PortInfo) -> str:
 
 
 def _is_accessible(device: str) -> bool:
-    """False where this user has no permission; a Windows name is no path and has none to lack."""
+    """Return False if this user lacks permission; a Windows port name is no path and always accessible."""
     return not Path(device).exists() or os.access(device, os.R_OK | os.W_OK)
 
 

@@ -1,4 +1,4 @@
-"""``profile check FILE``: is this profile file one that drivebus believes?"""
+"""``profile check``: check a profile file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _check(file: str) -> None:
 
 check = CliCommand(
     "check",
-    topic="profile.check",
+    help_key="profile.check",
     callback=_check,
     params=[Argument(["file"], metavar="FILE", type=click.Path())],
     examples=("drivebus profile check my-drive.toml", "drivebus profile check my-drive.toml --json"),
@@ -27,7 +27,7 @@ check = CliCommand(
 
 command = LazyGroup(
     "profile",
-    topic="profile",
+    help_key="profile",
     sections={"cli.section.profile": {"check": "drivebus.cli.commands.profile:check"}},
     no_args_is_help=True,
     examples=("drivebus profile check my-drive.toml",),

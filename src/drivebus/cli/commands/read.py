@@ -1,4 +1,4 @@
-"""``read``: parameters in the manual's own notation, or signals by name; raw and scaled."""
+"""``read``: parameters in the manual's notation, or signals by name; raw and scaled."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from drivebus.cli.click_ext import Argument
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
 from drivebus.cli.errors import ExitCode
-from drivebus.profiles.model import DriveProfile, Parameter, Signal
+from drivebus.cli.formatting import format_value, reading_json
+from drivebus.profiles.model import Parameter, Signal
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
@@ -17,28 +18,20 @@ if TYPE_CHECKING:
 
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
-    profile = target.profile()
-    entries = {name: find_entry(profile, name) for name in names}
+    from drivebus.profiles.notation import find_entry
+
+    entries = {name: find_entry(target.profile, name) for name in names}
     async with connect.open_drive(target) as (bus, drive):
         readings = await drive.read(list(names))
         now = bus.now()
     rows = [value_json(name, entries[name], readings[name], now) for name in names]
-    output.print_json({"link": target.link, "model": target.model, "address": target.address, "values": rows})
+    output.print_json({"port": target.port, "model": target.model, "address": target.address, "values": rows})
     output.print_text(values_table(rows, entries))
     return ExitCode.DONE if all(one["value"] is not None for one in rows) else ExitCode.FAILED
 
 
-def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
-    """What ``name`` means in this profile. Raises ProfileError with the nearest names."""
-    from drivebus.profiles.notation import find_entry
-
-    return find_entry(profile, name)
-
-
 def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
-    """One value with everything that is known of it."""
-    from drivebus.cli.tui.rows import reading_json
-
+    """Return a value with its notation, address on the wire, raw word and meaning."""
     choices = getattr(entry, "choices", {})
     meaning = choices.get(reading.raw) if reading.raw is not None else None
     return {
@@ -53,14 +46,12 @@ def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: floa
 
 
 def values_table(rows: list[dict[str, Any]], entries: dict[str, Signal | Parameter]) -> str:
-    """The values for people."""
+    """Format the values as a table."""
     head = [output.text(f"read.{name}") for name in ("notation", "wire", "raw", "value", "text")]
     return output.fitted_table(head, [_cells(one, entries[one["name"]]) for one in rows])
 
 
 def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
-    from drivebus.cli.value_format import format_value
-
     meaning = f" = {one['meaning']}" if one["meaning"] else ""
     reason = output.text("status.because", why=one["reason"]) if one.get("reason") else ""
     wire = f"{output.text('read.space_' + one['wire']['space'])} {one['wire']['hex']}"
@@ -69,13 +60,15 @@ def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
 
 
 def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
+    from drivebus.profiles.notation import find_entry
+
     for name in names:
         entry = find_entry(dry.dialect.profile, name)
         if isinstance(entry, Parameter):
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    return dry.print("dry.note.fence")
+    return dry.print("dry.note.sync")
 
 
 command = drive_command(

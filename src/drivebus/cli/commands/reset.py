@@ -1,4 +1,4 @@
-"""``reset``: fault reset, once; then read whether the fault is gone."""
+"""``reset``: reset a fault once, then read whether it is gone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``run``: start a drive and stay attached; whatever ends the verb stops the drive, unless ``--detach`` was said."""
+"""``run``: start a drive and stay attached; the end of the command stops the drive, except with ``--detach``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, print_outcome
+from drivebus.cli.drive_command import drive_command, nothing_moved, print_outcome
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -23,48 +23,46 @@ if TYPE_CHECKING:
     from drivebus.drives.state import Direction, DriveStatus
     from drivebus.profiles import DriveProfile
 
-PERIOD_S = 0.5
-"""Between two looks at the drive; each look is a few frames."""
-OUTPUT_OFF_COUNT = 2
-"""Two looks must agree that the output is off before the user hears that the drive stopped by itself."""
+STATUS_PERIOD_S = 0.5  # between two status reads, a few frames each
+OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" is reported
 
 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import discard_output, shutdown_signals
 
-    with shutdown_signals() as ending:
+    with shutdown_signals() as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             if detach:
                 await _print_comm_loss(drive)
             try:
-                ended = await _attached(bus, drive, ending, frequency, _direction(reverse), wait, detach)
-            except OSError:  # nobody reads what we print any more: the terminal or the pipe is gone
+                code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
+            except OSError:  # the terminal or the pipe is gone
                 discard_output()
-                ended = ExitCode.INTERRUPTED
+                code = ExitCode.INTERRUPTED
             except BaseException as error:
                 if not nothing_moved(error):
                     await drive.stop()
                 raise
-            if ended is None:
+            if code is None:
                 return ExitCode.DONE
-            return await _stop(bus, drive, ExitCode.INTERRUPTED if ending.received else ended)
+            return await _stop(bus, drive, ExitCode.INTERRUPTED if shutdown.received else code)
 
 
 async def _attached(
     bus: Bus,
     drive: Drive,
-    ending: ShutdownSignal,
+    shutdown: ShutdownSignal,
     frequency_hz: float,
     direction: Direction | None,
     wait: bool,
     detach: bool,
 ) -> ExitCode | None:
-    """Start and show. Returns why it ended; None where the drive is left running on purpose."""
-    started = await _start(bus, drive, ending, frequency_hz, direction, wait, detach)
-    if detach and started is ExitCode.DONE and not ending.received:
+    """Start and show the drive. Return the exit code that code it; None if the drive is left running on purpose."""
+    started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
+    if detach and started is ExitCode.DONE and not shutdown.received:
         output.print_message("run.detached")
         return None
-    return await _watch(bus, drive, ending) if started is ExitCode.DONE else started
+    return await _watch(bus, drive, shutdown) if started is ExitCode.DONE else started
 
 
 def _direction(reverse: bool) -> Direction | None:
@@ -76,22 +74,22 @@ def _direction(reverse: bool) -> Direction | None:
 async def _start(
     bus: Bus,
     drive: Drive,
-    ending: ShutdownSignal,
+    shutdown: ShutdownSignal,
     frequency_hz: float,
     direction: Direction | None,
     wait: bool,
     detach: bool,
 ) -> ExitCode:
-    """Start. What was refused before anything left is raised; anything else that goes wrong is followed by a stop."""
-    from drivebus.cli import errors as exits
+    """Start the drive. An error before anything was sent is raised; any other error is printed, and a stop follows."""
+    from drivebus.cli.errors import report_error
     from drivebus.errors import DrivebusError
 
     try:
-        outcome = await ending.interruptible(drive.run(frequency_hz, direction, wait=wait))
+        outcome = await shutdown.interruptible(drive.run(frequency_hz, direction, wait=wait))
     except DrivebusError as error:
         if nothing_moved(error):
             raise
-        return exits.report_error(error)
+        return report_error(error)
     if outcome is None:
         return ExitCode.INTERRUPTED
     code = print_outcome(outcome, bus.now(), event="started", stream=True)
@@ -100,38 +98,17 @@ async def _start(
     return code
 
 
-def nothing_moved(error: BaseException) -> bool:
-    """Nothing left the host that may move a motor, or the drive itself said no: there is nothing to stop.
-
-    A service that says no has sent nothing; one that has lost our lease lets somebody else command the drive.
-    """
-    from drivebus import errors
-
-    never_sent = (
-        errors.ConfigurationError,
-        errors.CapabilityError,
-        errors.LimitError,
-        errors.PreflightError,
-        errors.StartInhibited,
-        errors.Expired,
-        errors.PortUnavailable,
-        errors.DriveRejected,
-        errors.ServiceError,
-    )
-    return isinstance(error, never_sent) or (isinstance(error, errors.BusError) and error.outcome is None)
-
-
-async def _watch(bus: Bus, drive: Drive, ending: ShutdownSignal) -> ExitCode:
-    """Show the drive until the end comes, a fault, or its output is off by somebody else's hand."""
+async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal) -> ExitCode:
+    """Show the drive until a shutdown, a fault, or an output that another source switched off."""
     from drivebus.errors import BusError, ServiceUnavailable
 
     off = 0
-    while not ending.received:
+    while not shutdown.received:
         try:
-            status = await ending.interruptible(drive.status())
+            status = await shutdown.interruptible(drive.status())
         except (BusError, ServiceUnavailable) as error:
             _redraw(error.text(output.language()))
-            await ending.wait(PERIOD_S)
+            await shutdown.wait(STATUS_PERIOD_S)
             continue
         if status is None:
             break
@@ -141,13 +118,12 @@ async def _watch(bus: Bus, drive: Drive, ending: ShutdownSignal) -> ExitCode:
             click.echo()
             output.print_message("run.fault" if status.fault is not None else "run.off_by_itself")
             return ExitCode.FAILED
-        await ending.wait(PERIOD_S)
+        await shutdown.wait(STATUS_PERIOD_S)
     return ExitCode.INTERRUPTED
 
 
 def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
-    from drivebus.cli.formatting import status_line
-    from drivebus.cli.tui.rows import status_json
+    from drivebus.cli.formatting import status_json, status_line
 
     output.print_json({"event": "status"} | status_json(status, bus.now()), stream=True)
     _redraw(status_line(status, profile))
@@ -158,18 +134,14 @@ def _redraw(text: str) -> None:
     if output.as_json():
         return
     if sys.stdout.isatty():
-        import shutil
-
-        from drivebus.cli.text_layout import wrap
-
-        line = (wrap(text, shutil.get_terminal_size().columns - 1) or [""])[0]
+        line = (output.wrap(text, output.terminal_width(sys.stdout)) or [""])[0]
         click.echo(f"\r\x1b[K{line}", nl=False)
     else:
         click.echo(text)
 
 
 async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
-    """Stop and confirm; an unconfirmed stop outweighs every other ending. Words never come before the stop."""
+    """Stop and confirm; an unconfirmed stop decides the exit code. Nothing is printed before the stop is sent."""
     from drivebus.cli.signals import discard_output
 
     stopping = asyncio.ensure_future(drive.stop(wait=True))
@@ -186,10 +158,12 @@ async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
 
 
 async def _print_comm_loss(drive: Drive) -> None:
-    """Before a detached start: what the drive itself will do when nobody speaks to it any more (F18)."""
+    """Print the drive's own reaction to a communication loss, before a detached start."""
     report = await drive.comm_loss_behaviour()
     text = report.text(output.language())
-    output.print_json({"event": "comm_loss", "trips": report.stops_on_comm_loss, "text": text}, stream=True)
+    output.print_json(
+        {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
+    )
     output.print_text(output.wrap_for(text, sys.stdout))
 
 
@@ -204,7 +178,7 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
 
 
 def start_frames(dialect: Dialect, frequency_hz: float, direction: Direction | None) -> list[tuple[str, Any]]:
-    """What a start is made of: the frequency first, where the start itself does not carry it."""
+    """Return the frames of a start: the frequency first, unless the start frame includes it."""
     from drivebus.drives.readings import ReadingPairs
 
     word = dialect.setpoint_word(frequency_hz)

@@ -1,37 +1,32 @@
-"""``scan``: find drives. Reads only; listens first; keeps what it found when it is interrupted."""
+"""``scan``: find the drives of a bus. Listens first, sends only reads, keeps its results when it is interrupted."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import TYPE_CHECKING
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import record_ports
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.progress import format_duration
-from drivebus.cli.scanning import ScanProgressBar, print_scan, print_scan_plan
+from drivebus.cli.scanning import (
+    ScanProgressBar,
+    ScanRequest,
+    listen_option,
+    parse_words,
+    print_scan,
+    print_scan_plan,
+    search_options,
+)
 
 if TYPE_CHECKING:
-    from drivebus.cli.signals import ShutdownSignal
-    from drivebus.commissioning.scan import ScanPass, SniffResult
-    from drivebus.ports.base import Port
+    from drivebus.ports import Port
     from drivebus.serial_settings import SerialSettings
 
 
-def parse_words(text: str) -> tuple[str, ...]:
-    """``a,b`` → (a, b). Raises ValueError where nothing is left."""
-    found = tuple(part.strip() for part in text.split(",") if part.strip())
-    if not found:
-        raise ValueError(text)
-    return found
-
-
 def parse_bauds(text: str) -> tuple[int, ...]:
-    """``9600,19200``. Raises ValueError."""
+    """Parse ``9600,19200``. Raises ValueError."""
     found = tuple(int(part) for part in parse_words(text))
     if any(not 50 <= baud <= 4_000_000 for baud in found):
         raise ValueError(text)
@@ -39,115 +34,68 @@ def parse_bauds(text: str) -> tuple[int, ...]:
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
-    """``8N1,8E1``. Raises ValueError."""
+    """Parse ``8N1,8E1``. Raises ValueError."""
     from drivebus.serial_settings import SerialSettings
 
     return tuple(SerialSettings.parse(9600, part).format for part in parse_words(text))
 
 
 def _scan(
-    link: str,
+    port: str,
     models: tuple[str, ...],
     addresses: tuple[int, ...] | None,
     bauds: tuple[int, ...] | None,
     formats: tuple[str, ...] | None,
     encoding: str | None,
-    listen: float,
-    anyway: bool,
+    listen_seconds: float,
+    force: bool,
     everything: bool,
     record: str | None,
     dry_run: bool,
 ) -> ExitCode:
-    passes = make_plan(link, models, addresses, bauds, formats, encoding)
-    if dry_run:
-        return print_scan_plan(passes)
-    with record_ports(record) as around:
-        return asyncio.run(_run(link, passes, listen, anyway, everything, around))
-
-
-def make_plan(
-    link: str,
-    models: tuple[str, ...],
-    addresses: tuple[int, ...] | None,
-    bauds: tuple[int, ...] | None,
-    formats: tuple[str, ...] | None,
-    encoding: str | None,
-) -> list[ScanPass]:
-    """What will be asked. A LINK with ``?baud=`` or ``&format=`` has chosen, and so has a raw TCP server."""
-    from drivebus import ports, profiles
-    from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan
-    from drivebus.ports.url import parse_port_url
-
-    parsed = parse_port_url(link)
-    fixed = ports.open_port(link).settings if parsed.scheme in FIXED_SETTINGS_SCHEMES else None
-    return plan_scan(
-        [profiles.load(model) for model in models],
-        addresses=addresses,
-        bauds=bauds or ((parsed.settings.baud,) if "baud" in parsed.explicit else None),
-        formats=formats or ((parsed.settings.format,) if "format" in parsed.explicit else None),
-        encodings=(encoding,) if encoding else None,
-        fixed=fixed,
+    request = ScanRequest(
+        port=port, models=models, addresses=addresses, bauds=bauds, formats=formats, encoding=encoding
     )
+    if dry_run:
+        return print_scan_plan(request.plan())
+    with record_ports(record) as wrap:
+        return asyncio.run(_run(request, listen_seconds, force, everything, wrap))
 
 
 async def _run(
-    link: str, passes: list[ScanPass], listen_s: float, anyway: bool, everything: bool, around: Callable[[Port], Port]
+    request: ScanRequest, listen_s: float, force: bool, everything: bool, wrap: Callable[[Port], Port]
 ) -> ExitCode:
-    from drivebus import ports
     from drivebus.cli.signals import shutdown_signals
     from drivebus.commissioning import scan
     from drivebus.errors import DrivebusError
 
     def open_port(settings: SerialSettings) -> Port:
-        return around(ports.open_port(link, baud=settings.baud, format=settings.format))
+        return wrap(request.open_port(settings))
 
+    passes = request.plan()
     progress = scan.ScanProgress(sum(one.duration_s for one in passes))
-    with shutdown_signals() as ending:
-        overheard = await _listen(ending, open_port, passes, listen_s) if listen_s > 0 and passes else None
-        if overheard is not None and overheard.count:
-            output.print_note("scan.foreign", count=overheard.count, seconds=f"{overheard.seconds:g}")
-            if not anyway:
+    sniffed = None
+    with shutdown_signals() as shutdown:
+        if listen_s > 0 and passes:
+            output.print_note("scan.listening", seconds=f"{listen_s:g}")
+            sniffed = await shutdown.interruptible(scan.sniff(open_port(passes[0].settings), listen_s))
+        if sniffed is not None and sniffed.count:
+            output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
+            if not force:
                 output.print_note("scan.foreign_end")
-                return print_scan(link, progress, overheard, ExitCode.FAILED)
-        output.print_note("scan.feeds", time=format_duration(progress.total_s))
+                return print_scan(request.port, progress, sniffed, ExitCode.FAILED)
+        output.print_note("scan.comm_loss", time=output.format_duration(progress.total_s))
         try:
-            with ScanProgressBar() as meter:
-                walk = scan.scan(passes, open_port, progress, meter.on_progress, keep_going=everything)
-                await ending.interruptible(walk)
+            with ScanProgressBar() as bar:
+                search = scan.scan(passes, open_port, progress, bar.on_progress, keep_going=everything)
+                await shutdown.interruptible(search)
         except DrivebusError:
-            print_scan(link, progress, overheard, ExitCode.FAILED)
+            print_scan(request.port, progress, sniffed, ExitCode.FAILED)
             raise
-    if ending.received:
+    if shutdown.received:
         output.print_note("scan.aborted")
-    code = ExitCode.INTERRUPTED if ending.received else ExitCode.DONE if progress.found else ExitCode.FAILED
-    return print_scan(link, progress, overheard, code)
-
-
-async def _listen(ending: ShutdownSignal, open_port: Any, passes: list[ScanPass], seconds: float) -> SniffResult | None:
-    """Say nothing first. Raises PortUnavailable."""
-    from drivebus.commissioning.scan import sniff
-
-    output.print_note("scan.listening", seconds=f"{seconds:g}")
-    return await ending.interruptible(sniff(open_port(passes[0].settings), seconds))
-
-
-def search_options() -> list[click.Parameter]:
-    """--models and --addresses: whom a scan asks."""
-    from drivebus.protocols.family import default_scan_models
-
-    models = options.ParsedType("models", parse_words, "cli.expect.models")
-    usual = ",".join(default_scan_models())
-    return [
-        Option(["--models"], default=usual, type=models, metavar="M,...", example="--models c320,vc660"),
-        Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
-    ]
-
-
-def listen_option() -> click.Option:
-    """--listen: so long a scan only listens."""
-    key = "help.option.listen_first"
-    seconds = options.NumberType(0.0, 86_400.0)
-    return Option(["--listen"], type=seconds, default=2.0, metavar="S", key=key, example="--listen 5")
+    code = ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE if progress.found else ExitCode.FAILED
+    return print_scan(request.port, progress, sniffed, code)
 
 
 command = CliCommand(
@@ -170,7 +118,7 @@ command = CliCommand(
         ),
         options.encoding_option(),
         listen_option(),
-        Option(["--anyway"], is_flag=True),
+        Option(["--force"], is_flag=True, key="help.option.scan_force"),
         Option(["--all", "everything"], is_flag=True, key="help.option.all"),
         options.record_option(),
         options.dry_run_option(),

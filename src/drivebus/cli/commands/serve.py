@@ -1,4 +1,4 @@
-"""``serve``: run a plant: its buses, drives, alarms, history and page, until it is told to end."""
+"""``serve``: run the service of a plant until it is ended."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.extras import require_server
+from drivebus.cli.extras import require_extra
 
 if TYPE_CHECKING:
     from drivebus.service.config.model import PlantConfig
@@ -20,7 +20,7 @@ def _serve(plant: str, web: bool, log: str) -> ExitCode:
 
     setting = load(plant)
     if web and setting.web.enabled:
-        require_server()
+        require_extra("server")
     configure_logging(log)
     return asyncio.run(_run(setting, web))
 

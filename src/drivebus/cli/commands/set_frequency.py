@@ -1,4 +1,4 @@
-"""``set-frequency``: change the set frequency; starts nothing."""
+"""``set-frequency``: change the set frequency without a start."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ async def _set(target: Target, frequency_hz: float) -> ExitCode:
 
 
 def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
-    """As a standing drive would get it; where a frequency goes only with a run command, as a running one."""
+    """Print the frames for a stopped drive, or for a running one if the frequency needs a run command."""
     from drivebus.drives.readings import ReadingPairs
     from drivebus.errors import StartInhibited
 
@@ -35,7 +35,7 @@ def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
 
 
 def _running() -> ReadingPairs:
-    """A drive that twice reported to be told to run forward."""
+    """Return readings of a drive that twice reported the command run forward."""
     from drivebus.drives.readings import ReadingPairs
     from drivebus.values import Reading
 

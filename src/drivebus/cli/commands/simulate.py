@@ -1,4 +1,4 @@
-"""``simulate``: pretend drives on a pty or a TCP port, for any master to talk to."""
+"""``simulate``: simulated drives on a pty or a TCP port, for any master."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from drivebus.simulator.bus import SimulatedBus
 
 
-def _listen(text: str) -> tuple[str, int] | None:
-    """None for ``pty``, else host and port. Raises ValueError."""
+def _parse_bind(text: str) -> tuple[str, int] | None:
+    """Parse ``pty`` (None) or ``tcp://HOST:PORT``. Raises ValueError."""
     if text == "pty":
         return None
     scheme, separator, rest = text.partition("://")
@@ -27,34 +27,34 @@ def _listen(text: str) -> tuple[str, int] | None:
 def _simulate(
     model: str,
     address: tuple[int, ...],
-    listen: tuple[str, int] | None,
+    bind: tuple[str, int] | None,
     link: str | None,
     baud: int | None,
     format: str | None,
     encoding: str | None,
     seed: int,
-    weather: str,
+    line_quality: str,
     load: str,
     ramp: float,
-    set: tuple[tuple[str, str], ...],
+    option: tuple[tuple[str, str], ...],
 ) -> ExitCode:
-    settings = dict(set) | ({"encoding": encoding} if encoding else {})
-    bench = make_bench(model, address, baud, format, seed, weather, load, ramp, settings)
-    return asyncio.run(_serve(bench, listen, link))
+    settings = dict(option) | ({"encoding": encoding} if encoding else {})
+    bus = make_bus(model, address, baud, format, seed, line_quality, load, ramp, settings)
+    return asyncio.run(_serve(bus, bind, link))
 
 
-def make_bench(
+def make_bus(
     model: str,
     addresses: tuple[int, ...],
     baud: int | None,
     format: str | None,
     seed: int,
-    weather: str,
+    line_quality: str,
     load: str,
     ramp_s: float,
     settings: dict[str, str],
 ) -> SimulatedBus:
-    """Stations on a wire; without baud and format at the model's factory line. Raises ConfigurationError."""
+    """Return a bus of stations; default serial settings: the model's factory settings. Raises ConfigurationError."""
     from drivebus.serial_settings import SerialSettings
     from drivebus.simulator.bus import SimulatedBus
     from drivebus.simulator.models.catalog import make_station
@@ -64,41 +64,41 @@ def make_bench(
         station.set_ramps(ramp_s, ramp_s)
     factory = stations[0].factory_settings
     line = SerialSettings.parse(baud or factory.baud, format or factory.format)
-    return SimulatedBus(stations, line, weather=weather, seed=seed)
+    return SimulatedBus(stations, line, weather=line_quality, seed=seed)
 
 
-async def _serve(bench: SimulatedBus, listen: tuple[str, int] | None, link: str | None) -> ExitCode:
+async def _serve(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | None) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
-    with shutdown_signals() as ending:
-        server = await _open(bench, listen, link)
+    with shutdown_signals() as shutdown:
+        server = await _open(bus, bind, link)
         try:
             output.print_json(
-                {"url": server.url, "line": str(bench.settings), "stations": len(bench.stations)}, stream=True
+                {"url": server.url, "serial": str(bus.settings), "stations": len(bus.stations)}, stream=True
             )
-            output.print_message("simulate.ready", url=server.url, line=bench.settings, count=len(bench.stations))
-            await ending.wait()
+            output.print_message("simulate.ready", url=server.url, serial=bus.settings, count=len(bus.stations))
+            await shutdown.wait()
         finally:
             await server.close()
     return ExitCode.DONE
 
 
-async def _open(bench: SimulatedBus, listen: tuple[str, int] | None, link: str | None) -> Any:
-    """A server on a pty or a TCP port. Raises PortUnavailable."""
+async def _open(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | None) -> Any:
+    """Open a server on a pty or a TCP port. Raises PortUnavailable."""
     from drivebus.errors import ConfigurationError, PortUnavailable
 
     try:
-        if listen is not None:
+        if bind is not None:
             from drivebus.simulator.tcp_server import serve_tcp
 
-            return await serve_tcp(bench, *listen)
+            return await serve_tcp(bus, *bind)
         from drivebus.simulator.pty_server import serve_pty
 
-        return await serve_pty(bench, link)
+        return await serve_pty(bus, link)
     except ImportError as error:
         raise ConfigurationError("simulate.no_pty") from error
     except OSError as error:
-        where = link or "pty" if listen is None else f"tcp://{listen[0]}:{listen[1]}"
+        where = link or "pty" if bind is None else f"tcp://{bind[0]}:{bind[1]}"
         raise PortUnavailable("simulate.cannot_listen", where=where, reason=error.strerror or str(error)) from error
 
 
@@ -116,24 +116,24 @@ command = CliCommand(
             example="--address 0-3,7",
         ),
         Option(
-            ["--listen"],
+            ["--bind"],
             default="pty",
-            type=options.ParsedType("listen", _listen, "cli.expect.listen"),
+            type=options.ParsedType("bind", _parse_bind, "cli.expect.bind"),
             metavar="pty|tcp://HOST:PORT",
-            example="--listen tcp://127.0.0.1:4001",
+            example="--bind tcp://127.0.0.1:4001",
         ),
         Option(["--link"], metavar="PATH", key="help.option.link_path", example="--link /tmp/drives"),
         *options.serial_options(),
         options.encoding_option(),
         Option(["--seed"], type=options.SEED, default=1, metavar="N", example="--seed 7"),
-        Option(["--weather"], default="clean", metavar="SPEC", example="--weather loss=0.05,late=0.1:0.4"),
-        Option(["--load"], default="constant", type=Choice(["constant", "fan", "winch"]), example="--load fan"),
+        Option(["--line-quality"], default="clean", metavar="SPEC", example="--line-quality loss=0.05,late=0.1:0.4"),
+        Option(["--load"], default="constant", type=Choice(["constant", "fan", "hoist"]), example="--load fan"),
         Option(["--ramp"], default=10.0, type=options.NumberType(0.1, 3600.0), metavar="S", example="--ramp 4"),
         options.profile_option(),
     ],
     examples=(
-        "drivebus simulate --model c320 --address 0-3,7 --listen pty",
-        "drivebus simulate --model vc660 --address 1 --listen tcp://127.0.0.1:4001 --json",
-        "drivebus simulate --model df800 --address 1-4 --link /tmp/pumps --weather lossy --seed 7",
+        "drivebus simulate --model c320 --address 0-3,7 --bind pty",
+        "drivebus simulate --model vc660 --address 1 --bind tcp://127.0.0.1:4001 --json",
+        "drivebus simulate --model df800 --address 1-4 --link /tmp/pumps --line-quality lossy --seed 7",
     ),
 )

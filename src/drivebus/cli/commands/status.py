@@ -1,4 +1,4 @@
-"""``status``: what a drive reports. Reads only."""
+"""``status``: state, fault and readings of a drive. Sends only reads."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ if TYPE_CHECKING:
 
 
 async def _status(target: Target) -> ExitCode:
-    from drivebus.cli.formatting import status_text
-    from drivebus.cli.tui.rows import status_json
+    from drivebus.cli.formatting import status_json, status_text
 
     async with connect.open_drive(target) as (bus, drive):
         status = await drive.status()
         now = bus.now()
-    where = {"link": target.link, "model": target.model, "address": target.address}
+    where = {"port": target.port, "model": target.model, "address": target.address}
     output.print_json(where | status_json(status, now))
     output.print_text(status_text(status, now, drive.profile))
     return ExitCode.DONE
@@ -31,7 +30,7 @@ def _plan(dry: DryRun) -> ExitCode:
     dry.add("state", reads)
     names = tuple(dry.dialect.profile.signals)
     dry.add("signals", [request for request, _ in dry.dialect.polls(names) if request not in reads])
-    return dry.print("dry.note.fence")
+    return dry.print("dry.note.sync")
 
 
 command = drive_command(

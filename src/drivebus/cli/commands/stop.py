@@ -1,35 +1,304 @@
-"""``stop``: stop a drive and confirm it."""
+"""``stop``: stop one drive; with ``--all`` every drive of a bus or of a running service; and confirm it."""
 
 from __future__ import annotations
 
+import asyncio
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, single_step_plan
-from drivebus.cli.drive_command import run_command as send
+import click
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import Argument, Option
+from drivebus.cli.connect import Target, record_port
+from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
+from drivebus.errors import ConfigurationError, OutcomeUnknown, ServiceUnavailable, StopUnconfirmed
+from drivebus.types import Json
 
 if TYPE_CHECKING:
-    from drivebus.cli.dry_run import DryRun
+    from drivebus.bus import Bus
+    from drivebus.drives import Drive, StopReport
+
+STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
+_BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
 
 
-async def _stop(target: Target) -> ExitCode:
-    return await send(target, lambda drive: drive.stop(wait=True))
+def _stop(everything: bool, directory: str | None, target: str | None = None, **given: Any) -> ExitCode:
+    if not everything:
+        if directory is not None:
+            raise ConfigurationError("stop_all.needs_all")
+        return _stop_one(target, given)
+    service = given.pop("service")
+    if service is not None:
+        reject_local_options(given | {"directory": directory}, (*_BUS_OPTIONS, "drive", "directory"))
+        return _stop_service(service)
+    if directory is not None or target is None or target.endswith(".toml"):
+        reject_local_options(given, (*_BUS_OPTIONS, "drive"))
+        return _stop_local_service(target, directory)
+    return _stop_bus(target, given)
 
 
-def _requests(dry: DryRun) -> Any:
+# --- one drive ----------------------------------------------------------------------------------------------------
+
+
+def _stop_one(port: str | None, given: dict[str, Any]) -> ExitCode:
+    addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
+    remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
+    if remote is None:
+        _require("target", port)
+        _require("model", given["model"])
+        _require("addresses", addresses)
+        if len(addresses) != 1:
+            raise _bad_value("addresses", ",".join(map(str, addresses)), "cli.expect.one_address")
+    target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
+    if dry_run:
+        return _print_plan(target, (target.address,), broadcast=False)
+    return asyncio.run(run_command(target, lambda drive: drive.stop(wait=True)))
+
+
+def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: given[name] for name in ("model", "baud", "format", "encoding", "option", "record")}
+
+
+def _require(name: str, value: Any) -> None:
+    """Raise the usage error of a missing parameter; which ones are required depends on ``--all``."""
+    if value is None:
+        context = click.get_current_context()
+        raise click.MissingParameter(ctx=context, param=next(p for p in context.command.params if p.name == name))
+
+
+def _bad_value(name: str, found: str, expected: str) -> click.BadParameter:
+    context = click.get_current_context()
+    parameter = next(p for p in context.command.params if p.name == name)
+    message = output.text("cli.found_expected", found=found, expected=output.text(expected))
+    return click.BadParameter(message, ctx=context, param=parameter)
+
+
+# --- all drives of a bus ------------------------------------------------------------------------------------------
+
+
+def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
+    """Stop the drives at ``--address``, or every drive that replies at an address of the model."""
+    _require("model", given["model"])
+    if given["drive"] is not None:
+        raise ConfigurationError("service.drive_alone")
+    target = Target(port=port, address=0, **_port_options(given))
+    addresses = given["addresses"] or _all_addresses(target)
+    if given["dry_run"]:
+        return _print_plan(target, addresses, broadcast=True)
+    return asyncio.run(_stop_addresses(target, addresses, find=given["addresses"] is None))
+
+
+def _all_addresses(target: Target) -> tuple[int, ...]:
+    low, high = target.profile.addresses
+    return tuple(address for address in range(low, high + 1) if address != target.profile.broadcast)
+
+
+async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool) -> ExitCode:
+    from drivebus.bus import Bus
+    from drivebus.drives import Drive, stop_bus
+
+    profile, settings = target.profile, target.drive_options()
+    with record_port(target.open_port(), target.record) as port:
+        async with Bus(port) as bus:
+            drives = [Drive(bus, profile, each, encoding=target.encoding, settings=settings) for each in addresses]
+            present = await _sweep(bus, drives) if find else drives
+            report = await stop_bus(bus, present)
+            absent = tuple(drive.address for drive in drives if drive not in present)
+            for drive in drives:
+                drive.close()
+            return _print_report(report, absent, bus.now())
+
+
+async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
+    """Send the broadcast stop where the family has one, then one stop to each address; return drives that replied."""
+    from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
     from drivebus.drives.dialects.base import StopMode
 
-    return dry.dialect.stop(StopMode.STOP)
+    bus.inhibit_start(None)
+    first = drives[0]
+    for request in first.dialect.broadcast_stop() if "broadcast_stop" in first.profile.capabilities else ():
+        await bus.transact(BusRequest(first.address, request, RequestPriority.STOP, RetryPolicy.BROADCAST))
+    present, started_at = [], bus.now()
+    with output.ProgressBar() as bar:
+        for number, drive in enumerate(drives):
+            request = drive.dialect.stop(StopMode.STOP)[0]
+            stop = BusRequest(drive.address, request, RequestPriority.STOP, RetryPolicy.IDEMPOTENT)
+            if (await bus.transact(stop)).received:
+                present.append(drive)
+            spent_s = bus.now() - started_at
+            bar.update(f"{drive.profile.model} {drive.address:3d}", spent_s, spent_s / (number + 1) * len(drives))
+    return present
 
 
-command = drive_command(
+def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> ExitCode:
+    from drivebus.cli.formatting import exchange_json, outcome_json
+
+    found: dict[str, list[int]] = {"confirmed": [], "acknowledged": [], "unknown": []}
+    for address, outcome in report.outcomes:
+        found[str(outcome.status) if outcome.succeeded else "unknown"].append(address)
+    text = _result_text({status: [str(address) for address in found[status]] for status in found}, len(absent))
+    output.print_json(
+        {
+            "confirmed": found["confirmed"],
+            "acknowledged": found["acknowledged"],
+            "unconfirmed": found["unknown"],
+            "absent": list(absent),
+            "text": text,
+            "seconds": round(report.ended_at - report.started_at, 3),
+            "broadcasts": [exchange_json(exchange) for exchange in report.broadcasts],
+            "drives": {str(address): outcome_json(outcome, now) for address, outcome in report.outcomes},
+        }
+    )
+    output.print_text(output.wrap_for(text, sys.stdout))
+    return ExitCode.UNKNOWN if found["unknown"] or not report.outcomes else ExitCode.DONE
+
+
+def _result_text(drives: Mapping[str, Sequence[str]], absent: int = 0) -> str:
+    """Format the drives by the status of their stop, and the number of addresses without a reply."""
+    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
+    return output.join_sentences([*parts, *([output.text("bus_stop.absent", count=absent)] if absent else [])])
+
+
+def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool) -> ExitCode:
+    from drivebus.cli.dry_run import DryRun, PlannedFrame, print_plan
+    from drivebus.drives.dialects.base import StopMode
+
+    frames: list[PlannedFrame] = []
+    for number, address in enumerate(addresses):
+        dry = DryRun(replace(target, address=address))
+        if broadcast and number == 0:
+            dry.add("broadcast_stop", dry.dialect.broadcast_stop())
+        dry.add("stop", dry.dialect.stop(StopMode.STOP))
+        frames += dry.frames
+    return print_plan(frames, target.open_port().settings, ["dry.note.confirm"])
+
+
+# --- all drives of a service --------------------------------------------------------------------------------------
+
+
+def _stop_service(service: str) -> ExitCode:
+    """Stop every drive of the service at an address or socket."""
+    from drivebus.cli.remote.client import call_once
+
+    try:
+        result = call_once(service, "plant.stop", {})
+    except ServiceUnavailable as error:
+        raise OutcomeUnknown("service.not_stopped", drive=service, why=error) from error
+    drives = drives_by_status(result["outcomes"])
+    durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
+    text = _result_text(drives)
+    output.print_json(
+        {
+            "confirmed": drives["confirmed"],
+            "acknowledged": drives["acknowledged"],
+            "unconfirmed": drives["unknown"],
+            "text": text,
+            "seconds": max(durations_s, default=None),
+            "buses": result["buses"],
+            "drives": result["outcomes"],
+        }
+    )
+    output.print_text(output.wrap_for(text, sys.stdout))
+    return ExitCode.UNKNOWN if drives["unknown"] or not result["outcomes"] else ExitCode.DONE
+
+
+def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
+    """Return drive names by the status of their stop; an error in place of an outcome is an unknown one."""
+    drives: dict[str, list[str]] = {"confirmed": [], "acknowledged": [], "unknown": []}
+    for name, outcome in outcomes.items():
+        status = outcome.get("status")
+        drives[status if status in drives else "unknown"].append(name)
+    return drives
+
+
+def _stop_local_service(plant: str | None, directory: str | None) -> ExitCode:
+    """Stop every drive of a service on this machine, through the socket that accepts nothing else."""
+    result = asyncio.run(_request_stop(_state_folder(plant, directory)))
+    unconfirmed = [drive for bus in result["buses"].values() for drive in bus["unconfirmed"]]
+    output.print_json(result)
+    if unconfirmed:
+        output.print_message("stop_all.unconfirmed", drives=", ".join(unconfirmed))
+        return ExitCode.UNKNOWN
+    output.print_message("stop_all.confirmed", count=len(result["outcomes"]))
+    return ExitCode.DONE
+
+
+def _state_folder(plant: str | None, directory: str | None) -> Path:
+    """Return the state directory as given, or of the plant file, even one with errors. Raises ConfigurationError."""
+    if directory is not None:
+        return Path(directory)
+    if plant is None:
+        raise ConfigurationError("stop_all.which")
+    from drivebus.service.config.load import state_directory_of
+
+    return state_directory_of(plant)
+
+
+async def _request_stop(folder: Path) -> Json:
+    """Send the stop and return its result.
+
+    Raises ServiceUnavailable if no service answers, StopUnconfirmed if it hangs or ends before it reports the result.
+    """
+    from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_REQUEST, STOP_SOCKET, short_socket_path
+
+    socket = str(folder / STOP_SOCKET)
+    try:
+        with short_socket_path(folder / STOP_SOCKET) as path:
+            reader, writer = await asyncio.open_unix_connection(path, limit=MAX_MESSAGE_BYTES)
+        writer.write(STOP_REQUEST)
+    except OSError as error:
+        raise ServiceUnavailable("stop_all.no_service", socket=socket) from error
+    try:
+        accepted = await asyncio.wait_for(reader.readline(), STOP_ACCEPT_TIMEOUT_S)
+        line = await reader.readline() if accepted else b""
+        writer.close()
+    except TimeoutError:
+        raise StopUnconfirmed("stop_all.hangs", socket=socket, seconds=STOP_ACCEPT_TIMEOUT_S) from None
+    except OSError:
+        line = b""
+    if not line:
+        raise StopUnconfirmed("stop_all.gone", socket=socket)
+    result: Json = json.loads(line)
+    return result
+
+
+command = RemoteCommand(
     "stop",
-    _stop,
-    single_step_plan("stop", _requests, "dry.note.confirm"),
+    callback=_stop,
+    params=[
+        Argument(["target"], metavar="PORT|PLANT.toml", required=False, key="help.argument.stop_target"),
+        options.model_option(required=False),
+        Option(
+            ["--address", "addresses"],
+            type=options.ADDRESSES,
+            metavar="N,...",
+            key="help.option.stop_addresses",
+            example="--address 1-8",
+        ),
+        Option(["--all", "everything"], is_flag=True, key="help.option.stop_all"),
+        Option(["--directory"], metavar="DIR", example="--directory /var/lib/drivebus/plants/hall"),
+        *options.serial_options(),
+        options.encoding_option(),
+        options.profile_option(),
+        options.record_option(),
+        options.service_option(),
+        options.service_drive_option(),
+        options.dry_run_option(),
+    ],
     examples=(
         "drivebus stop /dev/ttyUSB0 --model c320 --address 1",
         "drivebus stop sim://vc660@3 --model vc660 --address 3 --json",
         "drivebus stop --service http://127.0.0.1:8080 --drive fan-1",
+        "drivebus stop --all /dev/ttyUSB0 --model c320 --address 1-8",
+        "drivebus stop --all /dev/ttyUSB0 --model dzb100 --dry-run",
+        "drivebus stop --all plant.toml",
+        "drivebus stop --all --directory /var/lib/drivebus/plants/hall --json",
+        "drivebus stop --all --service http://127.0.0.1:8080",
     ),
 )

@@ -1,4 +1,4 @@
-"""``user …``: who may log in, changed in the users' file itself: for the machine that the plant runs on."""
+"""``user``: manage users and tokens in the user file of a plant, on the machine of the service."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, LazyGroup, Option
-from drivebus.cli.extras import require_server
+from drivebus.cli.extras import require_extra
 
 if TYPE_CHECKING:
     from drivebus.service.auth.users import User, UserDatabase
 
 ROLES = ["viewer", "operator", "engineer", "administrator"]
-RIGHTS = ["view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit", "administer"]
+RIGHTS = ["view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"]
 _DAY_MS = 86_400_000
 
 
@@ -53,7 +53,7 @@ def _passwd(plant: str, name: str) -> None:
     from drivebus.service.auth.admin import user_file_of
     from drivebus.service.config import load
 
-    user_file_of(load(plant)).read().user(name)  # before anybody types a password for nothing
+    user_file_of(load(plant)).read().user(name)  # check the name before the password is entered
     hashed = _hash(name)
     _change_user(plant, "password", name, {}, lambda user: replace(user, password=hashed))
     _print_done("user_verb.password_changed", name=name)
@@ -111,8 +111,8 @@ def _change_user(plant: str, what: str, name: str, params: dict[str, Any], chang
 
 
 def _hash(name: str) -> str:
-    """Asked for twice where there is a keyboard, else the first line of standard input."""
-    require_server()
+    """Hash a password: entered twice on a terminal, else the first line of standard input."""
+    require_extra("server")
     from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 
     said = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
@@ -120,7 +120,7 @@ def _hash(name: str) -> str:
 
 
 def _prompt_password() -> str:
-    """The same twice."""
+    """Ask for the password until it is entered twice alike."""
     while True:
         said, again = (
             click.prompt(output.text(f"user_verb.{key}"), hide_input=True, err=True) for key in ("password", "again")
@@ -145,7 +145,7 @@ def _verb(
     plant = Argument(["plant"], metavar="PLANT.toml", key="help.argument.plant")
     params = [plant, *([Argument(["name"], key="help.argument.user")] if named else []), *options]
     return CliCommand(
-        name, topic=f"user.{name}", callback=callback, params=params, examples=(f"drivebus user {example}",)
+        name, help_key=f"user.{name}", callback=callback, params=params, examples=(f"drivebus user {example}",)
     )
 
 
@@ -186,7 +186,7 @@ token = _verb(
 _MODULE = "drivebus.cli.commands.user"
 command = LazyGroup(
     "user",
-    topic="user",
+    help_key="user",
     sections={
         "cli.section.profile": {
             "add": f"{_MODULE}:add",

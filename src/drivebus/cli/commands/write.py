@@ -1,4 +1,4 @@
-"""``write``: parameters, to RAM unless ``--save``; each is read back."""
+"""``write``: write parameters, to RAM unless ``--save``, and read each back."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import click
 
 from drivebus.cli import options
 from drivebus.cli.click_ext import Argument, Option
-from drivebus.cli.commands.read import find_entry
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
 from drivebus.cli.drive_command import run_command as send
@@ -22,7 +21,7 @@ Assignments = tuple[tuple[str, float], ...]
 
 
 def parse_parameter_assignment(text: str) -> tuple[str, float]:
-    """``F1.07=10.0``. Raises ValueError."""
+    """Parse ``F1.07=10.0``. Raises ValueError."""
     name, value = options.parse_assignment(text)
     return name, float(value)
 
@@ -37,6 +36,7 @@ async def _write(target: Target, settings: Assignments, save: bool, eeprom_write
 def _plan(dry: DryRun, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:
     from drivebus.errors import ConfigurationError
     from drivebus.profiles.model import Parameter
+    from drivebus.profiles.notation import find_entry
 
     for name, value in settings:
         entry = find_entry(dry.dialect.profile, name)
@@ -47,7 +47,7 @@ def _plan(dry: DryRun, settings: Assignments, save: bool, eeprom_writes_per_day:
         dry.add("write", [dry.dialect.write_parameter(entry, _word(dry, entry, value), save).request])
         if entry.readable:
             dry.add("verify", [dry.dialect.read_parameter(entry)])
-    return dry.print("dry.note.fence")
+    return dry.print("dry.note.sync")
 
 
 def _word(dry: DryRun, parameter: Parameter, value: float) -> int:

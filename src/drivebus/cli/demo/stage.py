@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.bus import Bus
 from drivebus.cli import output
-from drivebus.cli.commands.bus_stop import report_text
 from drivebus.cli.demo.layout import LINES, DemoBus, DemoDrive
 from drivebus.cli.demo.plant import DemoPlant
 from drivebus.cli.demo.script import END_S, STORY, ScriptStep
 from drivebus.cli.tui.bus_rows import PolledBus, PolledDrive
 from drivebus.cli.tui.rows import BusRow, DriveRow
-from drivebus.drives import Drive, stop_bus
+from drivebus.drives import Drive, StopReport, stop_bus
 from drivebus.drives.store import MemoryStore
 from drivebus.errors import DrivebusError
 
@@ -228,3 +227,12 @@ class Stage:
 def name_of(part: DemoDrive) -> str:
     """``fan 1``."""
     return output.text(f"demo.role.{part.role}", number=part.number)
+
+
+def report_text(report: StopReport) -> str:
+    """Format the drives by the status of their stop."""
+    drives: dict[str, list[str]] = {"confirmed": [], "acknowledged": [], "unknown": []}
+    for address, outcome in report.outcomes:
+        drives[str(outcome.status) if outcome.succeeded else "unknown"].append(str(address))
+    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
+    return output.join_sentences(parts)

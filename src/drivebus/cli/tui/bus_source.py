@@ -25,7 +25,7 @@ class BusRowSource:
         self._bus: Bus | None = None
         self._drives: list[PolledDrive] = []
         self._was_open = True
-        self._news = [output.text("monitor.feeds")]
+        self._news = [output.text("monitor.comm_loss")]
 
     async def start(self) -> None:
         """Open the port and begin to poll. Raises PortUnavailable."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import click
 
 from drivebus.cli import output
+from drivebus.cli.output import pad
 from drivebus.cli.signals import ShutdownSignal
-from drivebus.cli.text_layout import pad
 from drivebus.cli.tui.row_source import RowSource
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 

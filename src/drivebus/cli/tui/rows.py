@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drivebus.cli import output
+from drivebus.cli.formatting import reading_json, round_or_none
 from drivebus.values import Quality, Reading
-
-if TYPE_CHECKING:
-    from drivebus.drives.state import DriveStatus
 
 COLUMN_SIGNALS = ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage")
 """The columns that every drive has; what a drive does not report stays empty, never 0."""
@@ -116,38 +114,3 @@ def error_kind_text(kind: str) -> str:
     key = f"live.error.{kind}"
     said = output.text(key)
     return kind if said == key else said
-
-
-def reading_json(reading: Reading, now: float) -> dict[str, Any]:
-    """``{value, unit, quality, age_s}``, and the reason where the value is absent or doubtful."""
-    shown: dict[str, Any] = {
-        "value": reading.value,
-        "unit": reading.unit,
-        "quality": str(reading.quality),
-        "age_s": round_or_none(reading.age_s(now)),
-    }
-    return shown | ({"reason": output.text(reading.reason)} if reading.reason else {})
-
-
-def round_or_none(value: float | None, places: int = 3) -> float | None:
-    return None if value is None else round(value, places)
-
-
-def status_json(status: DriveStatus, now: float) -> dict[str, Any]:
-    """``status --json``: state, direction, fault, readings."""
-    fault = status.fault
-    return {
-        "state": str(status.state),
-        "reason": output.text(status.reason) if status.reason else None,
-        "direction": str(status.direction) if status.direction else None,
-        "fault": None
-        if fault is None
-        else {
-            "code": fault.code,
-            "label": fault.label,
-            "text": output.to_json_value(fault.text),
-            "cause": output.to_json_value(fault.cause) if fault.cause else None,
-            "remedy": output.to_json_value(fault.remedy) if fault.remedy else None,
-        },
-        "readings": {name: reading_json(reading, now) for name, reading in status.readings.items()},
-    }

@@ -10,7 +10,7 @@ from textual.coordinate import Coordinate
 from textual.widgets import DataTable
 
 from drivebus.cli import output
-from drivebus.cli.text_layout import width
+from drivebus.cli.output import width
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 
 STALE_AGE_S = 3.0

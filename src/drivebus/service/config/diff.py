@@ -13,13 +13,13 @@ from drivebus.service.config.model import AlarmConfig, BusConfig, DriveConfig, G
 class ReloadAction(StrEnum):
     """What a reload does to a drive that was there before and still is."""
 
-    UNCHANGED = "unchanged"
+    UNCHANGED = "untouched"
     """Nothing: it misses no poll."""
-    UPDATE = "update"
+    UPDATE = "live"
     """Title, limits, policies: taken over as they are; it misses no poll either."""
-    REPOLL = "repoll"
+    REPOLL = "polls"
     """Its polls are replaced; it stays on its bus with its fences, permits and stops."""
-    RECREATE = "recreate"
+    RECREATE = "anew"
     """It is another drive, or on another line: taken off its bus and added again."""
 
 

@@ -12,7 +12,7 @@ from drivebus.protocols.family import protocol_families, resolve
 from drivebus.simulator.motor import Motor, MotorLoad
 from drivebus.simulator.station import SimulatedModel, Station
 
-LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "winch": MotorLoad.hoist}
+LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "hoist": MotorLoad.hoist}
 
 
 def simulated_models() -> dict[str, SimulatedModel]:

@@ -62,7 +62,7 @@ function StopStatus() {
       </span></p>`;
 }
 
-/** Publish the bar's height as `--bar`, so that the last row of a page can be scrolled above it. */
+/** Its height is the style sheet's `--bar`: whatever it says, and on any screen, the last row can be scrolled above. */
 function useBarHeight() {
   const bar = useRef(null);
   useEffect(() => {

@@ -1,4 +1,4 @@
-// Facts about the model: capabilities, caveats, keypad settings, wiring, open questions.
+// What is known about the model: facts, caveats, keypad, wiring, what nobody knows yet.
 import { html } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { Notice, Table } from "../ui.js";

@@ -1,4 +1,4 @@
-// Events in the window of a trend: the chart's markers as an accessible list.
+// What happened in the window of a trend: the markers of the chart as a list, for whoever can't see or hit them.
 import { html, useState } from "../lib.js";
 import { localized, language, t } from "../i18n.js";
 import { driveTitle } from "../parts/titles.js";

@@ -1,4 +1,7 @@
-"""The tree of verbs. Nothing is imported here but the frame: ``drivebus --help`` must cost little more than click."""
+"""Entry point and tree of the commands.
+
+It imports only what the help needs: ``drivebus --help`` must cost little more than click.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ def _commands(*names: str) -> dict[str, str]:
 SECTIONS = {
     "cli.section.first": _commands("demo", "simulate"),
     "cli.section.look": _commands("status", "monitor", "read", "scan"),
-    "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "bus-stop", "reset"),
-    "cli.section.change": _commands("write", "prove"),
-    "cli.section.plant": _commands("init", "check", "serve", "stop-all", "user", "audit"),
-    "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "acceptance", "completion"),
+    "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "reset"),
+    "cli.section.change": _commands("write", "calibrate"),
+    "cli.section.plant": _commands("init", "check", "serve", "user", "audit"),
+    "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "completion"),
 }
 
 
@@ -31,7 +34,7 @@ def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:
 
 cli = LazyGroup(
     "drivebus",
-    topic="drivebus",
+    help_key="drivebus",
     sections=SECTIONS,
     no_args_is_help=True,
     params=[Option(["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_version)],
@@ -42,3 +45,8 @@ cli = LazyGroup(
         "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 25 --dry-run",
     ),
 )
+
+
+def main() -> None:
+    """Run the ``drivebus`` command."""
+    cli(prog_name="drivebus")

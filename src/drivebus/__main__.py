@@ -1,0 +1,5 @@
+"""``python -m drivebus``: the command line."""
+
+from drivebus.cli.main import main
+
+main()
