@@ -14,7 +14,7 @@ LOCKS := requirements/base.txt requirements/build.txt
 ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system \
 	tests/test_examples.py tests/test_guides.py
 
-.PHONY: help demo test check docs bench coverage mutation fuzz lock clean python
+.PHONY: help demo test check docs bench coverage mutation verify structure fuzz lock clean python
 help: ## List what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14
 
@@ -44,6 +44,12 @@ coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gat
 
 mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.gate: one module
 	PYTHONPATH=tests $(BIN)/python -m mutation $(ARGS)
+
+verify: $(VENV)/.test ## Verification campaigns in virtual time, e.g. ARGS="stop --seed 1" or ARGS="all --slice"
+	$(BIN)/python -m verification $(ARGS)
+
+structure: $(VENV)/.test ## Measure the structure before and after; ARGS=--write writes docs/reports/structure.md
+	$(BIN)/python -m verification.structure $(ARGS)
 
 fuzz: $(VENV)/.test ## Fuzz every decoder (pip install atheris first; Linux)
 	PYTHONPATH=tests $(BIN)/python -m fuzz $(ARGS)

@@ -47,6 +47,9 @@ class SyntheticService:
     async def call(self, operation: str, params: Json, actor: Any) -> Json:
         return self.hub.topic(f"drives/{params['drive']}")
 
+    async def call_json(self, operation: str, params: Json, actor: Any) -> bytes:
+        return json.dumps(await self.call(operation, params, actor)).encode()
+
     def live(self, patterns: Sequence[str], actor: Any, interval_s: float = 0.25) -> AsyncIterator[Json]:
         return self.hub.live(patterns, interval_s)
 

@@ -7,7 +7,7 @@ line of text for each thing that happened. The same seed and budget give the sam
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib import import_module
@@ -34,18 +34,20 @@ CAMPAIGN_NAMES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """``full``: the budget of the committed report; ``slice``: that of CI. Both in ``unit``."""
+    """A named series of trials. ``full_budget`` is that of the committed report, both budgets are in ``unit``."""
 
     name: str
     unit: str
     """What a trial is, plural: "bytes", "transactions", "instants"."""
     evidence_for: tuple[str, ...]
-    """Goals, invariants and traps that it is evidence for, e.g. "G04", "I5"."""
+    """Invariants and traps that it checks (docs/explanation/verification.md), e.g. "I5", "T04"."""
     full_budget: int
     ci_budget: int
     run: Callable[[CampaignRun], None]
+    summary: Mapping[str, str]
+    """One sentence in each language ("en", "zh")."""
     report: str = ""
     """Name of the report's file without its ending; ``lab-<name>`` where empty."""
 

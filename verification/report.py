@@ -8,9 +8,10 @@ from math import log
 from pathlib import Path
 from typing import Any
 
+import drivebus
 from verification.campaign import Campaign, CampaignRun
 
-PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+PACKAGE_FOLDER = Path(drivebus.__file__).parent
 
 
 def report_document(campaign: Campaign, session: CampaignRun) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivebus import i18n
 from verification.campaign import CAMPAIGN_NAMES, load_campaign
 
 TABLE_HEADS = {
@@ -24,7 +23,7 @@ def campaign_table(reports: Path, language: str) -> str:
 
 
 def _row(name: str, path: Path, language: str) -> tuple[str, ...]:
-    what = i18n.text(f"help.lab.{name}.short", language)
+    what = load_campaign(name).summary[language]
     if not path.exists():
         return (f"`{name}`", what, "", MISSING[language], "", "", "")
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

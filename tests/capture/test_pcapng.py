@@ -193,12 +193,32 @@ def packets(*frames: CapturedFrame, **rest: Any) -> list[bytes]:
 @pytest.mark.parametrize(
     ("frame", "source", "target", "ports"),
     [
-        (CapturedFrame(0, READ, False, True, modbus=True), "c6336401", "c0000203", (50500, 50502)),
-        (CapturedFrame(0, READ, True, True, modbus=True), "c6336401", "c0000203", (50500, 50502)),
-        (CapturedFrame(0, SAID, True, False, modbus=True), "c0000203", "c6336401", (50502, 50500)),
-        (CapturedFrame(0, C320, False, True), "c6336401", "c6336402", (50500, 50501)),
-        (CapturedFrame(0, C320, True, False), "c6336402", "c6336401", (50501, 50500)),
-        (CapturedFrame(0, b"", True, False, modbus=True), "c6336402", "c6336401", (50502, 50500)),
+        (
+            CapturedFrame(time_s=0, data=READ, received=False, from_master=True, modbus=True),
+            "c6336401",
+            "c0000203",
+            (50500, 50502),
+        ),
+        (
+            CapturedFrame(time_s=0, data=READ, received=True, from_master=True, modbus=True),
+            "c6336401",
+            "c0000203",
+            (50500, 50502),
+        ),
+        (
+            CapturedFrame(time_s=0, data=SAID, received=True, from_master=False, modbus=True),
+            "c0000203",
+            "c6336401",
+            (50502, 50500),
+        ),
+        (CapturedFrame(time_s=0, data=C320, received=False, from_master=True), "c6336401", "c6336402", (50500, 50501)),
+        (CapturedFrame(time_s=0, data=C320, received=True, from_master=False), "c6336402", "c6336401", (50501, 50500)),
+        (
+            CapturedFrame(time_s=0, data=b"", received=True, from_master=False, modbus=True),
+            "c6336402",
+            "c6336401",
+            (50502, 50500),
+        ),
     ],
 )
 def test_the_datagram_tells_who_spoke_to_whom(
@@ -214,7 +234,7 @@ def test_the_datagram_tells_who_spoke_to_whom(
 
 
 def test_a_burst_without_end_becomes_several_datagrams() -> None:
-    burst = CapturedFrame(0, bytes(9000), True, False, events=("lost",))
+    burst = CapturedFrame(time_s=0, data=bytes(9000), received=True, from_master=False, events=("lost",))
     assert [len(one) - 28 for one in packets(burst)] == [4096, 4096, 808]
     assert wireshark.encode_wireshark(capture(), [burst]).count(b"lost") == 1
 
@@ -237,14 +257,16 @@ def test_the_capture_says_when_it_began_or_does_not(started: str, began_us: int 
 
 
 def test_the_time_of_a_packet_is_that_of_its_record_to_the_microsecond() -> None:
-    data = wireshark.encode_wireshark(capture(), [CapturedFrame(86400.000001, READ, False, True)])
+    data = wireshark.encode_wireshark(
+        capture(), [CapturedFrame(time_s=86400.000001, data=READ, received=False, from_master=True)]
+    )
     (body,) = [body for kind, body in blocks(data) if kind == 6]
     high, low = unpack_from("<II", body, 4)
     assert (high << 32 | low) == STARTED_US + 86400_000001
 
 
 def test_a_time_that_no_pcapng_can_tell_is_refused() -> None:
-    frame = CapturedFrame(1e13, READ, False, True)
+    frame = CapturedFrame(time_s=1e13, data=READ, received=False, from_master=True)
     wireshark.encode_wireshark(capture(), [frame])
     with pytest.raises(CaptureError, match=r"t = 2e\+13"):
         wireshark.encode_wireshark(capture(), [replace(frame, time_s=2e13)])
@@ -270,7 +292,7 @@ def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip
     out = trip.with_suffix(".pcapng")
     result = export(trip, "--pcapng", out)
     assert result.exit_code == 0
-    assert f"{out}: 3 frames, 2 sent and 1 heard; 2 of them Modbus RTU." in result.stdout
+    assert f"{out}: 3 frames, 2 sent and 1 received; 2 of them Modbus RTU." in result.stdout
     assert f"wireshark -o mbrtu.udp.port:50502 -o mbrtu.crc_verification:TRUE {out}" in result.stdout
     assert "1 frames are no Modbus RTU" in result.stderr
     assert len(list(blocks(out.read_bytes()))) == 5

@@ -171,7 +171,7 @@ def test_s08_a_viewer_may_look_and_nothing_else(plant: RunningService, monkeypat
     verb(plant.url, "status", *FAN)
     for words in (["stop", *FAN], ["set-frequency", *FAN, "10"], ["write", *FAN, "F1.10=1"], ["stop", "--all"]):
         found = verb(plant.url, words[0], *words[1:], code=ExitCode.FAILED)
-        assert found["error"]["key"] == "access.forbidden"
+        assert found["error"]["key"] == "auth.forbidden"
 
 
 @pytest.mark.parametrize(

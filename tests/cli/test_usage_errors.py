@@ -131,7 +131,7 @@ def test_chinese_sentences_stand_without_a_blank_between_them() -> None:
 
 
 def test_a_right_is_named_in_the_users_language_with_how_a_token_writes_it() -> None:
-    error = AccessDenied("access.forbidden", right=Right.OPERATE)
+    error = AccessDenied("auth.forbidden", right=Right.OPERATE)
     assert error.text("zh") == "您没有此权限：操作（operate）。"
     assert error.text("en") == "You do not have the right operate."
     assert json.loads(json.dumps(error.params)) == {"right": "operate"}

@@ -6,34 +6,31 @@ import asyncio
 import json
 import os
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivebus.cli.acceptance.checklist import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
-from drivebus.cli.acceptance.session import AcceptanceSession
+from drivebus.cli.commands import acceptance as acceptance_command
 from drivebus.cli.connect import Target
 from drivebus.cli.signals import ShutdownSignal
+from drivebus.commissioning.acceptance import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
 from drivebus.ports import locks, open_port
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing.virtual_time import run
 
-COMMAND: Any = import_module("drivebus.cli.acceptance.command")
-
 ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
 
 
-class AgreeingPerson(AcceptanceSession):
+class AgreeingPerson(acceptance_command.TerminalAcceptance):
     """Agrees to everything and sees what the simulated motor does."""
 
     async def ask(self, key: str, /, **params: Any) -> str:
         motor = find_simulated_bus("hw").station(1).motor
-        if key in ("hardware.ask.turns", "hardware.ask.still_turns"):
+        if key in ("acceptance.ask.turns", "acceptance.ask.still_turns"):
             return "y" if motor.energised else "n"
-        return "n" if key == "hardware.ask.stands" and motor.energised else "y"
+        return "n" if key == "acceptance.ask.stands" and motor.energised else "y"
 
 
 @pytest.fixture
@@ -49,12 +46,12 @@ def step(
     meanwhile: Callable[[], Any] | None = None,
     *,
     motor: bool = True,
-    rig: type[AcceptanceSession] = AgreeingPerson,
+    rig: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
 ) -> StepFinding:
     async def told() -> StepFinding:
         target = Target(ACCEPTANCE_LINK, "vc660", 1)
         other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
-        found = await run_step(name, rig(target, ShutdownSignal(), motor, 5.0))
+        found = await run_step(name, rig(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
         if other is not None:
             other.cancel()
         return found
@@ -62,20 +59,27 @@ def step(
     return run(told())
 
 
-@pytest.mark.parametrize("name", ["port", "quiet", "answers", "fences", "run_and_stop"])
+@pytest.mark.parametrize("name", ["port", "quiet", "reply_times", "stray_replies", "run_and_stop"])
 def test_on_a_good_line_a_step_passes(bench: SimulatedBus, name: str) -> None:
     found = step(name)
     assert found.verdict is StepResult.PASSED, found
     assert found.figures
 
 
-@pytest.mark.parametrize("name", ["owner", "parity"])
+@pytest.mark.parametrize("name", ["exclusive", "parity"])
 def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str) -> None:
     assert step(name).verdict is StepResult.SKIPPED
 
 
 def owned(path: str) -> StepFinding:
-    return asyncio.run(run_step("owner", AcceptanceSession(Target(path, "vc660", 1), ShutdownSignal(), False, 5.0)))
+    return asyncio.run(
+        run_step(
+            "exclusive",
+            acceptance_command.TerminalAcceptance(
+                Target(path, "vc660", 1), ShutdownSignal(), motor=False, frequency_hz=5.0
+            ),
+        )
+    )
 
 
 @pytest.fixture
@@ -118,14 +122,14 @@ def test_f14_another_master_is_heard(bench: SimulatedBus) -> None:
 
 def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
     bench.line_quality = "lossy"
-    found = step("answers")
+    found = step("reply_times")
     assert found.verdict is StepResult.FAILED
-    assert found.reason == "hardware.bad.answers"
+    assert found.reason == "acceptance.bad.reply_times"
 
 
 def test_late_replies_fail_the_fences(bench: SimulatedBus) -> None:
     bench.line_quality = "late=0.1:0.3"
-    assert step("fences").verdict is StepResult.FAILED
+    assert step("stray_replies").verdict is StepResult.FAILED
 
 
 def test_g09_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
@@ -153,26 +157,26 @@ def test_g08_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
 def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: SimulatedBus) -> None:
     class Sceptic(AgreeingPerson):
         async def ask(self, key: str, /, **params: Any) -> str:
-            return "n" if key == "hardware.ask.turns" else "y"
+            return "n" if key == "acceptance.ask.turns" else "y"
 
     assert step("run_and_stop", rig=Sceptic).verdict is StepResult.FAILED
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
 
 
 def test_f18_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None:
-    found = step("host_dies")
+    found = step("comm_loss")
     assert found.figures["stop"] == "confirmed"
     assert found.figures["alone_s"] > 3.0
 
 
 def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(bench: SimulatedBus) -> None:
-    class Nobody(AcceptanceSession):
+    class Nobody(acceptance_command.TerminalAcceptance):
         async def ask(self, key: str, /, **params: Any) -> str:
             return ""
 
     for name, (needs, _) in ACCEPTANCE_STEPS.items():
         if needs is StepRequirement.MOTOR:
-            assert step(name, motor=False).reason == "hardware.no_motor"
+            assert step(name, motor=False).reason == "acceptance.no_motor"
         if needs is not StepRequirement.NOTHING:
             assert step(name, rig=Nobody).verdict is StepResult.SKIPPED
     assert not bench.stations[0].motor.energised
@@ -180,15 +184,15 @@ def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(
 
 def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> None:
     bench.unplug()
-    found = step("answers")
+    found = step("reply_times")
     assert found.verdict is StepResult.FAILED
-    assert COMMAND._plain(found)["figures"]["error"]
+    assert acceptance_command._plain(found)["figures"]["error"]
 
 
 def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     found = [step("port"), step("parity")]
-    COMMAND._write(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
-    [written] = tmp_path.glob("drivebus-hardware-*.json")
+    acceptance_command.write_report(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
+    [written] = tmp_path.glob("drivebus-acceptance-*.json")
     document = json.loads(written.read_text(encoding="utf-8"))
     assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]
     assert document["model"] == "vc660"

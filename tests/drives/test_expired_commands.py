@@ -34,81 +34,81 @@ def world_of(model: str) -> PureBus:
     return PureBus(dialect_for(model), faulty if model == "c320" else FakeModbus(standing))
 
 
-def asleep_over(world: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
+def asleep_over(bus: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
     """The host sleeps an hour while this request is out."""
 
     def sleeps(ask: BusRequest) -> None:
         if of_this(ask):
-            world.pass_time(HOUR_S)
+            bus.pass_time(HOUR_S)
 
-    world.on_request = sleeps
+    bus.on_request = sleeps
 
 
 COMMANDS: dict[str, Any] = {
-    "vc660": lambda talk: run(talk, 20.0, None),
+    "vc660": lambda op: run(op, 20.0, None),
     "c320": reset_fault,
-    "df800": lambda talk: set_frequency(talk, 20.0),
+    "df800": lambda op: set_frequency(op, 20.0),
 }
 
 
 @pytest.mark.parametrize("model", COMMANDS)
 def test_i1_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
     """Not the frequency of a run either, nor a fault reset: each has its first frame within PREPARE_S of the wish."""
-    world = world_of(model)
-    talk = OperationContext(context_for(world.dialect), 0, world.now)
-    asleep_over(world, lambda ask: len(world.requests) == 2)
+    bus = world_of(model)
+    op = OperationContext(context_for(bus.dialect), 0, bus.now)
+    asleep_over(bus, lambda ask: len(bus.requests) == 2)
     with pytest.raises(Expired) as caught:
-        world.run(COMMANDS[model](talk))
+        bus.run(COMMANDS[model](op))
     assert caught.value.params["age_s"] > HOUR_S and caught.value.params["limit_s"] >= CHECKS_TIMEOUT_S
-    assert len(world.requests) >= 2 and not world.effects()
+    assert len(bus.requests) >= 2 and not bus.effects()
 
 
 @pytest.mark.parametrize("save", [False, True])
 def test_i1_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    talk = OperationContext(context_for(world.dialect), 0, world.now - HOUR_S)
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
     with pytest.raises(Expired):
-        world.run(write_values(talk, {"F0.2": 30.0}, save))
-    assert not world.sent(sunfar.SunfarWriteParameter)
+        bus.run(write_values(op, {"F0.2": 30.0}, save))
+    assert not bus.sent(sunfar.SunfarWriteParameter)
 
 
 def test_i1_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    asleep_over(world, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
-    outcome = world.run(
-        write_values(OperationContext(context_for(world.dialect), 0, world.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    asleep_over(bus, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
+    outcome = bus.run(
+        write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
     )
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
     assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
-    assert len(world.sent(sunfar.SunfarWriteParameter)) == 1
+    assert len(bus.sent(sunfar.SunfarWriteParameter)) == 1
 
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     """Each has PREPARE_S of its own: a long list on a slow line is no old wish."""
-    world = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
+    bus = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    assert world.run(write_values(OperationContext(context_for(world.dialect), 0, world.now), values, True)).succeeded
-    assert world.now > 2 * CHECKS_TIMEOUT_S and len(world.sent(sunfar.SunfarWriteParameter)) == 3
+    assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True)).succeeded
+    assert bus.now > 2 * CHECKS_TIMEOUT_S and len(bus.sent(sunfar.SunfarWriteParameter)) == 3
 
 
 MOTIONS: dict[str, tuple[str, Any]] = {
-    "c320": ("c320", lambda talk: run(talk, 20.0, None)),
-    "vc660": ("vc660", lambda talk: run(talk, 20.0, None)),
-    "df800": ("df800", lambda talk: run(talk, 20.0, None)),
-    "jog": ("c320", lambda talk: begin_jog(talk, 5.0, Direction.FORWARD)),
+    "c320": ("c320", lambda op: run(op, 20.0, None)),
+    "vc660": ("vc660", lambda op: run(op, 20.0, None)),
+    "df800": ("df800", lambda op: run(op, 20.0, None)),
+    "jog": ("c320", lambda op: begin_jog(op, 5.0, Direction.FORWARD)),
 }
 
 
 def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> float | None:
     """How long after the wish the last frame that moves was sent, on a line of this pace; None where there was none."""
     model, conversation = MOTIONS[name]
-    world = PureBus(dialect_for(model), FakeC320() if model == "c320" else world_of(model).station)
-    world.conditions, world.transaction_s = replace(world.conditions, now=100.0), transaction_s
+    bus = PureBus(dialect_for(model), FakeC320() if model == "c320" else world_of(model).station)
+    bus.conditions, bus.transaction_s = replace(bus.conditions, now=100.0), transaction_s
     sent: list[float] = []
-    world.on_request = lambda ask: sent.append(world.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
+    bus.on_request = lambda ask: sent.append(bus.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
     with contextlib.suppress(Expired):
-        world.run(conversation(OperationContext(context_for(world.dialect), 0, 100.0, wished_at)))
+        bus.run(conversation(OperationContext(context_for(bus.dialect), 0, 100.0, wished_at)))
     return sent[-1] - 100.0 if sent else None
 
 
@@ -129,13 +129,13 @@ def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
     async def aged() -> float:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
-            talk = drive._runner.new_command(1.8e9)
-            assert talk.requested_at == talk.checks_started_at == bench.bus.now()
+            op = drive._runner.new_command(1.8e9)
+            assert op.age.requested_at == op.age.checks_started_at == bench.bus.now()
             early = drive._runner.new_command(bench.bus.now() - HOUR_S)
             with pytest.raises(Expired):
-                await drive.run(20.0, requested_at=early.requested_at)
+                await drive.run(20.0, requested_at=early.age.requested_at)
             await asyncio.sleep(CHECKS_TIMEOUT_S)
-            return bench.bus.now() - talk.create_command(CommandKind.START, bus_conditions(bench.bus, 1)).created_at
+            return bench.bus.now() - op.create_command(CommandKind.START, bus_conditions(bench.bus, 1)).created_at
 
     assert run_virtual(aged()) >= COMMAND_TTL_S[CommandKind.START]
 

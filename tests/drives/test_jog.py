@@ -18,15 +18,15 @@ from fixtures.drives import MODELS, FakeC320, FakeModbus, PureBus, dialect_for, 
 FORWARD = Direction.FORWARD
 
 
-def operations(world: PureBus) -> list[sunfar.SunfarOperation]:
-    return [request.operation for request in world.sent(sunfar.SunfarControl)]
+def operations(bus: PureBus) -> list[sunfar.SunfarOperation]:
+    return [request.operation for request in bus.sent(sunfar.SunfarControl)]
 
 
 def test_a_jog_is_one_frame_that_carries_its_frequency() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, Direction.REVERSE))
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, Direction.REVERSE))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
-    assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.JOG_REVERSE_AT, 500)]
+    assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.JOG_REVERSE_AT, 500)]
 
 
 def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
@@ -37,12 +37,12 @@ def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
         paper.state = sunfar.SunfarState.STOPPED
         return paper.ok()
 
-    world = PureBus(dialect_for("c320"), FakeC320(on_command=lost))
-    outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, FORWARD))
+    bus = PureBus(dialect_for("c320"), FakeC320(on_command=lost))
+    outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.jog_unknown")
-    first, second, *_ = operations(world)
+    first, second, *_ = operations(bus)
     assert (first, second) == (sunfar.SunfarOperation.JOG_FORWARD_AT, sunfar.SunfarOperation.JOG_STOP)
-    assert operations(world).count(sunfar.SunfarOperation.JOG_FORWARD_AT) == 1
+    assert operations(bus).count(sunfar.SunfarOperation.JOG_FORWARD_AT) == 1
 
 
 def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stands() -> None:
@@ -51,47 +51,47 @@ def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stan
             paper.state = sunfar.SunfarState.STOPPED
         return paper.ok()
 
-    world = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain))
-    outcome = world.run(end_jog(operation_for(world.dialect)))
+    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain))
+    outcome = bus.run(end_jog(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert operations(world)[:2] == [sunfar.SunfarOperation.JOG_STOP, sunfar.SunfarOperation.STOP]
-    assert set(world.effects()) == {Effect.STOP}
+    assert operations(bus)[:2] == [sunfar.SunfarOperation.JOG_STOP, sunfar.SunfarOperation.STOP]
+    assert set(bus.effects()) == {Effect.STOP}
 
 
 def test_a_jog_begins_at_standstill() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     with pytest.raises(StartInhibited):
-        world.run(begin_jog(operation_for(world.dialect), 5.0, FORWARD))
-    assert not world.effects()
+        bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
+    assert not bus.effects()
 
 
 def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
     def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return sunfar.SunfarReply(1, sunfar.SunfarResponse.OUT_OF_RANGE, sunfar.SunfarState.STOPPED, 0, None, None)
 
-    world = PureBus(dialect_for("c320"), FakeC320(on_command=no))
-    outcome = world.run(begin_jog(operation_for(world.dialect), 5.0, FORWARD))
+    bus = PureBus(dialect_for("c320"), FakeC320(on_command=no))
+    outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert outcome.status is OutcomeStatus.REFUSED
-    assert operations(world) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
+    assert operations(bus) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
 
 
 def test_a_jog_of_df800_waits_for_its_proof() -> None:
     paper = FakeModbus(registers={101: 5, 102: 2})
-    world = PureBus(dialect_for("df800"), paper)
+    bus = PureBus(dialect_for("df800"), paper)
     with pytest.raises(StartInhibited) as caught:
-        world.run(begin_jog(operation_for(world.dialect), None, FORWARD))
+        bus.run(begin_jog(operation_for(bus.dialect), None, FORWARD))
     assert caught.value.key == "drives.direction_unproved"
     assert not paper.written
 
 
 def test_a_jog_above_the_limit_or_without_a_frequency_where_it_needs_one_is_refused() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect_for("c320"), FakeC320())
     with pytest.raises(LimitError):
-        world.run(begin_jog(operation_for(world.dialect), 51.0, FORWARD))
+        bus.run(begin_jog(operation_for(bus.dialect), 51.0, FORWARD))
     dzb = PureBus(dialect_for("dzb100"), FakeC320())
     with pytest.raises(CapabilityError):
         dzb.run(begin_jog(operation_for(dzb.dialect), None, FORWARD))
-    assert not world.requests and not dzb.requests
+    assert not bus.requests and not dzb.requests
 
 
 @pytest.mark.parametrize("lease_s", [0.0, -1.0, MAX_JOG_LEASE_S + 0.001, float("nan"), float("inf")])
@@ -111,5 +111,5 @@ def test_a_model_says_what_decides_its_jog_frequency_as_its_frames_have_it(model
         return False
 
     takes_one, takes_none = takes(5), takes(None)
-    says = {(True, True): "either", (True, False): "asked", (False, True): "drive"}[takes_one, takes_none]
+    says = {(True, True): "either", (True, False): "command", (False, True): "drive"}[takes_one, takes_none]
     assert profiles.load(model).jog_frequency == says

@@ -18,6 +18,7 @@ from drivebus.drives.permissives import (
     MIN_FAILURES_FOR_ERROR_RATE,
     CommandKind,
     DriveCommand,
+    DriveEvidence,
     PermitInputs,
     grant_permit,
 )
@@ -63,7 +64,7 @@ def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_
 ) -> None:
     """At once after the jog frame, and later: somebody must go on telling it to stop (matrix: forever)."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive(settings=PROVED.get(model))
             await drive.status()
@@ -82,11 +83,11 @@ def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_
             await asyncio.sleep(5.0)
             assert not drive.stop_pending
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive(settings={"query_coding": "hex-0.1"})
             task = asyncio.ensure_future(drive.calibrate_setpoint_coding())
@@ -98,7 +99,7 @@ def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
             await asyncio.sleep(15.0)
             assert not bench.station().motor.energised and not drive.stop_pending
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("patience_s", [0.0005, 0.02, 0.2])
@@ -106,7 +107,7 @@ def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
 def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: float) -> None:
     """``wait_for(drive.stop(), …)``: the caller is told late, the motor is stopped all the same."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(SAFE_HZ[model])
@@ -122,11 +123,11 @@ def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: flo
             await asyncio.sleep(40.0)
             assert not bench.station().motor.energised
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
-    async def told() -> set[asyncio.Task[Any]]:
+    async def scenario() -> set[asyncio.Task[Any]]:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             await drive.status()
@@ -137,11 +138,11 @@ def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
         await asyncio.sleep(10.0)
         return asyncio.all_tasks() - {asyncio.current_task()}  # type: ignore[arg-type]
 
-    assert not run_virtual(told())
+    assert not run_virtual(scenario())
 
 
 def test_a_bus_stop_with_a_drive_that_left_the_bus_stops_the_others_and_says_so() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320", "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
             for drive in drives:
@@ -151,14 +152,14 @@ def test_a_bus_stop_with_a_drive_that_left_the_bus_stops_the_others_and_says_so(
             assert report.unconfirmed == (2,) and not report.confirmed
             assert not any(bench.station(address).motor.energised for address in (1, 3))
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(("model", "query"), [("c320", "baud=1200"), ("dzb100", "baud=1200"), ("vc660", "baud=1200")])
 def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, query: str) -> None:
     """Not from the drive's answer, which takes a quarter of a second at 1,200 baud."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model, query=query) as bench:
             drive = bench.drive()
             await drive.preflight()
@@ -179,7 +180,7 @@ def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: s
             longest_frame_s = 14 * 11 / 1200
             assert 0.5 <= stopped - moved <= 0.5 + 2 * longest_frame_s
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 class Renumbered:
@@ -201,7 +202,7 @@ class Renumbered:
 def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
     """A drive made before its bus is opened: the proofs and the wear are those of the adapter that is opened."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         store = MemoryStore()
         store.put("proof/device:/dev/ttyUSB0/1/dzb100/setpoint_coding", '"hex-1"')
         store.put("proof/usb:0403:6001:B/1/dzb100/query_coding", '"hex-0.1"')
@@ -217,7 +218,7 @@ def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another
         assert store.get("wear/usb:0403:6001:B/1/10") and not store.get("wear/device:/dev/ttyUSB0/1/10")
         await bus.close()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
@@ -225,13 +226,13 @@ def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> No
         def _motion_age_s(self) -> float:
             return 0.7
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SlowlyAnsweredJog(0.5) as lease:
             await asyncio.sleep(0)
             await asyncio.sleep(0)
             assert lease.expired
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
@@ -240,46 +241,60 @@ def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> No
 )
 def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
     """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
-    world = PureBus(dialect_for("c320"), FakeC320(state))
-    talk = operation_for(world.dialect)
-    command = talk.drive.create_command(CommandKind.START, BusConditions(0.0))
-    outcome = world.run(confirm_start(talk, command, world.dialect.start(None, 2000), None, True))
+    bus = PureBus(dialect_for("c320"), FakeC320(state))
+    op = operation_for(bus.dialect)
+    command = op.drive.create_command(CommandKind.START, BusConditions(now=0.0))
+    outcome = bus.run(confirm_start(op, command, bus.dialect.start(None, 2000), None, True))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
     assert outcome.drive_status is not None and outcome.drive_status.state in {
         DriveState.JOGGING,
         DriveState.BRAKING,
         DriveState.DECELERATING,
     }
-    assert not world.effects()
+    assert not bus.effects()
 
 
 @pytest.mark.parametrize(
     ("failures", "blocked"), [(MIN_FAILURES_FOR_ERROR_RATE - 1, False), (MIN_FAILURES_FOR_ERROR_RATE, True)]
 )
 def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blocked: bool) -> None:
-    around = BusConditions(10.5, stop_epoch=3, error_rate=0.5, failures=failures)
-    stands = PermitInputs(
-        DerivedState(DriveState.STOPPED), 10.4, reports_run_state=True, preflight_passed=True, limits_checked=True
+    around = BusConditions(now=10.5, stop_epoch=3, error_rate=0.5, failures=failures)
+    stands = DriveEvidence(
+        derived=DerivedState(DriveState.STOPPED),
+        state_at=10.4,
+        reports_run_state=True,
+        preflight_passed=True,
+        limits_checked=True,
     )
     wish = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
-        grant_permit(wish, 7, Effect.MOTION, RetryPolicy.EDGE_TRIGGERED, around, stands, "sunfar")
+        grant_permit(
+            PermitInputs(
+                command=wish,
+                station=7,
+                effect=Effect.MOTION,
+                retry_policy=RetryPolicy.EDGE_TRIGGERED,
+                conditions=around,
+                evidence=stands,
+                family="sunfar",
+            )
+        )
 
 
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])
 def test_i1_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
     """The command's own two seconds begin only after them."""
-    world = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(100.0 + age_s))
-    talk = OperationContext(operation_for(world.dialect).drive, 0, 100.0)
+    bus = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(now=100.0 + age_s))
+    op = OperationContext(operation_for(bus.dialect).drive, 0, 100.0)
     with contextlib.nullcontext() if fits else pytest.raises(Expired):
-        world.run(talk.check_deadline())
+        bus.run(op.check_deadline())
 
 
 def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> None:
     """6.5: it was wished for before the stop, whenever its turn came."""
-    world = PureBus(dialect_for("c320"), FakeC320())
-    memory = operation_for(world.dialect).drive
-    stopped = BusConditions(1.0, stop_epoch=4)
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    memory = operation_for(bus.dialect).drive
+    stopped = BusConditions(now=1.0, stop_epoch=4)
     assert OperationContext(memory, 3).create_command(CommandKind.START, stopped).stop_epoch == 3
     assert OperationContext(memory).create_command(CommandKind.START, stopped).stop_epoch == 4
 
@@ -308,7 +323,7 @@ def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
 
 @pytest.mark.parametrize("command", ["reset_fault", "write"])
 def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             async with drive._runner._command_lock:
@@ -319,4 +334,4 @@ def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: st
                 await waiting
             assert caught.value.key == "drives.turn_too_late"
 
-    run_virtual(told())
+    run_virtual(scenario())

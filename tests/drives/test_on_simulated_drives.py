@@ -33,7 +33,7 @@ LINES = ("clean", "bytes", "batches", "late", "lossy")
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_drive_runs_and_stops(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive, station = bench.drive(), bench.station()
             started = await drive.run(SAFE_HZ[model])
@@ -46,7 +46,7 @@ def test_a_drive_runs_and_stops(model: str) -> None:
             assert bench.station().motor.output_hz == 0.0
             assert station.gap_violations == 0 or model == "dzb100"  # its manual gives no gap: sim and profile differ
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcome:
@@ -63,7 +63,7 @@ async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcom
 @pytest.mark.parametrize("weather", LINES)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model, query=f"weather={weather}&seed=7") as bench:
             drive, clean = bench.drive(), weather not in ("late", "lossy")
             ran = await again(lambda: drive.run(SAFE_HZ[model]), 1 if clean else 8)
@@ -72,12 +72,12 @@ def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
             await asyncio.sleep(20 if model == "df800" else 0)
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_reverse_is_what_the_motor_does(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(10.0, Direction.REVERSE, wait=True)
@@ -86,23 +86,23 @@ def test_reverse_is_what_the_motor_does(model: str) -> None:
             with pytest.raises(StartInhibited):
                 await drive.run(10.0, Direction.FORWARD)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_waiting_ends_when_the_drive_reports_the_frequency(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             outcome = await drive.run(25.0, wait=True)
             assert outcome.key == "drives.running_at"
             assert bench.station().motor.output_hz == pytest.approx(25.0, abs=0.15)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_waiting_for_a_frequency_that_is_not_reached_says_what_was_reported() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             with pytest.raises(TargetNotReached) as caught:
@@ -111,11 +111,11 @@ def test_waiting_for_a_frequency_that_is_not_reached_says_what_was_reported() ->
             assert caught.value.params["state"] == "accelerating"
             assert caught.value.outcome.status == "failed"
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_trip_while_waiting_ends_the_waiting() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("vc660") as bench:
             drive = bench.drive()
 
@@ -129,12 +129,12 @@ def test_a_trip_while_waiting_ends_the_waiting() -> None:
             await task
             assert caught.value.params["state"] == "fault"
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_status_names_everything_and_gives_reasons_for_what_is_missing(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             status = await drive.status()
@@ -145,12 +145,12 @@ def test_status_names_everything_and_gives_reasons_for_what_is_missing(model: st
                 assert reading.quality is Quality.GOOD or reading.reason
             assert (status.reason == "drives.no_run_status") is (model == "df800")
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
 def test_a_fault_is_named_and_reset(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             bench.station().trip(Trip.OVERVOLTAGE)
@@ -163,12 +163,12 @@ def test_a_fault_is_named_and_reset(model: str) -> None:
             assert (await drive.status()).fault is None
             assert (await drive.reset_fault()).key == "drives.no_fault"
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_a_set_frequency_changes_the_run(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(20.0, wait=True)
@@ -177,11 +177,11 @@ def test_a_set_frequency_changes_the_run(model: str) -> None:
             await asyncio.sleep(10)
             assert bench.station().motor.output_hz == pytest.approx(10.0, abs=0.05)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive()
             with pytest.raises(StartInhibited):
@@ -190,14 +190,14 @@ def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
             await drive.set_frequency(0.3)
             assert (await drive.status()).readings["set_frequency"].value == 0.3
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
     ("model", "keys"), [("c320", {(0, 1): 0}), ("vc660", {1: 0}), ("dzb100", {1: 1}), ("df800", {102: 0})]
 )
 def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int]) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             for key, value in keys.items():
                 bench.station().keypad_set(key[0] << 8 | key[1] if isinstance(key, tuple) else key, value)
@@ -206,12 +206,12 @@ def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int])
             assert caught.value.params["parameters"]
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
@@ -224,14 +224,14 @@ def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(mode
             assert caught.value.outcome.status == "unknown"
             assert drive.stop_pending
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) -> None:
     """Matrix 6.4: resend for ever, with an alarm."""
 
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(SAFE_HZ[model])
@@ -245,14 +245,14 @@ def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) 
             assert not bench.station().running
             assert not drive.stop_pending
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) -> None:
     """I2: the reply is lost, the motor runs; the outcome is never "failed" and no second start leaves."""
 
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
@@ -265,7 +265,7 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
             assert caught.value.outcome.status == "unknown"
             assert len(told) == 1
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
@@ -298,7 +298,7 @@ def watch(bench: SimulatedDrives) -> list[float]:
 def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: str, seed: int) -> None:
     """10 % of all frames are lost each way."""
 
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model, query=f"weather=loss=0.1&seed={seed}") as bench:
             drive = bench.drive()
             for _ in range(4):
@@ -316,12 +316,12 @@ def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: st
                     await until(lambda: not drive.stop_pending, 1.0)
                 assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
@@ -335,11 +335,11 @@ def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> Non
             await asyncio.sleep(5)
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_cancelled_run_sends_nothing_more() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             task = asyncio.ensure_future(drive.run(20.0))
@@ -351,7 +351,7 @@ def test_a_cancelled_run_sends_nothing_more() -> None:
             assert bench.station().frame_count == frames
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- jog ----------------------------------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ JOG_HZ = {"c320": 5.0, "vc660": None, "dzb100": 0.5}
 
 @pytest.mark.parametrize("model", TELLING)
 def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             async with drive.jog(JOG_HZ[model]) as lease:
@@ -373,12 +373,12 @@ def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
             assert lease.stop_outcome is not None and lease.stop_outcome.status == "confirmed"
             assert not lease.expired
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             async with drive.jog(JOG_HZ[model], lease_s=0.3) as lease:
@@ -392,26 +392,26 @@ def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
                 await asyncio.sleep(3)
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_lease_longer_than_half_a_second_is_refused() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             with pytest.raises(LimitError):
                 bench.drive().jog(5.0, lease_s=0.6)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_jog_frequency_that_the_bus_can_not_set_is_refused() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("vc660") as bench:
             with pytest.raises(CapabilityError):
                 async with bench.drive().jog(5.0):
                     pass
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- parameters ---------------------------------------------------------------------------------------------------
@@ -429,7 +429,7 @@ def test_a_jog_frequency_that_the_bus_can_not_set_is_refused() -> None:
     ],
 )
 def test_parameters_are_written_where_they_were_meant_to_go(model: str, name: str, value: float, save: bool) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive, memory = bench.drive(), bench.station().memory
             before = sum(memory.eeprom_writes.values())
@@ -440,12 +440,12 @@ def test_parameters_are_written_where_they_were_meant_to_go(model: str, name: st
             again = await drive.write({name: value}, save=True)
             assert (again.key == "drives.write_skipped") is save
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.run(20.0)
@@ -453,7 +453,7 @@ def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> No
                 await drive.set_frequency(20.0 + step / 10)
             assert not bench.station().memory.eeprom_writes
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- bus stop -----------------------------------------------------------------------------------------------------
@@ -461,7 +461,7 @@ def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> No
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model, "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
             for drive in drives:
@@ -482,11 +482,11 @@ def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
             await drives[0].run(SAFE_HZ[model])
             assert bench.station(1).running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320", "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
             for drive in drives:
@@ -498,7 +498,7 @@ def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
             assert all(exchange.sent for exchange in report.broadcasts)
             assert report.ended_at > report.started_at
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- monitor ------------------------------------------------------------------------------------------------------
@@ -506,7 +506,7 @@ def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
 
 @pytest.mark.parametrize("model", TELLING)
 def test_g17_a_monitored_value_is_good_until_three_periods_and_then_never(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             with drive.monitor(["output_frequency"]) as monitor:
@@ -522,12 +522,12 @@ def test_g17_a_monitored_value_is_good_until_three_periods_and_then_never(model:
                 await asyncio.sleep(60)
                 assert monitor.status().state is DriveState.STOPPED
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_monitor_follows_the_drive(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             seen: set[str] = set()
@@ -542,14 +542,14 @@ def test_a_monitor_follows_the_drive(model: str) -> None:
                 assert fault is not None and fault.code == bench.station().trip_code(Trip.OVERVOLTAGE)
             assert {"stopped", "fault"} <= seen
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
     """The polls come every minute: outcome and state beside it are one all the same."""
 
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive, seen = bench.drive(), list[str]()
             with drive.monitor(on_change=lambda status: seen.append(str(status.state)), period_s=60.0) as monitor:
@@ -567,11 +567,11 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
             assert len(seen) == told, "a closed monitor hears nothing"
             assert not drive._read_listeners, "and nobody holds it (I12)"
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive, complaints = bench.drive(), list[object]()
             asyncio.get_running_loop().set_exception_handler(lambda _loop, context: complaints.append(context))
@@ -582,13 +582,13 @@ def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
                 assert (await drive.stop()).status == "confirmed"
             assert len(complaints) > polls
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
     """Else a value read once would stand there for ever, as old; and what was read before a poll is not the newest."""
 
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             with drive.monitor(["output_frequency"], period_s=60.0) as monitor:
@@ -600,7 +600,7 @@ def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_curre
                 age_s = readings["output_frequency"].age_s(drive.bus.now())
                 assert age_s is not None and age_s < 1.0
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- proofs -------------------------------------------------------------------------------------------------------
@@ -609,7 +609,7 @@ def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_curre
 @pytest.mark.parametrize("setpoint", ["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"])
 @pytest.mark.parametrize("query", ["hex-0.1", "hex-0.01", "decimal-0.1"])
 def test_t08_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, setpoint: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         store = MemoryStore()
         async with SimulatedDrives(
             "dzb100", query=f"query_coding={query}&setpoint_coding={setpoint}", store=store
@@ -631,7 +631,7 @@ def test_t08_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str
             drive.close()
             assert bench.drive().dialect.settings["setpoint_coding"] == setpoint
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 async def nothing_is_proved(drive: Drive) -> None:
@@ -644,7 +644,7 @@ async def nothing_is_proved(drive: Drive) -> None:
 
 
 def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(
             "dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}
         ) as bench:
@@ -652,22 +652,22 @@ def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
                 await bench.drive().calibrate_setpoint_coding()
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             with pytest.raises(StartInhibited):
                 await bench.drive().calibrate_setpoint_coding()
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("field", ["b3b2", "b2b3"])
 def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         store = MemoryStore()
         async with SimulatedDrives("df800", query=f"direction_field={field}", store=store) as bench:
             drive = bench.drive()
@@ -693,29 +693,29 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
                 await drive.stop()
                 await asyncio.sleep(20)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- who is it ----------------------------------------------------------------------------------------------------
 
 
 def test_c320_tells_who_it_is_and_the_others_only_that_they_answer() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             found = await bench.drive().identify()
             assert (found.voltage_class_v, found.power_kw, found.reported) == (380, 2.2, True)
         async with SimulatedDrives("vc660") as bench:
             assert not (await bench.drive().identify()).reported
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_what_happens_when_the_host_dies_is_never_promised_where_nobody_published_it(model: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             report = await bench.drive().comm_loss_behaviour()
             assert report.stops_on_comm_loss is not True
             assert report.text("zh") != report.text("en")
 
-    run_virtual(tale())
+    run_virtual(scenario())

@@ -15,7 +15,7 @@ from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchang
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
 from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import DriveState
+from drivebus.drives.state import DriveState, OutcomeStatus
 from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
 from drivebus.service.api.errors import exchange_json
@@ -24,15 +24,15 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operatio
 
 @pytest.mark.parametrize("register", [0x200B, 0x2002, 0x3000, 0x0200])
 def test_t12_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
-    world = PureBus(dialect_for("vc660"), FakeModbus())
-    talk = operation_for(world.dialect)
-    command = talk.drive.create_command(CommandKind.WRITE, world.conditions)
+    bus = PureBus(dialect_for("vc660"), FakeModbus())
+    op = operation_for(bus.dialect)
+    command = op.drive.create_command(CommandKind.WRITE, bus.conditions)
     with pytest.raises(NotPermitted) as caught:
-        world.run(
-            talk.send_command(command, CommandFrame(modbus.WriteRegister(1, register, 1), RetryPolicy.EDGE_TRIGGERED))
+        bus.run(
+            op.send_command(command, CommandFrame(modbus.WriteRegister(1, register, 1), RetryPolicy.EDGE_TRIGGERED))
         )
     assert caught.value.key == "drives.not_listed"
-    assert not world.requests
+    assert not bus.requests
 
 
 def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
@@ -44,14 +44,14 @@ def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
                 return sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE)
             return super().__call__(request)
 
-    world = PureBus(dialect_for("c320"), Refuses())
-    talk = operation_for(world.dialect)
-    error = world.run(talk.read_verified_state())
+    bus = PureBus(dialect_for("c320"), Refuses())
+    op = operation_for(bus.dialect)
+    error = bus.run(op.read_verified_state())
     assert isinstance(error, NotPermitted) and error.key == "drives.fence_refused"
-    assert talk.derived.state is DriveState.UNKNOWN
+    assert op.derived.state is DriveState.UNKNOWN
     with pytest.raises(NotPermitted):
-        world.run(run(operation_for(world.dialect), 10.0, None))
-    assert not world.effects()
+        bus.run(run(operation_for(bus.dialect), 10.0, None))
+    assert not bus.effects()
 
 
 @pytest.mark.parametrize("language", i18n.LANGUAGES)
@@ -66,31 +66,31 @@ def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language
 
 
 def test_what_was_read_before_a_command_never_shows_its_effect() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
-    talk = operation_for(world.dialect)
-    world.run(talk.read_verified_state())
-    assert talk.derived.state is DriveState.RUNNING
-    world.station = FakeC320(silent=True)
-    world.run(talk.read_verified_state())
-    assert talk.derived.state is DriveState.UNKNOWN
-    assert not talk.reading_pairs.latest
+    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    op = operation_for(bus.dialect)
+    bus.run(op.read_verified_state())
+    assert op.derived.state is DriveState.RUNNING
+    bus.station = FakeC320(silent=True)
+    bus.run(op.read_verified_state())
+    assert op.derived.state is DriveState.UNKNOWN
+    assert not op.reading_pairs.latest
 
 
 def test_i12_evidence_is_bounded_and_in_order() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    talk = operation_for(world.dialect)
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    op = operation_for(bus.dialect)
     for _ in range(100):
-        world.run(talk.read_verified_state())
-    evidence = talk.exchanges()
+        bus.run(op.read_verified_state())
+    evidence = op.outcome(OutcomeStatus.CONFIRMED, "x").exchanges
     assert len(evidence) == MAX_READ_EXCHANGES
     times = [exchange.sent_at or 0.0 for exchange in evidence]
     assert times == sorted(times)
 
 
 def test_confirming_reads_are_not_in_the_lane_that_a_stop_clears() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    world.run(operation_for(world.dialect).read_verified_state())
-    assert {ask.priority for ask in world.requests} == {RequestPriority.PARAMETER}
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus.run(operation_for(bus.dialect).read_verified_state())
+    assert {ask.priority for ask in bus.requests} == {RequestPriority.PARAMETER}
 
 
 def test_a_drive_that_never_agrees_with_itself_is_unknown_and_says_why() -> None:
@@ -103,10 +103,10 @@ def test_a_drive_that_never_agrees_with_itself_is_unknown_and_says_why() -> None
                 self.state = sunfar.SunfarState.STOPPED if turn[0] % 2 else sunfar.SunfarState.EMERGENCY_STOP
             return super().__call__(request)
 
-    world = PureBus(dialect_for("c320"), Flickers())
-    talk = operation_for(world.dialect)
-    assert world.run(talk.read_verified_state()) is None
-    assert (talk.derived.state, talk.derived.reason) == (DriveState.UNKNOWN, "drives.disagree")
+    bus = PureBus(dialect_for("c320"), Flickers())
+    op = operation_for(bus.dialect)
+    assert bus.run(op.read_verified_state()) is None
+    assert (op.derived.state, op.derived.reason) == (DriveState.UNKNOWN, "drives.disagree")
 
 
 def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
@@ -119,13 +119,13 @@ def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
                 return None
             return super().__call__(request)
 
-    world = PureBus(dialect_for("c320"), Loses())
-    talk = operation_for(world.dialect)
-    assert world.run(talk.read_verified_state()) is None
-    assert talk.derived.state is DriveState.STOPPED
+    bus = PureBus(dialect_for("c320"), Loses())
+    op = operation_for(bus.dialect)
+    assert bus.run(op.read_verified_state()) is None
+    assert op.derived.state is DriveState.STOPPED
     lost[:] = [1, 1]
-    assert world.run(talk.read_verified_state()) is not None
-    assert talk.derived.state is DriveState.UNKNOWN
+    assert bus.run(op.read_verified_state()) is not None
+    assert op.derived.state is DriveState.UNKNOWN
 
 
 def test_a_conversation_is_a_script_of_values() -> None:
@@ -134,9 +134,9 @@ def test_a_conversation_is_a_script_of_values() -> None:
 
     steps = []
 
-    def world(step: Any) -> Any:
+    def bus(step: Any) -> Any:
         steps.append(step)
 
-    run_pure(EepromBudget(MemoryStore(), "k").consume("F0.2", "2026-01-01"), world)
+    run_pure(EepromBudget(MemoryStore(), "k").consume("F0.2", "2026-01-01"), bus)
     assert [type(step) for step in steps] == [UpdateStore]
     assert not isinstance(steps[0], Wait)

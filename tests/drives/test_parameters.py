@@ -34,29 +34,29 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dial
 
 
 class Desk:
-    """A drive on paper, its world and its store; ``write`` and ``read`` as a user calls them."""
+    """A drive on paper, its bus and its store; ``write`` and ``read`` as a user calls them."""
 
     def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
         self.dialect = dialect_for(model)
         self.store = store if store is not None else MemoryStore()
-        self.world = PureBus(self.dialect, station, store=self.store)
+        self.bus = PureBus(self.dialect, station, store=self.store)
         self.memory = DriveContext(self.dialect, EepromBudget(self.store, "port/1", budget))
 
     def write(self, values: dict[str, float], save: bool = False) -> Outcome:
-        return self.world.run(write_values(OperationContext(self.memory), values, save))
+        return self.bus.run(write_values(OperationContext(self.memory), values, save))
 
     def read(self, *names: str) -> dict[str, Reading]:
-        return self.world.run(read_values(OperationContext(self.memory), names))
+        return self.bus.run(read_values(OperationContext(self.memory), names))
 
     def writes(self) -> list[Any]:
-        return self.world.sent(sunfar.SunfarWriteParameter) + self.world.sent(modbus.WriteRegister)
+        return self.bus.sent(sunfar.SunfarWriteParameter) + self.bus.sent(modbus.WriteRegister)
 
 
 def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
     desk = Desk("c320", FakeC320())
     outcome = desk.write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
-    written, fence, back = [ask.request for ask in desk.world.requests]
+    written, fence, back = [ask.request for ask in desk.bus.requests]
     assert written == sunfar.SunfarWriteParameter(1, 0, 2, 3000, save=False)
     assert isinstance(fence, sunfar.SunfarReadParameter) and fence.group != 0
     assert back == sunfar.SunfarReadParameter(1, 0, 2)
@@ -75,7 +75,7 @@ def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) 
     with pytest.raises(CapabilityError) as caught:
         desk.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
     assert caught.value.key == "drives.save_needed"
-    assert not desk.world.requests
+    assert not desk.bus.requests
 
 
 def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
@@ -105,14 +105,14 @@ def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_b
 
     desk = Desk("c320", paper)
     desk.write({"F0.2": 30.0})
-    desk.world.station = losing
+    desk.bus.station = losing
     if lost is None:
         outcome = desk.write({"F0.2": 30.0}, save=True)
         assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.save_unknown")
     else:
         with pytest.raises(NotPermitted):
             desk.write({"F0.2": 30.0}, save=True)
-    desk.world.station = paper
+    desk.bus.station = paper
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.save_acknowledged"
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
@@ -126,14 +126,14 @@ def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
     params = caught.value.params
     assert (caught.value.key, params["count"], params["budget"]) == ("drives.wear_budget", 3, 3)
     assert len(desk.writes()) == 3
-    desk.world.conditions = replace(desk.world.conditions, day="2026-01-03")
+    desk.bus.conditions = replace(desk.bus.conditions, day="2026-01-03")
     assert desk.write({"F0.2": 40.0}, save=True).succeeded
 
 
 def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
     desk = Desk("c320", FakeC320(), budget=1)
     desk.write({"F0.2": 10.0}, save=True)
-    desk.world.conditions = replace(desk.world.conditions, day="2025-12-31")
+    desk.bus.conditions = replace(desk.bus.conditions, day="2025-12-31")
     with pytest.raises(EepromBudgetExceeded) as caught:
         desk.write({"F0.2": 11.0}, save=True)
     assert (caught.value.key, caught.value.params["day"]) == ("drives.wear_clock", "2026-01-02")
@@ -143,9 +143,9 @@ def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
 def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
     desk = Desk("c320", FakeC320(), budget=2)
     for number, day in enumerate(("2026-01-02", "2025-12-31")):
-        desk.world.conditions = replace(desk.world.conditions, day=day)
+        desk.bus.conditions = replace(desk.bus.conditions, day=day)
         desk.write({"F0.2": 10.0 + number}, save=True)
-    desk.world.conditions = replace(desk.world.conditions, day="2026-01-02")
+    desk.bus.conditions = replace(desk.bus.conditions, day="2026-01-02")
     with pytest.raises(EepromBudgetExceeded):
         desk.write({"F0.2": 40.0}, save=True)
 
@@ -187,9 +187,9 @@ def test_a_save_is_counted_before_it_is_sent() -> None:
     desk = Desk("c320", FakeC320())
     wear = EepromBudget(desk.store, "port/1")
     seen: list[int] = []
-    desk.world.on_request = lambda ask: seen.append(wear.count("F0.2").today)
+    desk.bus.on_request = lambda ask: seen.append(wear.count("F0.2").today)
     desk.write({"F0.2": 10.0}, save=True)
-    place = next(i for i, ask in enumerate(desk.world.requests) if isinstance(ask.request, sunfar.SunfarWriteParameter))
+    place = next(i for i, ask in enumerate(desk.bus.requests) if isinstance(ask.request, sunfar.SunfarWriteParameter))
     assert seen[place] == 1
 
 
@@ -221,14 +221,14 @@ def test_i7_what_may_not_be_written_is_refused_before_sending(
     desk = Desk(model, FakeModbus() if model == "vc660" else FakeC320())
     with pytest.raises(error):
         desk.write({name: value})
-    assert not desk.world.requests
+    assert not desk.bus.requests
 
 
 def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
     desk = Desk("c320", FakeC320())
     with pytest.raises(LimitError):
         desk.write({"F0.2": 10.0, "F4.0": 9.0})
-    assert not desk.world.requests
+    assert not desk.bus.requests
 
 
 def test_a_write_that_reads_back_differently_failed() -> None:
@@ -304,7 +304,7 @@ def test_t05_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
 def test_a_write_only_register_is_not_read() -> None:
     desk = Desk("vc660", FakeModbus())
     assert desk.read("2006H")["2006H"].reason == "drives.write_only"
-    assert not desk.world.requests
+    assert not desk.bus.requests
 
 
 def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
@@ -317,7 +317,7 @@ def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
 
 def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read() -> None:
     desk = Desk("vc660", FakeModbus(registers={1: 2}))
-    found = desk.world.run(read_preflight(OperationContext(desk.memory)))
+    found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
     assert [m.notation for m in found.unmet] == ["F00.01"]
     assert [notation for notation, _ in found.unreadable] == ["F01.00"]
     assert not found.passed
@@ -325,7 +325,7 @@ def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read(
 
 def test_the_preflight_reads_the_ramps_where_the_model_tells_them() -> None:
     desk = Desk("df800", FakeModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
-    found = desk.world.run(read_preflight(OperationContext(desk.memory)))
+    found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
     assert found.satisfied == ("F1.01", "F1.02")
     assert (desk.memory.acceleration_s, desk.memory.deceleration_s) == (15.0, 4.0)
 
@@ -333,7 +333,7 @@ def test_the_preflight_reads_the_ramps_where_the_model_tells_them() -> None:
 def test_silence_proves_nothing() -> None:
     desk = Desk("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
-        desk.world.run(read_preflight(OperationContext(desk.memory)))
+        desk.bus.run(read_preflight(OperationContext(desk.memory)))
     assert caught.value.key == "drives.preflight_silent"
 
 
@@ -505,13 +505,13 @@ def test_f18_nothing_is_promised_that_the_manual_does_not_say(
     desk = Desk("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
     rule = replace(desk.dialect.profile.comm_loss, trips_values=trips_values)
     desk.dialect.profile = replace(desk.dialect.profile, comm_loss=rule)
-    found = desk.world.run(comm_loss_behaviour(OperationContext(desk.memory)))
+    found = desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory)))
     assert (found.stops_on_comm_loss, found.key) == (trips, key)
 
 
 def test_f18_a_timer_that_can_not_be_read_promises_nothing() -> None:
     desk = Desk("c320", FakeC320(silent=True))
-    assert desk.world.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.host_dies_unread"
+    assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.host_dies_unread"
 
 
 def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from drivebus.drives.permissives import (
     MIN_FAILURES_FOR_ERROR_RATE,
     CommandKind,
     DriveCommand,
+    DriveEvidence,
     PermitInputs,
     grant_permit,
 )
@@ -22,9 +23,13 @@ from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited
 from drivebus.protocols.codec import Effect
 
 START = DriveCommand("start-1", CommandKind.START, 10.0, 3)
-AROUND = BusConditions(10.5, "2026-01-02", 3)
-STANDS = PermitInputs(
-    DerivedState(DriveState.STOPPED), 10.4, reports_run_state=True, preflight_passed=True, limits_checked=True
+AROUND = BusConditions(now=10.5, day="2026-01-02", stop_epoch=3)
+STANDS = DriveEvidence(
+    derived=DerivedState(DriveState.STOPPED),
+    state_at=10.4,
+    reports_run_state=True,
+    preflight_passed=True,
+    limits_checked=True,
 )
 
 
@@ -32,10 +37,20 @@ def ask(
     command: DriveCommand = START,
     effect: Effect = Effect.MOTION,
     around: BusConditions = AROUND,
-    evidence: PermitInputs = STANDS,
+    evidence: DriveEvidence = STANDS,
     family: str = "sunfar",
 ) -> Permit:
-    return grant_permit(command, 7, effect, RetryPolicy.EDGE_TRIGGERED, around, evidence, family)
+    return grant_permit(
+        PermitInputs(
+            command=command,
+            station=7,
+            effect=effect,
+            retry_policy=RetryPolicy.EDGE_TRIGGERED,
+            conditions=around,
+            evidence=evidence,
+            family=family,
+        )
+    )
 
 
 def refused(kind: type[DrivebusError], key: str, **changes: object) -> None:
@@ -99,8 +114,12 @@ def test_ruling_4_a_start_needs_a_fresh_status() -> None:
 
 
 def test_ruling_4_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
-    blind = PermitInputs(
-        DerivedState(DriveState.UNKNOWN), None, reports_run_state=False, preflight_passed=True, limits_checked=True
+    blind = DriveEvidence(
+        derived=DerivedState(DriveState.UNKNOWN),
+        state_at=None,
+        reports_run_state=False,
+        preflight_passed=True,
+        limits_checked=True,
     )
     ask(evidence=blind)
     refused(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
@@ -214,8 +233,12 @@ def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> N
 
 def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:
     setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
-    nothing = PermitInputs(
-        DerivedState(DriveState.UNKNOWN), None, reports_run_state=True, preflight_passed=False, limits_checked=True
+    nothing = DriveEvidence(
+        derived=DerivedState(DriveState.UNKNOWN),
+        state_at=None,
+        reports_run_state=True,
+        preflight_passed=False,
+        limits_checked=True,
     )
     ask(setpoint, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), nothing)
     refused(
@@ -230,8 +253,12 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
 @pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
 def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -> None:
     """A drive in a fault on a bad link must be resettable."""
-    faulty = PermitInputs(
-        DerivedState(DriveState.FAULT), None, reports_run_state=True, preflight_passed=False, limits_checked=False
+    faulty = DriveEvidence(
+        derived=DerivedState(DriveState.FAULT),
+        state_at=None,
+        reports_run_state=True,
+        preflight_passed=False,
+        limits_checked=False,
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = ask(command, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), faulty)

@@ -26,23 +26,23 @@ def clears(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
 
 
 def test_a_reset_is_confirmed_by_later_reads_without_the_fault() -> None:
-    world = in_fault(on_command=clears)
-    outcome = world.run(reset_fault(operation_for(world.dialect)))
+    bus = in_fault(on_command=clears)
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.reset_confirmed")
-    assert world.sent(sunfar.SunfarControl) == [RESET]
+    assert bus.sent(sunfar.SunfarControl) == [RESET]
 
 
 def test_nothing_is_sent_where_there_is_no_fault() -> None:
-    world = PureBus(dialect_for("c320"), FakeC320())
-    assert world.run(reset_fault(operation_for(world.dialect))).key == "drives.no_fault"
-    assert not world.effects()
+    bus = PureBus(dialect_for("c320"), FakeC320())
+    assert bus.run(reset_fault(operation_for(bus.dialect))).key == "drives.no_fault"
+    assert not bus.effects()
 
 
 def test_an_answered_reset_is_sent_once_although_the_fault_remains() -> None:
-    world = in_fault()
-    outcome = world.run(reset_fault(operation_for(world.dialect)))
+    bus = in_fault()
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
-    assert world.sent(sunfar.SunfarControl) == [RESET]
+    assert bus.sent(sunfar.SunfarControl) == [RESET]
 
 
 def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
@@ -51,46 +51,46 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
     def second(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return None if lost and lost.pop() else clears(paper, request)
 
-    world = in_fault(on_command=second)
-    assert world.run(reset_fault(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
-    assert world.sent(sunfar.SunfarControl) == [RESET] * 2
+    bus = in_fault(on_command=second)
+    assert bus.run(reset_fault(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
+    assert bus.sent(sunfar.SunfarControl) == [RESET] * 2
 
 
 def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_was_sent() -> None:
     """Ruling 1: StartInhibited promises that nothing was sent."""
-    world = in_fault(on_command=lambda paper, request: None)
+    bus = in_fault(on_command=lambda paper, request: None)
 
     def seen(ask: Any) -> None:
         if ask.request == RESET:
-            world.conditions = replace(world.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate=True)
 
-    world.on_request = seen
-    outcome = world.run(reset_fault(operation_for(world.dialect)))
+    bus.on_request = seen
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.fault_remains")
-    assert world.sent(sunfar.SunfarControl) == [RESET]
+    assert bus.sent(sunfar.SunfarControl) == [RESET]
 
 
 def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
     def silently(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.state = sunfar.SunfarState.STOPPED
 
-    world = in_fault(on_command=silently)
-    assert world.run(reset_fault(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
-    assert world.sent(sunfar.SunfarControl) == [RESET]
+    bus = in_fault(on_command=silently)
+    assert bus.run(reset_fault(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
+    assert bus.sent(sunfar.SunfarControl) == [RESET]
 
 
 def test_a_drive_that_turns_is_not_reset_although_it_reports_a_fault() -> None:
     paper = FakeModbus(registers={0x3000: 0x000B, 0x3016: 0x0002})
-    world = PureBus(dialect_for("vc660"), paper)
+    bus = PureBus(dialect_for("vc660"), paper)
     with pytest.raises(StartInhibited) as caught:
-        world.run(reset_fault(operation_for(world.dialect)))
+        bus.run(reset_fault(operation_for(bus.dialect)))
     assert caught.value.key == "drives.reset_while_turning"
     assert not paper.written
 
 
 def test_df800_shows_no_fault_so_its_reset_is_only_acknowledged() -> None:
     paper = FakeModbus()
-    world = PureBus(dialect_for("df800"), paper)
-    outcome = world.run(reset_fault(operation_for(world.dialect)))
+    bus = PureBus(dialect_for("df800"), paper)
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
     assert paper.written == [(0x2000, 0x0010)]

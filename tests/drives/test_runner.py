@@ -32,25 +32,25 @@ from fixtures.drives import SAFE_HZ, ScriptedJog, SimulatedDrives, run_virtual
     ("model", "baud"), [("c320", 1200), ("c320", 19200), ("dzb100", 1200), ("vc660", 300), ("vc660", 38400)]
 )
 def test_a_drive_runs_and_stops_at_the_slowest_and_the_fastest_baud_rate(model: str, baud: int) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives(model, query=f"baud={baud}") as bench:
             drive = bench.drive()
             assert (await drive.run(SAFE_HZ[model])).status is OutcomeStatus.CONFIRMED
             assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(("model", "encoding"), [("c320", "hex"), ("df800", "ascii")])
 def test_a_drive_runs_in_its_other_encoding(model: str, encoding: str) -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         query = f"encoding={encoding}" if model == "df800" else ""
         async with SimulatedDrives(model, query=query, encoding=encoding) as bench:
             await bench.drive().run(SAFE_HZ[model])
             await asyncio.sleep(1)
             assert bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
 
 
 def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             await drive.run(20.0)
@@ -96,11 +96,11 @@ def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() ->
             await asyncio.sleep(30)
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             await drive.run(20.0, wait=True)
@@ -111,7 +111,7 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
             assert not drive.stop_pending
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
@@ -128,7 +128,7 @@ def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_lef
 
     session = HangingJog(0.5)
 
-    async def story() -> None:
+    async def scenario() -> None:
         async def jog() -> None:
             async with session:
                 raise AssertionError("it began")
@@ -139,25 +139,25 @@ def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_lef
         await asyncio.wait([task])
         assert task.cancelled()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
     assert session.stops_sent == ends
 
 
 def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
     """A frozen host: the renewal comes before the timer has had its turn."""
 
-    async def tale() -> bool:
+    async def scenario() -> bool:
         async with ScriptedJog(0.02) as lease:
             time.sleep(0.05)  # noqa: ASYNC251 - exactly what must not keep a motor running
             with pytest.raises(StartInhibited):
                 lease.renew()
             return lease.expired
 
-    assert asyncio.run(tale())
+    assert asyncio.run(scenario())
 
 
 def test_an_interrupted_block_ends_its_jog() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             with pytest.raises(ZeroDivisionError):
@@ -165,7 +165,7 @@ def test_an_interrupted_block_ends_its_jog() -> None:
                     raise ZeroDivisionError
             assert not bench.station().running
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 # --- the synchronous twin -----------------------------------------------------------------------------------------

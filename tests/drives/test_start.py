@@ -49,31 +49,31 @@ def starts(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
     return paper.ok()
 
 
-def start(world: PureBus, talk: OperationContext, hz: float = 10.0, direction: Direction | None = None) -> Outcome:
-    return world.run(run(talk, hz, direction))
+def start(bus: PureBus, op: OperationContext, hz: float = 10.0, direction: Direction | None = None) -> Outcome:
+    return bus.run(run(op, hz, direction))
 
 
 def test_a_start_is_one_frame_with_its_frequency_and_confirmed_by_later_reads() -> None:
-    world, talk = c320(FakeC320(on_command=starts))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=starts))
+    outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, ON_320, 1000)]
+    assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, ON_320, 1000)]
     assert outcome.exchanges[-1].sent_at is not None
 
 
 def test_ruling_1_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
     """The drive answers yes and stays where it is: failed, never confirmed."""
-    world, talk = c320(FakeC320())
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320())
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_ruling_2_every_confirming_read_has_a_fence_of_its_own_before_it() -> None:
-    world, talk = c320(FakeC320(on_command=starts))
-    start(world, talk)
-    place = next(i for i, ask in enumerate(world.requests) if isinstance(ask.request, sunfar.SunfarControl))
-    after = [ask.request for ask in world.requests[place + 1 :]]
+    bus, op = c320(FakeC320(on_command=starts))
+    start(bus, op)
+    place = next(i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl))
+    after = [ask.request for ask in bus.requests[place + 1 :]]
     assert [type(r) for r in after] == [sunfar.SunfarReadParameter, sunfar.ReadMonitor] * 2
     fences = [r for r in after if isinstance(r, sunfar.SunfarReadParameter)]
     assert all(f.group != 0 for f in fences)
@@ -86,12 +86,12 @@ def test_ruling_6_an_unanswered_start_is_resent_after_two_fenced_reads_show_stan
     def first_is_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return None if lost and lost.pop() else starts(paper, request)
 
-    world, talk = c320(FakeC320(on_command=first_is_lost))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=first_is_lost))
+    outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
-    places = [i for i, ask in enumerate(world.requests) if isinstance(ask.request, sunfar.SunfarControl)]
+    places = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(places) == 2
-    between = [type(ask.request) for ask in world.requests[places[0] + 1 : places[1]]]
+    between = [type(ask.request) for ask in bus.requests[places[0] + 1 : places[1]]]
     assert between == [sunfar.SunfarReadParameter, sunfar.ReadMonitor] * 2
 
 
@@ -101,10 +101,10 @@ def test_ruling_6_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
     def reply_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.state = sunfar.SunfarState.RUNNING_FORWARD
 
-    world, talk = c320(FakeC320(on_command=reply_lost))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=reply_lost))
+    outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_ruling_6_a_stop_at_the_keypad_is_never_undone() -> None:
@@ -115,69 +115,69 @@ def test_ruling_6_a_stop_at_the_keypad_is_never_undone() -> None:
         paper.state = sunfar.SunfarState.RUNNING_FORWARD
 
     paper = FakeC320(on_command=reply_lost)
-    world, talk = c320(paper)
+    bus, op = c320(paper)
 
     def person(ask: Any) -> None:
         if isinstance(ask.request, sunfar.ReadMonitor) and paper.state == sunfar.SunfarState.RUNNING_FORWARD:
             reads.append(ask)
             paper.state = sunfar.SunfarState.STOPPED
 
-    world.on_request = person
-    outcome = start(world, talk)
+    bus.on_request = person
+    outcome = start(bus, op)
     assert reads
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.started_and_stopped")
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_i1_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> None:
-    world, talk = c320(FakeC320(on_command=lambda paper, request: None))
-    world.silence_s = 2.1
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus.silence_s = 2.1
+    outcome = start(bus, op)
     assert outcome.status is not OutcomeStatus.CONFIRMED
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
-    world, talk = c320(FakeC320(on_command=lambda paper, request: None))
-    world.silence_s = world.transaction_s = 0.001
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus.silence_s = bus.transaction_s = 0.001
+    outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.FAILED
-    assert len(world.sent(sunfar.SunfarControl)) == 3
+    assert len(bus.sent(sunfar.SunfarControl)) == 3
 
 
 def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None:
     """6.5: the bus counts the stop; the start sees its generation gone and is not resent."""
-    world, talk = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def stop_comes(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
             from dataclasses import replace
 
-            world.conditions = replace(world.conditions, stop_epoch=world.conditions.stop_epoch + 1)
+            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
 
-    world.on_request = stop_comes
+    bus.on_request = stop_comes
     with pytest.raises(Superseded) as caught:
-        start(world, talk)
+        start(bus, op)
     assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() -> None:
     def dies(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.silent = True
 
-    world, talk = c320(FakeC320(on_command=dies))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=dies))
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_a_drive_that_says_no_is_believed() -> None:
     def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return sunfar.SunfarReply(1, sunfar.SunfarResponse.OUT_OF_RANGE, sunfar.SunfarState.STOPPED, 0, None, None)
 
-    world, talk = c320(FakeC320(on_command=no))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=no))
+    outcome = start(bus, op)
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 1)
 
 
@@ -186,8 +186,8 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
         paper.state, paper.fault_code = sunfar.SunfarState.FAULT, 7
         return paper.ok()
 
-    world, talk = c320(FakeC320(on_command=trips))
-    outcome = start(world, talk)
+    bus, op = c320(FakeC320(on_command=trips))
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
     assert (
         outcome.drive_status is not None
@@ -201,8 +201,8 @@ def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
         paper.state = sunfar.SunfarState.RUNNING_REVERSE
         return paper.ok()
 
-    world, talk = c320(FakeC320(on_command=wrong))
-    outcome = start(world, talk, direction=Direction.FORWARD)
+    bus, op = c320(FakeC320(on_command=wrong))
+    outcome = start(bus, op, direction=Direction.FORWARD)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_way")
 
 
@@ -219,27 +219,27 @@ def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
     ],
 )
 def test_a_frequency_outside_the_limits_is_refused_before_anything_is_sent(hz: float, limits: Any, key: str) -> None:
-    world, talk = c320(FakeC320(), **limits)
+    bus, op = c320(FakeC320(), **limits)
     with pytest.raises(LimitError) as caught:
-        start(world, talk, hz)
+        start(bus, op, hz)
     assert caught.value.key == key
-    assert not world.requests
+    assert not bus.requests
 
 
 def test_a_forbidden_direction_is_refused_before_anything_is_sent() -> None:
-    world, talk = c320(FakeC320(), reverse=False)
+    bus, op = c320(FakeC320(), reverse=False)
     with pytest.raises(LimitError):
-        start(world, talk, 10.0, Direction.REVERSE)
-    assert not world.requests
+        start(bus, op, 10.0, Direction.REVERSE)
+    assert not bus.requests
 
 
 def test_a_drive_that_can_not_tell_its_direction_is_not_started_where_one_is_forbidden() -> None:
     dialect = dialect_for("df800")
-    world = PureBus(dialect, FakeModbus())
+    bus = PureBus(dialect, FakeModbus())
     with pytest.raises(LimitError) as caught:
-        start(world, operation_for(dialect, limits=DriveLimits(reverse=False)))
+        start(bus, operation_for(dialect, limits=DriveLimits(reverse=False)))
     assert caught.value.key == "drives.direction_forbidden"
-    assert not world.requests
+    assert not bus.requests
 
 
 def test_what_the_drive_makes_of_a_frequency_is_within_the_limits_too() -> None:
@@ -253,22 +253,22 @@ def test_what_the_drive_makes_of_a_frequency_is_within_the_limits_too() -> None:
 
 
 def test_ruling_4_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
-    world, talk = c320(FakeC320(parameters={(0, 1): 0}))
+    bus, op = c320(FakeC320(parameters={(0, 1): 0}))
     with pytest.raises(PreflightError) as caught:
-        start(world, talk)
+        start(bus, op)
     assert caught.value.params["parameters"] == "F0.1"
     assert str(caught.value) == (
         "c320 at station 1 does not listen to the bus: F0.1 reads 0: Set F0.1 = 2 (frequency from RS485)."
     )
-    assert not world.effects()
+    assert not bus.effects()
 
 
 def test_a_drive_in_fault_is_not_started() -> None:
-    world, talk = c320(FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3))
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3))
     with pytest.raises(StartInhibited) as caught:
-        start(world, talk)
+        start(bus, op)
     assert caught.value.params["state"] == "fault"
-    assert not world.effects()
+    assert not bus.effects()
 
 
 def test_a_drive_whose_state_flickers_is_not_started() -> None:
@@ -281,25 +281,25 @@ def test_a_drive_whose_state_flickers_is_not_started() -> None:
                 self.state = states[0]
             return super().__call__(request)
 
-    world, talk = c320(Flickers())
+    bus, op = c320(Flickers())
     with pytest.raises(StartInhibited):
-        start(world, talk)
-    assert not world.effects()
+        start(bus, op)
+    assert not bus.effects()
 
 
 def test_a_running_drive_only_gets_its_new_frequency() -> None:
-    world, talk = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
-    outcome = start(world, talk, 12.0)
-    assert world.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = start(bus, op, 12.0)
+    assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
     assert outcome.status is OutcomeStatus.ACKNOWLEDGED
 
 
 def test_a_running_drive_is_not_turned_round() -> None:
-    world, talk = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     with pytest.raises(StartInhibited) as caught:
-        start(world, talk, 12.0, Direction.REVERSE)
+        start(bus, op, 12.0, Direction.REVERSE)
     assert caught.value.key == "drives.turning"
-    assert not world.effects()
+    assert not bus.effects()
 
 
 def test_vc660_sets_the_frequency_reads_it_back_and_only_then_starts() -> None:
@@ -309,8 +309,8 @@ def test_vc660_sets_the_frequency_reads_it_back_and_only_then_starts() -> None:
         return True
 
     paper = FakeModbus(on_command=obey)
-    world, talk = vc660(paper)
-    outcome = start(world, talk)
+    bus, op = vc660(paper)
+    outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0001), (0x2000, 0x0000)]
 
@@ -323,50 +323,50 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
             return reply
 
     paper = Deaf()
-    world, talk = vc660(paper)
-    outcome = start(world, talk)
+    bus, op = vc660(paper)
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
     assert [register for register, _ in paper.written] == [0x2001]
-    assert Effect.MOTION not in world.effects()
+    assert Effect.MOTION not in bus.effects()
 
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])
 def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_nothing_was_sent(model: str) -> None:
     """Expired and StartInhibited promise that nothing was sent; here the drive already has a new frequency."""
     paper = FakeModbus()
-    world, talk = vc660(paper) if model == "vc660" else df800(paper)
-    world.on_request = lambda ask: world.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
-    outcome = start(world, talk, 10.0)
+    bus, op = vc660(paper) if model == "vc660" else df800(paper)
+    bus.on_request = lambda ask: bus.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
+    outcome = start(bus, op, 10.0)
     assert outcome.status is OutcomeStatus.FAILED and outcome.key == "drives.not_started"
     assert isinstance(outcome.params["why"], Expired)
-    assert world.sent(modbus.WriteRegister, register=0x2001) and not world.sent(modbus.WriteRegister, register=0x2000)
+    assert bus.sent(modbus.WriteRegister, register=0x2001) and not bus.sent(modbus.WriteRegister, register=0x2000)
 
 
 def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_sent() -> None:
     """Ruling 1: StartInhibited promises that nothing was sent. The drive stood twice, so it is known to have failed."""
-    world, talk = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def seen(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
-            world.conditions = replace(world.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate=True)
 
-    world.on_request = seen
-    outcome = start(world, talk)
+    bus.on_request = seen
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
-    assert len(world.sent(sunfar.SunfarControl)) == 1
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
 def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None:
     """VC660: another drive shows up at its address between the pulse and its end; the start has left."""
     paper = FakeModbus(on_command=lambda paper, word: paper.registers.update({0x3000: 0x0009}) is None)
-    world, talk = vc660(paper)
+    bus, op = vc660(paper)
 
     def seen(ask: Any) -> None:
         if getattr(ask.request, "register", 0) == 0x2000:
-            world.conditions = replace(world.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate=True)
 
-    world.on_request = seen
-    assert start(world, talk).status is OutcomeStatus.CONFIRMED
+    bus.on_request = seen
+    assert start(bus, op).status is OutcomeStatus.CONFIRMED
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0001)]
 
 
@@ -378,15 +378,15 @@ def test_t13_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() 
         return True
 
     paper = FakeModbus(on_command=obeys_silently)
-    world, talk = vc660(paper)
-    assert start(world, talk).status is OutcomeStatus.CONFIRMED
+    bus, op = vc660(paper)
+    assert start(bus, op).status is OutcomeStatus.CONFIRMED
     assert [value for register, value in paper.written if register == 0x2000] == [0x0001, 0x0000]
 
 
 def test_ruling_4_df800_is_started_on_its_preflight_and_only_acknowledged() -> None:
     paper = FakeModbus()
-    world, talk = df800(paper)
-    outcome = start(world, talk)
+    bus, op = df800(paper)
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0002)]
     assert outcome.drive_status is not None and outcome.drive_status.state == "unknown"
@@ -394,18 +394,18 @@ def test_ruling_4_df800_is_started_on_its_preflight_and_only_acknowledged() -> N
 
 def test_df800_reads_its_preflight_before_every_start() -> None:
     paper = FakeModbus()
-    world, talk = df800(paper)
-    start(world, talk)
+    bus, op = df800(paper)
+    start(bus, op)
     paper.registers[102] = 0
     with pytest.raises(PreflightError) as caught:
-        start(world, OperationContext(talk.drive))
+        start(bus, OperationContext(op.drive))
     assert caught.value.params["parameters"] == "F1.02"
 
 
 def test_an_unanswered_start_of_df800_is_never_resent() -> None:
     paper = FakeModbus(on_command=lambda paper, word: False)
-    world, talk = df800(paper)
-    outcome = start(world, talk)
+    bus, op = df800(paper)
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
     assert [value for register, value in paper.written if register == 0x2000] == [0x0002]
 
@@ -413,18 +413,18 @@ def test_an_unanswered_start_of_df800_is_never_resent() -> None:
 @pytest.mark.parametrize("direction", list(Direction))
 def test_an_explicit_direction_on_df800_waits_for_its_jog_proof(direction: Direction) -> None:
     paper = FakeModbus()
-    world, talk = df800(paper)
+    bus, op = df800(paper)
     with pytest.raises(StartInhibited) as caught:
-        start(world, talk, 10.0, direction)
+        start(bus, op, 10.0, direction)
     assert caught.value.key == "drives.direction_unproved"
-    assert not world.requests
+    assert not bus.requests
 
 
 def test_waiting_is_refused_where_nothing_shows_the_frequency() -> None:
-    world, talk = df800(FakeModbus())
+    bus, op = df800(FakeModbus())
     with pytest.raises(CapabilityError):
-        world.run(run(talk, 10.0, None, will_wait=True))
-    assert not world.requests
+        bus.run(run(op, 10.0, None, will_wait=True))
+    assert not bus.requests
 
 
 def test_a_capability_that_the_model_lacks_is_refused_before_sending() -> None:
@@ -432,10 +432,10 @@ def test_a_capability_that_the_model_lacks_is_refused_before_sending() -> None:
 
     dialect = dialect_for("c320")
     dialect.profile = replace(dialect.profile, capabilities=frozenset({"status"}))
-    world = PureBus(dialect, FakeC320())
+    bus = PureBus(dialect, FakeC320())
     with pytest.raises(CapabilityError):
-        start(world, OperationContext(context_for(dialect)))
-    assert not world.requests
+        start(bus, OperationContext(context_for(dialect)))
+    assert not bus.requests
 
 
 def test_a_precondition_that_can_not_be_read_is_named_and_not_assumed() -> None:
@@ -445,8 +445,8 @@ def test_a_precondition_that_can_not_be_read_is_named_and_not_assumed() -> None:
         paper.registers[0x3000] = 0x0009
         return True
 
-    world, talk = vc660(FakeModbus(on_command=obey))
-    outcome = start(world, talk)
+    bus, op = vc660(FakeModbus(on_command=obey))
+    outcome = start(bus, op)
     assert [params["notation"] for key, params in outcome.notes if key == "drives.precondition_unread"] == ["F01.00"]
 
 
@@ -455,10 +455,10 @@ def test_a_drive_that_runs_at_another_set_frequency_is_not_confirmed() -> None:
     from drivebus.drives.operations.start import _check_setpoint
 
     paper = FakeModbus(registers={0x3001: 100})
-    world, talk = vc660(paper)
+    bus, op = vc660(paper)
     paper.registers[0x3001] = 100
     with pytest.raises(TargetNotReached):
-        world.run(_check_setpoint(talk, talk.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed"), 1000, 10.0))
+        bus.run(_check_setpoint(op, op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed"), 1000, 10.0))
 
 
 def test_modbus_errors_of_the_drive_are_refusals() -> None:
@@ -468,6 +468,6 @@ def test_modbus_errors_of_the_drive_are_refusals() -> None:
                 return modbus.ExceptionReply(1, 6, None)
             return super().__call__(request)
 
-    world, talk = df800(Refuses())
-    outcome = start(world, talk)
+    bus, op = df800(Refuses())
+    outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.modbus_refused_short")

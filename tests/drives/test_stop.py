@@ -25,32 +25,32 @@ def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
 
 
 def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_read() -> None:
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
-    outcome = world.run(stop(operation_for(world.dialect)))
-    first = world.requests[0]
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    first = bus.requests[0]
     assert isinstance(first.request, sunfar.SunfarControl)
     assert (first.priority, first.permit, first.expires_at) == (RequestPriority.STOP, None, None)
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
 
 def test_i3_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
-    world = PureBus(dialect_for("vc660"), FakeModbus())
-    world.run(stop(operation_for(world.dialect)))
-    pulse, levels, *_ = (ask for ask in world.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
+    bus = PureBus(dialect_for("vc660"), FakeModbus())
+    bus.run(stop(operation_for(bus.dialect)))
+    pulse, levels, *_ = (ask for ask in bus.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
     assert (pulse.priority, levels.priority) == (RequestPriority.STOP, RequestPriority.COMMAND)
 
 
 def test_ruling_1_a_stop_is_not_confirmed_by_its_own_reply() -> None:
     """The drive says yes and runs on."""
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
 def test_g07_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
-    world.run(stop(operation_for(world.dialect)))
-    assert STOP_PROGRESS_TIMEOUT_S < world.now < STOP_PROGRESS_TIMEOUT_S + 0.5
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus.run(stop(operation_for(bus.dialect)))
+    assert STOP_PROGRESS_TIMEOUT_S < bus.now < STOP_PROGRESS_TIMEOUT_S + 0.5
 
 
 def test_a_lost_stop_is_sent_again_at_once() -> None:
@@ -59,26 +59,26 @@ def test_a_lost_stop_is_sent_again_at_once() -> None:
     def third(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return None if lost and lost.pop() else stops(paper, request)
 
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert len(world.sent(sunfar.SunfarControl)) == 3
+    assert len(bus.sent(sunfar.SunfarControl)) == 3
 
 
 def test_ruling_5_no_state_of_the_host_withholds_a_stop() -> None:
     from dataclasses import replace
 
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
-    world.conditions = replace(
-        world.conditions, start_inhibited=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    bus.conditions = replace(
+        bus.conditions, start_inhibited=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
     )
-    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
+    assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
 
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
 def test_ruling_5_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
-    world = c320(FakeC320(state, fault_code=4))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = c320(FakeC320(state, fault_code=4))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
 
 
@@ -88,8 +88,8 @@ def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
         paper.state = sunfar.SunfarState.EMERGENCY_STOP
         return paper.ok()
 
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
-    assert world.run(stop(operation_for(world.dialect), StopMode.QUICK_STOP)).key == "drives.stop_confirmed"
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
+    assert bus.run(stop(operation_for(bus.dialect), StopMode.QUICK_STOP)).key == "drives.stop_confirmed"
 
 
 def test_a_drive_that_slows_down_is_given_its_time() -> None:
@@ -104,24 +104,24 @@ def test_a_drive_that_slows_down_is_given_its_time() -> None:
                 self.state = self.state if self.output else sunfar.SunfarState.STOPPED
             return super().__call__(request)
 
-    world = c320(Ramps(sunfar.SunfarState.RUNNING_FORWARD, output=2000))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = c320(Ramps(sunfar.SunfarState.RUNNING_FORWARD, output=2000))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert world.now > 2 * STOP_PROGRESS_TIMEOUT_S
+    assert bus.now > 2 * STOP_PROGRESS_TIMEOUT_S
 
 
 def test_a_slowing_drive_is_told_again_every_half_second() -> None:
-    world = c320(FakeC320(sunfar.SunfarState.DECELERATING_FORWARD))
-    world.run(stop(operation_for(world.dialect)))
-    times = [i for i, ask in enumerate(world.requests) if isinstance(ask.request, sunfar.SunfarControl)]
+    bus = c320(FakeC320(sunfar.SunfarState.DECELERATING_FORWARD))
+    bus.run(stop(operation_for(bus.dialect)))
+    times = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(times) > 100
 
 
 def test_a_stop_to_a_dead_drive_is_repeated_and_reported() -> None:
-    world = c320(FakeC320(silent=True))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = c320(FakeC320(silent=True))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.key == "drives.stop_unconfirmed"
-    assert len(world.sent(sunfar.SunfarControl)) >= 3
+    assert len(bus.sent(sunfar.SunfarControl)) >= 3
     assert all(e.received == b"" for e in outcome.exchanges)
 
 
@@ -136,28 +136,28 @@ def test_one_reading_of_standstill_is_not_enough() -> None:
                 self.state = flips[0]
             return super().__call__(request)
 
-    world = c320(Flips())
-    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.UNKNOWN
+    bus = c320(Flips())
+    assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.UNKNOWN
 
 
 def test_without_waiting_an_answered_stop_is_said_to_be_unconfirmed() -> None:
-    world = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
-    outcome = world.run(stop(operation_for(world.dialect), wait_confirmed=False))
+    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = bus.run(stop(operation_for(bus.dialect), wait_confirmed=False))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
-    assert len(world.requests) == 1
+    assert len(bus.requests) == 1
 
 
 def test_t17_df800_is_told_three_times_and_never_confirmed() -> None:
     paper = FakeModbus()
-    world = PureBus(dialect_for("df800"), paper)
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = PureBus(dialect_for("df800"), paper)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     assert paper.written == [(0x2000, 1)] * 3
 
 
 def test_t17_a_silent_df800_is_unconfirmed() -> None:
-    world = PureBus(dialect_for("df800"), FakeModbus(silent=True))
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = PureBus(dialect_for("df800"), FakeModbus(silent=True))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
@@ -174,8 +174,8 @@ def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_a
 
     paper = FakeModbus(registers={0x3000: 0x0009}, on_command=edge)
     last[0] = 2
-    world = PureBus(dialect_for("vc660"), paper)
-    outcome = world.run(stop(operation_for(world.dialect)))
+    bus = PureBus(dialect_for("vc660"), paper)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert [value for _, value in paper.written][:3] == [0x0002, 0x0000, 0x0002]
 
@@ -194,8 +194,8 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
             return dzb100.Dzb100Reply("Q", 1, request.item, data, True)
 
     for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
-        world = PureBus(dialect_for("dzb100"), Paper(output, state))
-        assert world.run(stop(operation_for(world.dialect))).status == word
+        bus = PureBus(dialect_for("dzb100"), Paper(output, state))
+        assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 
 def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
@@ -206,7 +206,7 @@ def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_th
             return dzb100.Dzb100Reply("C", 1, request.index, 0, True)
         if isinstance(request, dzb100.Dzb100ReadParameter):
             return dzb100.Dzb100Reply("R", 1, request.index, 0, True)
-        output = max(0, round(300 - 100 * world.now))
+        output = max(0, round(300 - 100 * bus.now))
         return dzb100.Dzb100Reply("Q", 1, request.item, {1: output, 3: 0x0100 * (output > 0)}[request.item], True)
 
     class Crowded(PureBus):
@@ -214,9 +214,9 @@ def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_th
             self.pass_time(0.35)
             return super().transact(ask)
 
-    world = Crowded(dialect_for("dzb100"), slowing)
-    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
-    assert world.now > STOP_PROGRESS_TIMEOUT_S + 3.0
+    bus = Crowded(dialect_for("dzb100"), slowing)
+    assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
+    assert bus.now > STOP_PROGRESS_TIMEOUT_S + 3.0
 
 
 def test_superseded_reads_do_not_end_a_stop() -> None:
@@ -230,8 +230,8 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
                 return Superseded("bus.superseded", station=1)
             return super().__call__(request)
 
-    world = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
-    assert world.run(stop(operation_for(world.dialect))).status is OutcomeStatus.CONFIRMED
+    bus = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
 
 
 def test_a_refused_stop_of_a_modbus_drive_is_not_an_answer() -> None:
@@ -241,5 +241,5 @@ def test_a_refused_stop_of_a_modbus_drive_is_not_an_answer() -> None:
                 return modbus.ExceptionReply(1, 6, None)
             return super().__call__(request)
 
-    world = PureBus(dialect_for("df800"), Refuses())
-    assert world.run(stop(operation_for(world.dialect))).key == "drives.stop_unconfirmed"
+    bus = PureBus(dialect_for("df800"), Refuses())
+    assert bus.run(stop(operation_for(bus.dialect))).key == "drives.stop_unconfirmed"

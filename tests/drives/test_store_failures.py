@@ -39,31 +39,31 @@ class Failing(MemoryStore):
 
 
 def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
-    world = PureBus(dialect_for("c320"), FakeC320(), store=store)
+    bus = PureBus(dialect_for("c320"), FakeC320(), store=store)
     try:
-        return world, world.run(write_values(OperationContext(context_for(world.dialect, store=store)), values, True))
+        return bus, bus.run(write_values(OperationContext(context_for(bus.dialect, store=store)), values, True))
     except ConfigurationError as error:
-        return world, error
+        return bus, error
 
 
 @pytest.mark.parametrize("fails", range(1, 6))
 def test_g12_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int) -> None:
     """And what was sent was counted."""
     store = Failing(fails)
-    world, end = saved(store, {"F0.2": 30.0})
-    sent = len(world.sent(sunfar.SunfarWriteParameter))
+    bus, end = saved(store, {"F0.2": 30.0})
+    sent = len(bus.sent(sunfar.SunfarWriteParameter))
     assert sent == (0 if isinstance(end, ConfigurationError) else 1)
     assert sent == 0 or end.status is OutcomeStatus.CONFIRMED
     store.fails = 0
-    assert context_for(world.dialect, store=store).eeprom_budget.count("F0.2").total >= sent
+    assert context_for(bus.dialect, store=store).eeprom_budget.count("F0.2").total >= sent
 
 
 def test_g12_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome() -> None:
     uses = Failing(0)
     saved(uses, {"F0.2": 30.0})
-    world, end = saved(Failing(uses.uses + 1), {"F0.2": 30.0, "F1.10": 2.0})
+    bus, end = saved(Failing(uses.uses + 1), {"F0.2": 30.0, "F1.10": 2.0})
     assert (end.status, end.key) == (OutcomeStatus.FAILED, "drives.not_written")
-    assert isinstance(end.params["why"], ConfigurationError) and len(world.sent(sunfar.SunfarWriteParameter)) == 1
+    assert isinstance(end.params["why"], ConfigurationError) and len(bus.sent(sunfar.SunfarWriteParameter)) == 1
 
 
 def test_g12_a_drive_on_a_bus_tells_the_same() -> None:
@@ -75,14 +75,14 @@ def test_g12_a_drive_on_a_bus_tells_the_same() -> None:
                 raise ConfigurationError("drives.store_unwritable", file="s.json", problem="full")
             super().update(key, change)
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320", query="echo=off") as bench:
             with pytest.raises(TargetNotReached) as caught:
                 await bench.drive(store=Full()).write({"F0.2": 30.0, "F1.10": 2.0}, save=True)
             assert caught.value.key == "drives.not_written"
             assert bench.station().memory.eeprom_writes.total() == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("call", ["os.mkdir", "io.open", "os.fsync", "os.replace", "fcntl.flock"])

@@ -30,7 +30,7 @@ def ask(drive: Any) -> BusRequest:
 
 
 def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320", "1-2") as bench:
             plain, slow = bench.drive(1), bench.drive(2, timing=replace(FACTORY, gap_characters=40))
             for drive in (plain, slow):
@@ -45,11 +45,11 @@ def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> Non
                 "its reply needs it too"
             )
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_each_drive_is_waited_for_as_long_as_it_was_given() -> None:
-    async def tale() -> None:
+    async def scenario() -> None:
         async with SimulatedDrives("c320", "1-2") as bench:
             patient = replace(FACTORY, reply_delay_s=0.3, reply_delay_characters=0.0, adapter_latency_s=0.05)
             for address, timing in ((1, FACTORY), (2, patient)):
@@ -63,11 +63,11 @@ def test_each_drive_is_waited_for_as_long_as_it_was_given() -> None:
                 assert begun <= answer.sent_at
                 await asyncio.sleep(1)
 
-    run_virtual(tale())
+    run_virtual(scenario())
 
 
 def test_a_broadcast_leaves_the_turnaround_that_was_given() -> None:
-    async def tale(timing: StationTiming) -> float:
+    async def scenario(timing: StationTiming) -> float:
         async with SimulatedDrives("c320", "1") as bench:
             drive = bench.drive(timing=timing)
             await drive.status()
@@ -78,8 +78,8 @@ def test_a_broadcast_leaves_the_turnaround_that_was_given() -> None:
             end = sent[first].time + len(sent[first].data) * CHARACTER_S
             return sent[first + 1].time - end
 
-    assert run_virtual(tale(replace(FACTORY, turnaround_s=0.1))) == pytest.approx(0.1)
-    assert run_virtual(tale(replace(FACTORY, turnaround_s=0.7))) == pytest.approx(0.7)
+    assert run_virtual(scenario(replace(FACTORY, turnaround_s=0.1))) == pytest.approx(0.1)
+    assert run_virtual(scenario(replace(FACTORY, turnaround_s=0.7))) == pytest.approx(0.7)
 
 
 def test_a_profile_file_overrides_what_it_names_and_keeps_the_rest(tmp_path: Any) -> None:

@@ -18,59 +18,59 @@ STARTED = Outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
 
 
 def waiting(paper: FakeC320) -> tuple[PureBus, OperationContext]:
-    world = PureBus(dialect_for("c320"), paper)
-    return world, operation_for(world.dialect)
+    bus = PureBus(dialect_for("c320"), paper)
+    return bus, operation_for(bus.dialect)
 
 
-def wait_for(world: PureBus, talk: OperationContext, hz: float = 10.0, timeout_s: float | None = 2.0) -> Outcome:
-    return world.run(wait_at_speed(talk, hz, STARTED, timeout_s))
+def wait_for(bus: PureBus, op: OperationContext, hz: float = 10.0, timeout_s: float | None = 2.0) -> Outcome:
+    return bus.run(wait_at_speed(op, hz, STARTED, timeout_s))
 
 
 def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
-    world, talk = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=1000))
-    outcome = wait_for(world, talk)
+    bus, op = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=1000))
+    outcome = wait_for(bus, op)
     assert (outcome.status, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
 
 
 def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
-    world, talk = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD, output=1000))
+    bus, op = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD, output=1000))
     with pytest.raises(TargetNotReached) as caught:
-        wait_for(world, talk)
+        wait_for(bus, op)
     assert caught.value.params["state"] == "accelerating"
 
 
 @pytest.mark.parametrize("output", [990, 1010])
 def test_it_is_not_there_at_another_frequency(output: int) -> None:
-    world, talk = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=output))
+    bus, op = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=output))
     with pytest.raises(TargetNotReached) as caught:
-        wait_for(world, talk)
+        wait_for(bus, op)
     assert caught.value.params["found_hz"] == output / 100
 
 
 def test_a_drive_that_stops_ends_the_waiting_at_once() -> None:
-    world, talk = waiting(FakeC320(sunfar.SunfarState.STOPPED))
+    bus, op = waiting(FakeC320(sunfar.SunfarState.STOPPED))
     with pytest.raises(TargetNotReached):
-        wait_for(world, talk, timeout_s=60.0)
-    assert world.now < 1.0
+        wait_for(bus, op, timeout_s=60.0)
+    assert bus.now < 1.0
 
 
 def test_a_silent_drive_is_not_said_to_have_failed() -> None:
-    world, talk = waiting(FakeC320(silent=True))
+    bus, op = waiting(FakeC320(silent=True))
     with pytest.raises(TargetNotReached) as caught:
-        wait_for(world, talk)
+        wait_for(bus, op)
     assert caught.value.key == "drives.not_reached_silent"
     assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
 
 
 def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
-    world, talk = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD))
+    bus, op = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD))
 
     def stop(ask: Any) -> None:
-        world.conditions = replace(world.conditions, stop_epoch=world.conditions.stop_epoch + 1)
+        bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
 
-    world.on_request = stop
+    bus.on_request = stop
     with pytest.raises(Superseded):
-        wait_for(world, talk)
+        wait_for(bus, op)
 
 
 def test_patience_comes_from_the_ramp_where_it_is_known() -> None:
@@ -80,6 +80,6 @@ def test_patience_comes_from_the_ramp_where_it_is_known() -> None:
 
 
 def test_near_is_half_a_percent_and_never_less_than_two_steps() -> None:
-    talk = operation_for(dialect_for("c320"))
-    assert speed_tolerance_hz(talk, 40.0) == pytest.approx(0.2)
-    assert speed_tolerance_hz(talk, 1.0) == pytest.approx(0.02)
+    op = operation_for(dialect_for("c320"))
+    assert speed_tolerance_hz(op, 40.0) == pytest.approx(0.2)
+    assert speed_tolerance_hz(op, 1.0) == pytest.approx(0.02)

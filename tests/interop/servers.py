@@ -78,12 +78,20 @@ def permitted_write(bus: Bus, request: Any) -> BusRequest:
     """A write with the gate's own permit, as a drive would be given it."""
     now, generation = bus.now(), bus.stop_epoch(STATION)
     command = permissives.DriveCommand("test", permissives.CommandKind.WRITE, now, generation)
-    evidence = permissives.PermitInputs(
-        STATE_NOT_READ, None, reports_run_state=False, preflight_passed=True, limits_checked=True
+    evidence = permissives.DriveEvidence(
+        derived=STATE_NOT_READ, state_at=None, reports_run_state=False, preflight_passed=True, limits_checked=True
     )
-    around = BusConditions(now, stop_epoch=generation)
+    around = BusConditions(now=now, stop_epoch=generation)
     permit = permissives.grant_permit(
-        command, STATION, Effect.SETTING, RetryPolicy.IDEMPOTENT, around, evidence, "modbus"
+        permissives.PermitInputs(
+            command=command,
+            station=STATION,
+            effect=Effect.SETTING,
+            retry_policy=RetryPolicy.IDEMPOTENT,
+            conditions=around,
+            evidence=evidence,
+            family="modbus",
+        )
     )
     return BusRequest(STATION, request, RequestPriority.COMMAND, RetryPolicy.IDEMPOTENT, permit)
 

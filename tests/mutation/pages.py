@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mutation.report import MUTATED_MODULES, ROOT
+from mutation.report import ROOT
 
 TITLES = {
     "en": ("Mutation testing", "[中文](mutation.zh.md)"),
@@ -50,10 +50,6 @@ HEAD = {
     "en": "| module | mutants | of them comparisons | while loading | killed | survived | killed % | commit |",
     "zh": "| 模块 | 改动数 | 其中比较 | 加载时 | 被发现 | 存活 | 发现率 % | 提交 |",
 }
-MISSING = {
-    "en": "Not run to the end yet, so without figures: {}.",
-    "zh": "尚未运行完毕，因此没有数字：{}。",
-}
 SURVIVORS = {
     "en": "## Survivors\n\nNo comparison is among them that could make a difference; each line says why it may stay.\n",
     "zh": "## 存活的改动\n\n其中没有会造成差别的比较；逐条的原因见英文页（[Survivors](mutation.md#survivors)）。\n",
@@ -73,12 +69,6 @@ def _row(name: str, one: dict[str, Any], commit: str) -> str:
     return f"| {name} | {counts} | {share:.1f} | {commit} |"
 
 
-def missing(found: dict[str, Any], language: str) -> str:
-    """Which modules the report says nothing of."""
-    names = [name.removeprefix("drivebus.") for modules, _ in MUTATED_MODULES for name in modules if name not in found]
-    return MISSING[language].format(", ".join(names)) + "\n\n" if names else ""
-
-
 def survivors(found: dict[str, Any]) -> list[str]:
     return [
         f"- `{module.removeprefix('drivebus.')}:{one['line']}` {one['scope']}: `{one['change']}`: {one['reason']}"
@@ -91,7 +81,7 @@ def page(found: dict[str, Any], language: str) -> str:
     title, other = TITLES[language]
     table = "\n".join([HEAD[language], "| --- " * 8 + "|", *rows(found)])
     listed = "\n".join(survivors(found)) + "\n" if language == "en" else ""
-    made = f"# {title}\n\n{other}\n\n{INTRO[language]}\n{table}\n\n{missing(found, language)}"
+    made = f"# {title}\n\n{other}\n\n{INTRO[language]}\n{table}\n\n"
     return f"{made}{SURVIVORS[language]}\n{listed}".rstrip() + "\n"
 
 

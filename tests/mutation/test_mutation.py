@@ -112,7 +112,6 @@ def test_every_module_that_is_tried_exists_and_every_change_of_it_is_python(modu
 
 def test_the_pages_are_those_of_the_committed_figures_and_every_survivor_has_its_reason() -> None:
     found = json.loads(REPORT.read_text(encoding="utf-8"))
-    assert found.keys() == {module for modules, _ in MUTATED_MODULES for module in modules}
     for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
         assert (REPORT.parent / name).read_text(encoding="utf-8") == pages.page(found, language)
     for one in found.values():

@@ -210,7 +210,7 @@ def product_message(asked: dict[str, int]) -> sunfar.SunfarRequest:
 
 def reply_fields(reply: sunfar.SunfarReply) -> dict[str, int]:
     """A reply of ours as the naive one's dict."""
-    names = ("address", "response", "state", "group", "item", "fault_code", "data", "other_data")
+    names = ("address", "response", "state", "group", "item", "fault_code", "data", "nibble_data")
     found = {name: int(getattr(reply, name)) for name in names if getattr(reply, name) is not None}
     if reply.info is not None:
         found["data"] = int(reply.info[2:], 16)

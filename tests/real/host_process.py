@@ -75,13 +75,21 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
     now, generation = bus.now(), bus.stop_epoch(drive.address)
     command = permissives.DriveCommand("test", permissives.CommandKind.START, now, generation)
     stopped = DerivedState(DriveState.STOPPED)
-    evidence = permissives.PermitInputs(
-        stopped, now, reports_run_state=True, preflight_passed=True, limits_checked=True
+    evidence = permissives.DriveEvidence(
+        derived=stopped, state_at=now, reports_run_state=True, preflight_passed=True, limits_checked=True
     )
-    around = BusConditions(now, stop_epoch=generation)
+    around = BusConditions(now=now, stop_epoch=generation)
     frame = drive.dialect.start(None, 2000)[0]
     permit = permissives.grant_permit(
-        command, drive.address, Effect.MOTION, frame.retry_policy, around, evidence, "sunfar"
+        permissives.PermitInputs(
+            command=command,
+            station=drive.address,
+            effect=Effect.MOTION,
+            retry_policy=frame.retry_policy,
+            conditions=around,
+            evidence=evidence,
+            family="sunfar",
+        )
     )
     return BusRequest(drive.address, frame.request, RequestPriority.COMMAND, frame.retry_policy, permit)
 

@@ -19,7 +19,7 @@ from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import LineError
-from drivebus.ports import device, open_port, tty
+from drivebus.ports import open_port, tty
 from drivebus.ports.parmrk import ParityMarkDecoder
 from drivebus.protocols import dzb100, modbus, sunfar
 from real.recorded_bench import RecordedPlant, bus_specification
@@ -94,7 +94,7 @@ async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> Non
 async def test_a_good_ff_survives_a_kernel_that_marks(plants: Plants, monkeypatch: pytest.MonkeyPatch) -> None:
     """The pty passes for a real port: INPCK | PARMRK is in force and the kernel itself doubles the FF."""
     monkeypatch.setattr(tty, "is_pty", lambda _: False)
-    monkeypatch.setattr(device, "_refuse_if_in_use", lambda *_: None)
+    monkeypatch.setattr(tty, "_refuse_if_in_use", lambda *_: None)
     given, request = CASES["vc660"]
     plant = plants(given)
     async with host(plant, "vc660", "rtu") as bus:

@@ -15,7 +15,7 @@ import os
 import sys
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports import device, discovery, open_port, tty
+from drivebus.ports import discovery, open_port, tty
 
 
 class IgnoringReceiver:
@@ -55,7 +55,7 @@ async def main() -> None:
     await warmed_up()
     if exclusive:
         tty.is_pty = lambda _: False
-        device._refuse_if_in_use = lambda *_: None  # the pty's far end holds it open too
+        tty._refuse_if_in_use = lambda *_: None  # the pty's far end holds it open too
     if os.getuid() == 0:
         os.setgroups([])
         os.setgid(user)

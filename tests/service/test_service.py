@@ -35,7 +35,7 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
             await kit.grant_waivers("fan-1")
             found = await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert found["outcome"]["status"] == "confirmed"
-            assert kit.trail.outcomes("drive.run") == ["asked", "confirmed"]
+            assert kit.trail.outcomes("drive.run") == ["requested", "confirmed"]
             stopped = await kit.call("drive.stop", drive="fan-1")
             assert stopped["outcome"]["status"] == "confirmed"
             assert kit.trail.outcomes("drive.stop") == ["confirmed"]

@@ -47,7 +47,7 @@ def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> Non
     here = run_campaign(load_campaign(name), CampaignRun(name, 7, SHORT[name])).digest
     told = (
         "from verification.campaign import *; "
-        f"print(perform(find({name!r}), Session({name!r}, 7, {SHORT[name]})).digest)"
+        f"print(run_campaign(load_campaign({name!r}), CampaignRun({name!r}, 7, {SHORT[name]})).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "4711"}
     done = subprocess.run([sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True)

@@ -37,7 +37,7 @@ def found(session: CampaignRun, text: str) -> bool:
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """With these kinds alone."""
     kinds: tuple[DriveVariant, ...] = tuple(VARIANTS_BY_NAME[name] for name in names)
-    monkeypatch.setattr(commands, "KINDS", kinds)
+    monkeypatch.setattr(commands, "DRIVE_VARIANTS", kinds)
 
 
 def test_an_honest_bus_violates_nothing_and_motors_run() -> None:
@@ -136,7 +136,7 @@ def test_a_start_that_the_bus_repeats_by_itself_is_found(monkeypatch: pytest.Mon
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda self: 3)
     monkeypatch.setattr(commands, "MEAN_TROUBLE_PAUSE_S", 0.2)
     monkeypatch.setattr(
-        commands.CommandEpisode, "_trouble", lambda self: [s.keypad_stop() for s in self.stand.bench.stations]
+        commands.CommandEpisode, "_trouble", lambda self: [s.keypad_stop() for s in self.scenario.bench.stations]
     )
     only(monkeypatch, "c320-ascii")
     assert found(campaign(800), "I2")

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.bus import Bus
 from drivebus.bus import timer as timers
-from drivebus.bus.bus import Shell
 from drivebus.bus.core import BusCore
 from drivebus.capture.dbcap import CaptureWriter
 from drivebus.drives import store as stores
@@ -51,9 +51,9 @@ def test_every_seam_bears_its_failures() -> None:
 
 def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
     code = (
-        "from verification.campaign import Session, perform\n"
+        "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.failures import CAMPAIGN\n"
-        "print(perform(CAMPAIGN, Session('failures', 5, 1)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun('failures', 5, 1)).digest)"
     )
     digests = {
         subprocess.run(
@@ -84,19 +84,19 @@ def test_a_port_that_can_not_be_opened_or_closed_is_borne(error: str) -> None:
 
 
 def test_an_error_of_the_port_that_escapes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def plainly(shell: Shell) -> None:
-        await shell.port.close()
+    async def plainly(bus: Bus) -> None:
+        await bus.port.close()
 
-    monkeypatch.setattr(Shell, "_close_port", plainly)
+    monkeypatch.setattr(Bus, "_close_port", plainly)
     port(VC660, "close", "EIO")
     assert reported("close raised OSError")
 
 
 def test_a_bus_that_does_not_open_its_port_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def never(shell: Shell) -> None:
+    async def never(bus: Bus) -> None:
         return
 
-    monkeypatch.setattr(Shell, "_reopen", never)
+    monkeypatch.setattr(Bus, "_reopen", never)
     port(VC660, "write", "PortLost", every=30, most=4)
     assert reported("G12 the bus does not work again") or reported("the motor stays on")
 

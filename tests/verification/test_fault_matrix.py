@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus import classify, prepared_request, validation
-from drivebus.bus.core import BusCore, BusState
+from drivebus.bus import prepared_request
+from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoDetector
-from drivebus.bus.station import Station
+from drivebus.bus.station import Station, StationEvent
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
-from drivebus.drives import Drive, permissives, stop_bus
+from drivebus.drives import Drive, bus_stop, permissives
 from drivebus.drives.context import EepromBudget, Preflight
 from drivebus.drives.dialects import dzb100, sunfar
 from drivebus.drives.dialects.modbus import CommandWord, ModbusDialect
@@ -68,9 +68,9 @@ def test_a_run_goes_through_all_cells_before_it_takes_another_seed() -> None:
 
 def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
     code = (
-        "from verification.campaign import Session, perform\n"
+        "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.matrix import CAMPAIGN\n"
-        "print(perform(CAMPAIGN, Session('matrix', 3, 24)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun('matrix', 3, 24)).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
     told = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
@@ -104,7 +104,8 @@ def both(*plants: PlantedFault) -> PlantedFault:
 
 
 def no_lateness(self: Station, now: float) -> None:
-    self.suspect, self.suspect_since, self.quarantined_until = True, now, now
+    self._change(StationEvent.SUSPICION)
+    self.suspect_since = self.quarantined_until = now
 
 
 def nothing(*_: Any, **__: Any) -> None:
@@ -115,12 +116,12 @@ def forget(core: BusCore, now: float) -> None:
     core.unsolicited.drain()
 
 
-def anything_goes(one: prepared_request.PreparedRequest, stations: Any) -> prepared_request.PreparedRequest:
+def anything_goes(core: BusCore, one: prepared_request.PreparedRequest) -> prepared_request.PreparedRequest:
     one.effect = Effect.STOP
     return one
 
 
-def as_before(self: BusState, address: int) -> Any:
+def as_before(self: BusCore, address: int) -> Any:
     return self.stations[address].presence
 
 
@@ -219,7 +220,11 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
         replace_attribute(prepared_request.PreparedRequest, "_max_write_attempts", lambda self: 3),
     ),
     ("no_answer_stop/vc660", "a stop is given up", replace_attribute(StopSupervisor, "start_retry", nothing)),
-    ("late_same_item/df800-ascii", "late answers uncounted", replace_attribute(classify, "classify_idle", forget)),
+    (
+        "late_same_item/df800-ascii",
+        "late answers uncounted",
+        replace_attribute(BusCore, "_classify_unsolicited", forget),
+    ),
     ("late_other_item/vc660", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
     ("other_address/c320-hex", "no foreign master", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
     ("truncated/df800-rtu", "no deadline", replace_attribute(Transaction, "_update_end", impatient)),
@@ -255,12 +260,12 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     ),
     ("duplicate_address/dzb100", "no alarm", replace_attribute(Station, "has_duplicate_address", says_no)),
     ("foreign_master/df800-ascii", "no alarm", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
-    ("broadcast_other/c320-ascii", "no rule", replace_attribute(validation, "_validate_broadcast", anything_goes)),
-    ("broadcast_stop/vc660", "no verification", replace_attribute(stop_bus, "_stop", taken_for_stopped)),
+    ("broadcast_other/c320-ascii", "no rule", replace_attribute(BusCore, "_check_broadcast", anything_goes)),
+    ("broadcast_stop/vc660", "no verification", replace_attribute(bus_stop, "_stop", taken_for_stopped)),
     ("cut_last_byte/c320-ascii", "nobody is silent", replace_attribute(Station, "mark_offline", nothing)),
     ("batches/c320-ascii", "no allowance", replace_attribute(StationTiming, "timeout_s", without_adapter)),
     ("adapter_lost/c320-ascii", "replay", replace_attribute(BusCore, "on_port_lost", replays)),
-    ("adapter_lost/vc660", "still called present", replace_attribute(BusState, "presence", as_before)),
+    ("adapter_lost/vc660", "still called present", replace_attribute(BusCore, "presence", as_before)),
     ("host_restart/vc660", "a stop by itself", replace_attribute(Drive, "monitor", stops_anyway(Drive.monitor))),
     ("comm_loss/dzb100", "it will stop", replace_attribute(comm_loss, "comm_loss_behaviour", it_will_stop)),
     ("eeprom_burst/df800-rtu", "no budget", replace_attribute(EepromBudget, "consume", free_of_charge)),

@@ -41,9 +41,9 @@ def test_no_late_reply_is_believed_and_the_same_seed_is_the_same_run() -> None:
 
 def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
     code = (
-        "from verification.campaign import Session, perform\n"
+        "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.late import CAMPAIGN\n"
-        "print(perform(CAMPAIGN, Session('late', 5, 100)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun('late', 5, 100)).digest)"
     )
     digests = {
         subprocess.run(

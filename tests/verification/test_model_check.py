@@ -188,7 +188,11 @@ def test_a_gate_that_takes_a_stale_status_is_found(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(
     ("check", "text"),
-    [("against_anything", "no duplicate"), ("against_motion", "good link"), ("_drive_is_ready", "preflight passed")],
+    [
+        ("unmet_bus_permissives", "no duplicate"),
+        ("unmet_start_permissives", "good link"),
+        ("_check_drive_state", "preflight passed"),
+    ],
 )
 def test_a_gate_without_one_of_its_checks_is_found(monkeypatch: pytest.MonkeyPatch, check: str, text: str) -> None:
     monkeypatch.setattr(permissives, check, lambda *_: ())

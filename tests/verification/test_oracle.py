@@ -16,6 +16,7 @@ from drivebus.bus.transaction import Transaction
 from drivebus.drives.context import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
+from drivebus.drives.permissives import PermitInputs
 from drivebus.drives.state import DriveStatus
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
@@ -93,13 +94,13 @@ def _always(talk: OperationContext, command: Any) -> Any:
     return (yield from get_bus_conditions()).now
 
 
-def _granted(command: Any, address: int, effect: Any, write_class: Any, around: Any, *rest: Any) -> Permit:
+def _granted(inputs: PermitInputs) -> Permit:
     return Permit(
-        station=address,
-        effect=effect,
-        retry_policy=write_class,
-        expires_at=around.now + 2.0,
-        stop_epoch=around.stop_epoch,
+        station=inputs.station,
+        effect=inputs.effect,
+        retry_policy=inputs.retry_policy,
+        expires_at=inputs.conditions.now + 2.0,
+        stop_epoch=inputs.conditions.stop_epoch,
     )
 
 
@@ -180,7 +181,7 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
 def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and fence a late reply is the answer to the next request of its shape."""
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now, *more: None)
-    monkeypatch.setattr("drivebus.bus.core.reject_reason", lambda core, flight: None)
+    monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
     here = stand(session, VC660, (1,), weather="late=0.2:0.3")
     here.monitor(1)
     here.run(300.0)
@@ -320,7 +321,9 @@ def test_i11_a_read_that_acts(session: CampaignRun) -> None:
 
 def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
-    monkeypatch.setattr("drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.job)))
+    monkeypatch.setattr(
+        "drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.prepared))
+    )
     here = stand(session, weather="loss=0.1")
     here.bus.core.stations[1].unanswered_requests = kept
     here.monitor(1)

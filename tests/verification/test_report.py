@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from verification import cli, report
-from verification.campaign import load_campaign
+from verification import report
+from verification.__main__ import main
 from verification.report import current_commit
 
 
@@ -38,5 +38,5 @@ def test_a_report_is_of_the_commit_at_which_its_run_began(monkeypatch: pytest.Mo
     """A checkout goes on while a campaign runs for hours."""
     heads = iter(("began", "went on"))
     monkeypatch.setattr(report, "current_commit", lambda: next(heads))
-    cli._campaign(load_campaign("matrix"), 1, 1, None, tmp_path)
+    main(["matrix", "--budget", "1", "--report", str(tmp_path)])
     assert json.loads((tmp_path / "lab-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"

@@ -63,7 +63,7 @@ def test_a_bound_that_leaves_something_out_is_found(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_alarm_that_comes_late_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stopping, "PATIENCE_S", 6.0)
+    monkeypatch.setattr(stopping, "STOP_PROGRESS_TIMEOUT_S", 6.0)
     assert any("G07" in one and "unknown after" in one for one in violations(300))
 
 

@@ -23,9 +23,9 @@ def any_user(*_: Any, **__: Any) -> bool:
 
 OPENED_CHECKS: dict[str, tuple[type, str, Callable[..., Any]]] = {
     "rights are not asked for": (AuthMiddleware, "_check_right", no_check),
-    "a cookie is enough": (AuthMiddleware, "_check_same_site", no_check),
-    "any page may open a connection": (HostCheck, "origin_fits", any_user),
-    "sessions never grow old": (Browser, "age", no_check),
+    "a cookie is enough": (AuthMiddleware, "_check_csrf", no_check),
+    "any page may open a connection": (HostCheck, "is_allowed_origin", any_user),
+    "sessions never grow old": (Browser, "expire", no_check),
 }
 
 

@@ -132,7 +132,7 @@ def _entry(rng: Random) -> AuditEntry:
         drive,
         {"frequency_hz": rng.uniform(0, 50)},
         [{"sent": frame}] * rng.randrange(3),
-        rng.choice(("asked", "confirmed")),
+        rng.choice(("requested", "confirmed")),
     )
 
 
@@ -149,4 +149,13 @@ def run(session: CampaignRun) -> None:
     session.figures["trails"] = number
 
 
-CAMPAIGN = Campaign("audit", "changes", ("S12",), 10_000, 280, run, "audit-tamper")
+CAMPAIGN = Campaign(
+    name="audit",
+    summary={"en": "Audit trails changed afterwards.", "zh": "事后被改动的审计记录。"},
+    unit="changes",
+    evidence_for=(),
+    full_budget=10_000,
+    ci_budget=280,
+    run=run,
+    report="audit-tamper",
+)

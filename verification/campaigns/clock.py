@@ -31,7 +31,7 @@ from verification.report import PACKAGE_FOLDER
 from verification.scenario.scenario import Scenario
 from verification.scenario.verification_loop import VerificationLoop
 
-CLOCK_READER = {("seams.py", "datetime.now")}
+CLOCK_READER = {("clock.py", "datetime.now")}
 """The only reader of a wall clock."""
 JUMPS_PER_STORY = 10
 """Jumps of one story."""
@@ -188,7 +188,7 @@ class EepromBudgetTrial:
         written = memory.eeprom_writes.total() - before
         free = self.saved[self.latest] < EEPROM_WRITES_PER_DAY
         self.saved[self.latest] += written
-        if written > free or free is (wish.result_word == "WearBudget"):
+        if written > free or free is (wish.result_word == "EepromBudgetExceeded"):
             said = f"{self.saved[self.latest]} saves on {self.latest}, the last one ended as {wish.result_word}"
             stand.oracle.violation(f"G16 {said}, the clock at {self.clock.now()}")
 
@@ -212,4 +212,15 @@ def run(session: CampaignRun) -> None:
             session.add_trials(len(jumps))
 
 
-CAMPAIGN = Campaign("clock", "jumps", ("G15", "G16", "F21", "T13", "I1"), 1000, 60, run)
+CAMPAIGN = Campaign(
+    name="clock",
+    summary={"en": "Clocks that jump.", "zh": "跳变的时钟。"},
+    unit="jumps",
+    evidence_for=(
+        "T13",
+        "I1",
+    ),
+    full_budget=1000,
+    ci_budget=60,
+    run=run,
+)

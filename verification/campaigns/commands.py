@@ -292,4 +292,16 @@ def run(session: CampaignRun) -> None:
         number += 1
 
 
-CAMPAIGN = Campaign("commands", "commands", ("G05", "G19", "I1", "I2", "I3", "F03", "F16", "F17"), 10**6, 1500, run)
+CAMPAIGN = Campaign(
+    name="commands",
+    summary={"en": "Commands on a lossy line.", "zh": "丢帧线路上的命令。"},
+    unit="commands",
+    evidence_for=(
+        "I1",
+        "I2",
+        "I3",
+    ),
+    full_budget=10**6,
+    ci_budget=1500,
+    run=run,
+)

@@ -156,4 +156,15 @@ def perform(session: CampaignRun) -> None:
         run(UnauthorizedClients(session, Path(folder)).send_requests())
 
 
-CAMPAIGN = Campaign("doors", "requests", ("G21", "S01", "S03", "S04"), 120_000, 1_000, perform)
+CAMPAIGN = Campaign(
+    name="doors",
+    summary={
+        "en": "Requests without valid credentials at every path of the service.",
+        "zh": "在服务的每个路径上发送没有有效凭据的请求。",
+    },
+    unit="requests",
+    evidence_for=(),
+    full_budget=120_000,
+    ci_budget=1_000,
+    run=perform,
+)

@@ -117,4 +117,16 @@ def run(session: CampaignRun) -> None:
     fail_counted_calls(session, "still clock", stall_clock)
 
 
-CAMPAIGN = Campaign("failures", "calls", ("G12", "G14", "I6", "I8", "I10"), 10_000, 8, run)
+CAMPAIGN = Campaign(
+    name="failures",
+    summary={"en": "The n-th call fails, for every n.", "zh": "第 n 次调用失败，遍历每个 n。"},
+    unit="calls",
+    evidence_for=(
+        "I6",
+        "I8",
+        "I10",
+    ),
+    full_budget=10_000,
+    ci_budget=8,
+    run=run,
+)

@@ -65,14 +65,14 @@ class FairnessBus:
 
     def _observe_wire(self) -> None:
         wire: Any = self.scenario.bench.wire
-        say = wire.say
+        say = wire.transmit
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             if hasattr(talker, "receive"):
                 self._requested_at = classify_request(self.kind.model, self.kind.encoding, data)[0]
             return say(talker, data, *more, **named)
 
-        wire.say = on_say
+        wire.transmit = on_say
 
     def silence_stations(self) -> None:
         """Every other case: they were never there; else they die one after the other at random instants."""
@@ -211,4 +211,12 @@ def _mean(values: list[float]) -> float:
     return sum(values) / len(values)
 
 
-CAMPAIGN = Campaign("fairness", "cases", ("G08",), len(DRIVE_VARIANTS) * (STATION_COUNT - 1), len(CI_CASES), run)
+CAMPAIGN = Campaign(
+    name="fairness",
+    summary={"en": "Silent stations don't slow the others.", "zh": "无应答的站不拖慢其他站。"},
+    unit="cases",
+    evidence_for=(),
+    full_budget=len(DRIVE_VARIANTS) * (STATION_COUNT - 1),
+    ci_budget=len(CI_CASES),
+    run=run,
+)

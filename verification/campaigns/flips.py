@@ -73,5 +73,14 @@ def _sizes() -> dict[int, int]:
 
 FULL_BUDGET = sum(_sizes().values())
 CAMPAIGN = Campaign(
-    "flips", "damaged frames", ("G03", "T11", "T21"), FULL_BUDGET, _sizes()[1] + _sizes()[2] + 200_000, run
+    name="flips",
+    summary={"en": "Every 1, 2 and 3 bit flip of every vector.", "zh": "每个样例帧的所有 1、2、3 位翻转。"},
+    unit="damaged frames",
+    evidence_for=(
+        "T11",
+        "T21",
+    ),
+    full_budget=FULL_BUDGET,
+    ci_budget=_sizes()[1] + _sizes()[2] + 200_000,
+    run=run,
 )

@@ -85,4 +85,16 @@ def _check_totals(session: CampaignRun, name: str, total: BlockResult) -> None:
     }
 
 
-CAMPAIGN = Campaign("fuzz", "bytes per codec", ("G01", "G02", "I8", "I12", "T19"), 10**8, 2 * 10**5, run)
+CAMPAIGN = Campaign(
+    name="fuzz",
+    summary={"en": "Garbage bytes into every codec.", "zh": "向每个编解码器灌入乱码。"},
+    unit="bytes per codec",
+    evidence_for=(
+        "I8",
+        "I12",
+        "T19",
+    ),
+    full_budget=10**8,
+    ci_budget=2 * 10**5,
+    run=run,
+)

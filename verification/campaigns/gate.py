@@ -136,4 +136,12 @@ def _report_exploration(session: CampaignRun, part: Exploration, found: SearchRe
     session.count("combinations asked of the gate", found.decisions)
 
 
-CAMPAIGN = Campaign("gate", "states", ("I1", "F14", "F15", "F16"), full_budget=2_000_000, ci_budget=60_000, run=run)
+CAMPAIGN = Campaign(
+    name="gate",
+    summary={"en": "Every path to a frame that moves a motor.", "zh": "通往电机动作帧的每条路径。"},
+    unit="states",
+    evidence_for=("I1",),
+    full_budget=2_000_000,
+    ci_budget=60_000,
+    run=run,
+)

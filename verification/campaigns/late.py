@@ -178,4 +178,16 @@ def _report_results(session: CampaignRun, found: dict[str, Counter[str]], naive:
         session.trace(f"{kind.name}: {session.figures[kind.name]}")
 
 
-CAMPAIGN = Campaign("late", "transactions of each kind", ("G04", "I5", "I4", "F01", "T04"), 10**6, 4000, run)
+CAMPAIGN = Campaign(
+    name="late",
+    summary={"en": "Late replies are never accepted.", "zh": "迟到的应答绝不采信。"},
+    unit="transactions of each kind",
+    evidence_for=(
+        "I5",
+        "I4",
+        "T04",
+    ),
+    full_budget=10**6,
+    ci_budget=4000,
+    run=run,
+)

@@ -37,4 +37,12 @@ def run_cell(session: CampaignRun, cell: MatrixCell, number: int) -> bool:
     return session.violation_count == before
 
 
-CAMPAIGN = Campaign("matrix", "cells", ("F01-F19", "I1-I12"), SEEDS_PER_CELL * len(ALL_CELLS), len(ALL_CELLS), run)
+CAMPAIGN = Campaign(
+    name="matrix",
+    summary={"en": "Every fault with every protocol.", "zh": "每种故障配每种协议。"},
+    unit="cells",
+    evidence_for=("I1-I12",),
+    full_budget=SEEDS_PER_CELL * len(ALL_CELLS),
+    ci_budget=len(ALL_CELLS),
+    run=run,
+)

@@ -72,7 +72,7 @@ class ReplugBus(HotplugBus):
         at = self.now
         self.scenario.oracle.on_unplugged()
         with running(self.scenario.loop):
-            self.adapter.pull(hangs_up)
+            self.adapter.unplug(hangs_up)
         while self.scenario.bus.is_open and self.now < at + 2 * LOSS_DETECTED_MAX_S:
             self.scenario.loop.run_until(self.now + STEP_S)
         self.scenario.oracle.on_unplugged()  # what was wished until it was noticed is older than the port, too
@@ -97,7 +97,7 @@ class ReplugBus(HotplugBus):
 
     def _check_return(self) -> None:
         with running(self.scenario.loop):
-            name = self.adapter.put_back()
+            name = self.adapter.replug()
         self.scenario.oracle.trace(f"plugged in again as {name}")
         self.scenario.oracle.frame_rules.on_port_lost(self.now)  # nothing older than this may act
 
@@ -119,7 +119,7 @@ class ReplugBus(HotplugBus):
                 f"G09 first polled again {first_s:.3f} s after the return, "
                 f"never within {within_s:g} s: {waiting or '-'}"
             )
-        name = self.adapter.found[-1]
+        name = self.adapter.opened_names[-1]
         if name != self.adapter.machine.name:
             self.violation(f"F12 opened {name}, where our adapter is {self.adapter.machine.name}")
 
@@ -161,7 +161,7 @@ def _figures(session: CampaignRun, lines: list[ReplugBus]) -> None:
                 "every drive polled again at most s": round(back[-1], 3),
             }
     session.figures["noticed at most s"] = round(detected[-1], 3)
-    session.figures["names of the adapter"] = len({name for line in lines for name in line.adapter.found})
+    session.figures["names of the adapter"] = len({name for line in lines for name in line.adapter.opened_names})
 
 
 def _reopen_real_ports(session: CampaignRun) -> None:
@@ -175,4 +175,12 @@ def _reopen_real_ports(session: CampaignRun) -> None:
         session.violation(f"G09 {found['descriptors']} descriptors stay open after {times} real reopenings")
 
 
-CAMPAIGN = Campaign("replug", "unplugs", ("G09", "I10"), 1_000, 60, run)
+CAMPAIGN = Campaign(
+    name="replug",
+    summary={"en": "The adapter pulled and put back.", "zh": "拔插适配器。"},
+    unit="unplugs",
+    evidence_for=("I10",),
+    full_budget=1_000,
+    ci_budget=60,
+    run=run,
+)

@@ -131,7 +131,9 @@ class SoakDay:
         self.scenario.bench.line_quality = "clean"
         for address in self.addresses:
             station = self.scenario.station(address)
-            station.faults = replace(station.faults, silent=False, mute=False, slow_s=0.0, overdue_s=[])
+            station.faults = replace(
+                station.faults, silent=False, mute=False, added_delay_s=0.0, next_added_delays_s=[]
+            )
 
     def _check_final_state(self) -> None:
         """After quiet every drive that can tell is known as it is."""
@@ -193,4 +195,12 @@ def run(session: CampaignRun) -> None:
             session.merge(part)
 
 
-CAMPAIGN = Campaign("soak", "virtual hours", ("G13", "I1-I12"), full_budget=20 * HOURS_PER_DAY, ci_budget=1, run=run)
+CAMPAIGN = Campaign(
+    name="soak",
+    summary={"en": "A day with everything going wrong.", "zh": "出尽状况的一天。"},
+    unit="virtual hours",
+    evidence_for=("I1-I12",),
+    full_budget=20 * HOURS_PER_DAY,
+    ci_budget=1,
+    run=run,
+)

@@ -195,4 +195,12 @@ def _figures(lines: list[StopBus]) -> dict[str, float]:
     }
 
 
-CAMPAIGN = Campaign("stop", "instants", ("G06", "G07", "I3"), 100_000, 600, run)
+CAMPAIGN = Campaign(
+    name="stop",
+    summary={"en": "Stops at random instants.", "zh": "随机时刻的停止。"},
+    unit="instants",
+    evidence_for=("I3",),
+    full_budget=100_000,
+    ci_budget=600,
+    run=run,
+)

@@ -80,7 +80,7 @@ class FaultyPort:
             receiver.data_received(data, marks)
         else:
             self._port._receiver = None
-            self._port.bench.detach(self._port)
+            self._port.simulated_bus.detach(self._port)
             receiver.port_lost(PortLost("ports.lost", port="faulty", reason=self.error))
 
     def port_lost(self, error: PortLost) -> None:

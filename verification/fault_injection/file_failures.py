@@ -62,7 +62,7 @@ def fail_store(session: CampaignRun, disk: FaultyDisk, *, power: bool = False) -
     if disk.is_killed and power:
         disk.cut_power()
     _check_count(stand, path, memory.eeprom_writes.total())
-    if not disk.is_killed and saved(30.0).status not in PORT_SUCCESS_WORDS:
+    if not disk.is_killed and saved(30.0).result_word not in PORT_SUCCESS_WORDS:
         stand.oracle.violation("G12 the file works again, and nothing is saved")
     session.counts.update(f"store: {key}" for key in told)
     discard_killed(stand) if disk.is_killed else stand.close()

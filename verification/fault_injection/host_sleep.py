@@ -36,10 +36,10 @@ FIRST_ADDRESS, RUNNING_ADDRESS, JOGGED_ADDRESS = 1, 2, 3
 def suspend_host(stand: Scenario, seconds: float, *, suspended: bool, reader_first: bool) -> None:
     """``reader_first``: awake again, the host hears what waits before its alarm rings, else after."""
     port: Any = stand.port
-    hear, held = port.hear, list[tuple[bytes, int]]()
-    port.hear = lambda data, marks: held.append((data, marks))
+    hear, held = port.receive, list[tuple[bytes, int]]()
+    port.receive = lambda data, marks: held.append((data, marks))
     stand.loop.suspend(seconds, is_simulator_timer, lambda timer: suspended and not is_bus_timer(timer))
-    port.hear = hear
+    port.receive = hear
     if held:
         later = stand.loop.call_soon if reader_first else partial(stand.loop.call_later, 0.0)
         later(hear, b"".join(data for data, _ in held), sum(marks for _, marks in held))
@@ -70,7 +70,7 @@ class HostSleepScenario:
         self.frames: list[ClassifiedFrame] = []
         self.woke_at = float("inf")
         conduct: Any = self.scenario.oracle.frame_rules
-        self._asked, conduct.asked = conduct.asked, self._on_frame
+        self._asked, conduct.on_request = conduct.on_request, self._on_frame
 
     def _on_frame(self, frame: ClassifiedFrame, *more: Any) -> None:
         self._asked(frame, *more)

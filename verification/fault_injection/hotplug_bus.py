@@ -46,7 +46,7 @@ class HotplugBus:
 
     def _observe_wire(self) -> None:
         wire: Any = self.scenario.bench.wire
-        say = wire.say
+        say = wire.transmit
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
@@ -54,7 +54,7 @@ class HotplugBus:
                 self.requests.append((said.start, classify_request(self.kind.model, self.kind.encoding, data)[1]))
             return said
 
-        wire.say = on_say
+        wire.transmit = on_say
 
     @property
     def now(self) -> float:
@@ -81,7 +81,7 @@ class HotplugBus:
         loop, drives = self.scenario.loop, self.scenario.drives.values()
         return {
             "ports": self.adapter.opened - self.adapter.closed,
-            "hosts": len(self.scenario.bench.hosts),
+            "hosts": len(self.scenario.bench.masters),
             "tasks": len(loop.tasks) - sum(drive.stop_pending for drive in drives),
             "queued": len(self.scenario.bus.core.scheduler),
             "polls": len(self.scenario.bus.core.scheduler.poll_schedule),

@@ -116,14 +116,14 @@ class UsbAdapter:
         self.machine.unplug()
         self._fails_on_write = not hangs_up
         if hangs_up:
-            self._port.bench.unplug()
+            self._port.simulated_bus.unplug()
         else:
-            self._port.bench.wire.plugged = False
-            self._port.bench.wire.cut()
+            self._port.simulated_bus.wire.plugged = False
+            self._port.simulated_bus.wire.discard_pending()
 
     def replug(self) -> str:
         name = self.machine.replug()
-        self._port.bench.replug()
+        self._port.simulated_bus.replug()
         return name
 
     async def close(self) -> None:

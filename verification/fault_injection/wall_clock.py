@@ -98,12 +98,11 @@ def _set_zone(name: str | None) -> None:
 
 
 def clock_readers(package: Path) -> set[tuple[str, str]]:
-    """(file, name) of all that reads a wall clock in the sources of a package, its laboratory apart."""
+    """(file, name) of all that reads a wall clock in the sources of a package."""
     files = {path.relative_to(package): path for path in package.rglob("*.py")}
     return {
         (name.as_posix(), read)
         for name, path in files.items()
-        if name.parts[0] != "lab"
         for read in _clock_reads(ast.parse(path.read_text(encoding="utf-8")))
     }
 

@@ -35,7 +35,7 @@ def _check_missing_last_byte(at: CellRun) -> None:
     line = at.bus(1)
     station = line.station(1)
     station.rule = type(station.rule)(1e6, starts=station.rule.starts)
-    line.bench._group()
+    line.bench._group_stations()
     line.read(1)
     for _ in range(3):
         line.cuts_last_byte = True

@@ -39,7 +39,7 @@ def burst_of_saves(at: CellRun) -> None:
         line.command_to_end(1, "write", {notation: 30.0 + n}, True).result_word
         for n in range(CELL_WRITES_PER_DAY // 2 + 5)
     ]
-    line.expect(words == ["confirmed"] * CELL_WRITES_PER_DAY + ["WearBudget"] * 5, f"{words}")
+    line.expect(words == ["confirmed"] * CELL_WRITES_PER_DAY + ["EepromBudgetExceeded"] * 5, f"{words}")
     line.expect(saves.total() == CELL_WRITES_PER_DAY, f"{saves.total()} writes wore the EEPROM")
     if at.kind.model in ("c320", "vc660"):
         _check_ram_writes(line, notation)

@@ -91,7 +91,7 @@ class MatrixBus(Scenario):
 
     def _intercept_wire(self) -> None:
         bench: Any = self.bench
-        say, reply, dispatch = bench.wire.say, bench.wire.reply, bench._dispatch
+        say, reply, dispatch = bench.wire.transmit, bench.wire.transmit_reply, bench._dispatch
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
@@ -129,7 +129,7 @@ class MatrixBus(Scenario):
             for faults, was in zip(hit, before, strict=True):
                 setattr(faults, what, was)
 
-        bench.wire.say, bench.wire.reply, bench._dispatch = on_say, on_reply, on_dispatch
+        bench.wire.transmit, bench.wire.transmit_reply, bench._dispatch = on_say, on_reply, on_dispatch
 
     def _manipulation_for(
         self, address: int | None, kind: Callable[[ReplyAction | str], bool]
@@ -160,8 +160,8 @@ class MatrixBus(Scenario):
         """Somebody else speaks on the wire, now."""
         bench: Any = self.bench
         with running(self.loop):
-            bench.wire.say(ForeignTalker(), data, self.loop.time(), (Side.STATIONS, Side.MASTERS))
-            bench._set()
+            bench.wire.transmit(ForeignTalker(), data, self.loop.time(), (Side.STATIONS, Side.MASTERS))
+            bench._arm_timer()
 
     # --- what a case does --------------------------------------------------------------------------------------------
 

@@ -114,10 +114,10 @@ class CoreBusView:
         found = self.core.health(address, self._now)
         return replace(found, error_rate=0.0, damaged=0, damage_rate=0.0)  # the combinations bring their own
 
-    def generation(self, address: int) -> int:
+    def stop_epoch(self, address: int) -> int:
         return self.core.stations[address].stop_epoch
 
-    def latched(self, address: int) -> bool:
+    def start_inhibited(self, address: int) -> bool:
         return self.core.stations[address].start_inhibited
 
 

@@ -42,7 +42,7 @@ class WireState(GateState):
         made.foreign_requests, made.duplicate_replies = self.foreign_requests, self.duplicate_replies
         return made
 
-    def name(self) -> tuple[Any, ...]:
+    def state_key(self) -> tuple[Any, ...]:
         core, station = self.core, self.core.stations.get(OUR_ADDRESS)
         owed = (
             (max(0.0, station.last_request_sent_at - self.now), station.last_request_answered)
@@ -86,7 +86,7 @@ class WireState(GateState):
         found += ["command"] * (OUR_ADDRESS in self.core.stations and not self.permits)
         return found + ["peace"] * bool(self.foreign_requests or self.duplicate_replies)
 
-    def happens(self, event: str) -> Self:
+    def apply(self, event: str) -> Self:
         if event not in ("stranger", "double", "peace", "command"):
             return super().apply(event)
         self.subject.command_word = self.shadow

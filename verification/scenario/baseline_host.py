@@ -61,7 +61,7 @@ class BaselineHost:
         self._port.write(self._requests_sent)
 
     def _seconds(self, characters: int) -> float:
-        return float(self._port.bench.settings.seconds(characters))
+        return float(self._port.simulated_bus.settings.seconds(characters))
 
     def data_received(self, data: bytes, marks: int = 0) -> None:
         """From the port."""

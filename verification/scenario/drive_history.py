@@ -11,8 +11,8 @@ from verification.reference_tables import RequestEffect
 from verification.scenario.frame_rules import STATUS_READS_BETWEEN_STARTS, ClassifiedFrame
 from verification.scenario.user_command import UserCommand
 
-LOCAL_STOP_ACTIONS = frozenset({"press_stop", "power_cycle", "trip"})
-LOCAL_ACTIONS = ("press_run", "press_set", *sorted(LOCAL_STOP_ACTIONS))
+LOCAL_STOP_ACTIONS = frozenset({"keypad_stop", "power_cycle", "trip"})
+LOCAL_ACTIONS = ("keypad_run", "keypad_set", *sorted(LOCAL_STOP_ACTIONS))
 """What happens to a station without a frame, and what of it takes the motor off."""
 MAX_REMEMBERED_COMMANDS = 32
 

@@ -56,7 +56,7 @@ def check_memory(stand: Scenario) -> None:
 
 
 def count_retained_objects(core: object) -> tuple[int, int]:
-    """The jobs that can be reached from here over the bus's own objects and plain containers; the longest container."""
+    """Count the prepared requests reachable over the bus's own objects and containers; and the longest container."""
     seen, waiting, jobs, longest = {id(core)}, [core], 0, 0
     while waiting:
         for one in gc.get_referents(waiting.pop()):
@@ -64,7 +64,7 @@ def count_retained_objects(core: object) -> tuple[int, int]:
             if id(one) not in seen and (kind in _CONTAINERS or kind.__module__.startswith("drivebus.bus")):
                 seen.add(id(one))
                 waiting.append(one)
-                jobs += kind.__name__.endswith("Job")
+                jobs += kind.__name__.startswith("Prepared")
                 longest = max(longest, len(one) if kind in _CONTAINERS else 0)
     return jobs, longest
 

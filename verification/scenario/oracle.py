@@ -62,7 +62,7 @@ class Oracle:
     def _observe_wire(self) -> None:
         bench = self.bench
         bench.now()  # the bench moves into this loop: its wire is a new one
-        say, to_hosts, dispatch = bench.wire.say, bench._to_hosts, bench._dispatch
+        say, to_hosts, dispatch = bench.wire.transmit, bench._deliver_to_masters, bench._dispatch
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
@@ -87,7 +87,7 @@ class Oracle:
             dispatch(frame, stations, said, now)
             self._current_request = None
 
-        bench.wire.say, bench._to_hosts, bench._dispatch = on_say, on_to_hosts, on_dispatch
+        bench.wire.transmit, bench._deliver_to_masters, bench._dispatch = on_say, on_to_hosts, on_dispatch
         for station in bench.stations:
             self.observe_station(station)
 
@@ -176,7 +176,7 @@ class Oracle:
             self.histories[address].on_command(wish)
         self.trace(f"* {wish}")
         if wish.is_stop:
-            self.frame_rules.on_stop_command(wish, bool(self.bench.hosts))
+            self.frame_rules.on_stop_command(wish, bool(self.bench.masters))
         return wish
 
     def on_command_ended(self, wish: UserCommand) -> None:

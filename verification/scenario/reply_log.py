@@ -57,7 +57,7 @@ class LateReplyCounter:
         """End of a reply → its class, and when it was made; of the last seconds."""
         self._collided_at = 0.0
         bench: Any = stand.bench
-        reply, to_hosts = bench.wire.reply, bench._to_hosts
+        reply, to_hosts = bench.wire.transmit_reply, bench._deliver_to_masters
 
         def on_reply(talker: Any, data: bytes, now: float, at: float) -> Any:
             said = reply(talker, data, now, at)
@@ -75,7 +75,7 @@ class LateReplyCounter:
                 self._collided_at = said.end
             to_hosts(said, first, last)
 
-        bench.wire.reply, bench._to_hosts = on_reply, on_to_hosts
+        bench.wire.transmit_reply, bench._deliver_to_masters = on_reply, on_to_hosts
 
     def _lateness_class(self, late_s: float) -> str:
         if late_s < 1e-9:

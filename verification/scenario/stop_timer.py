@@ -61,7 +61,7 @@ class StopTimer:
 
     def _tap(self) -> None:
         wire: Any = self.stand.bench.wire
-        say = wire.say
+        say = wire.transmit
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
@@ -72,7 +72,7 @@ class StopTimer:
                 self._replies.append(said)
             return said
 
-        wire.say = on_say
+        wire.transmit = on_say
 
     def on_stop_command(self, address: int) -> None:
         """A stop of this drive is wished now (the broadcast address: of all)."""

@@ -20,7 +20,7 @@ SECTIONS = {
     "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "reset"),
     "cli.section.change": _commands("write", "calibrate"),
     "cli.section.plant": _commands("init", "check", "serve", "user", "audit"),
-    "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "completion"),
+    "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "acceptance", "completion"),
 }
 
 

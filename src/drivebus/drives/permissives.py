@@ -1,6 +1,7 @@
-"""The only code that grants a Permit: leave for one frame that is neither a read nor a stop. Pure; no stop comes here.
+"""Permissives of a motion command, and the only code that grants a Permit.
 
-Every check has its sentence. The bus re-checks station, effect, expiry and generation when the first bit goes out.
+Every frame that is neither a read nor a stop needs a permit; a stop never comes here. The bus checks station, effect,
+expiry and stop epoch of the permit again when the first bit goes out.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from drivebus.protocols.family import protocol_family
 
 
 class CommandKind(LocalizedEnum):
-    """What the user meant."""
+    """Kind of a command, as the user requested it."""
 
     START = "start"
     JOG = "jog"
@@ -26,25 +27,24 @@ class CommandKind(LocalizedEnum):
     WRITE = "write"
 
 
-COMMAND_TTL_S = {
+COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an operator waits for a start or a reset
     CommandKind.START: 2.0,
     CommandKind.JOG: 2.0,
     CommandKind.SETPOINT: 5.0,
     CommandKind.RESET: 2.0,
     CommandKind.WRITE: 5.0,
 }
-"""Ruling 12; a fault reset is an edge that a person waits for, like a start."""
+MAX_STATUS_AGE_S = 2.0  # a start needs a status that is no older than the command itself may be
+MIN_FAILURES_FOR_ERROR_RATE = 3  # one lost frame in a hundred would otherwise inhibit every start for 5 minutes
 
-MAX_STATUS_AGE_S = 2.0
-"""A status older than this is not "now" for a start: no older than the command itself may be (I1)."""
-
-MIN_FAILURES_FOR_ERROR_RATE = 3
-"""One or two failures are no rate: a single lost frame among a hundred would else forbid every start for 5 minutes."""
+_MOTION_KINDS = (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT)
+_START_STATES = frozenset({DriveState.STOPPED})
+_SETPOINT_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING})
 
 
 @dataclass(frozen=True, slots=True)
 class DriveCommand:
-    """One wish of a user, once. It can't be renewed: a later wish is another command."""
+    """One command of a user. It can't be renewed: a later request is another command."""
 
     id: str
     kind: CommandKind
@@ -52,14 +52,17 @@ class DriveCommand:
     stop_epoch: int
 
     def expires_at(self, effect: Effect) -> float:
-        """A frame that moves is never older than a start may be (I1), whatever it was meant as."""
+        """Return the expiry of a frame; one that moves expires as a start does, whatever the kind of the command."""
         limit = COMMAND_TTL_S[self.kind]
         return self.created_at + (min(limit, COMMAND_TTL_S[CommandKind.START]) if effect is Effect.MOTION else limit)
 
 
-@dataclass(frozen=True, slots=True)
-class PermitInputs:
-    """What a drive's own reports allow. ``can_tell`` is False where the family has no run status (DF800, ruling 4)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveEvidence:
+    """Evidence of a drive for a permit: what it reported and which checks were made.
+
+    ``reports_run_state`` is False for models without a run status (DF800); their pre-flight check counts alone.
+    """
 
     derived: DerivedState
     state_at: float | None
@@ -68,43 +71,49 @@ class PermitInputs:
     limits_checked: bool
 
 
-def grant_permit(
-    command: DriveCommand,
-    station: int,
-    effect: Effect,
-    write_class: RetryPolicy,
-    around: BusConditions,
-    evidence: PermitInputs,
-    family: str,
-) -> Permit:
-    """A permit for one frame. Raises StartInhibited, Expired, Superseded or NotPermitted with the reason."""
-    _check_valid(command, effect, around)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PermitInputs:
+    """Inputs of the decision on one frame: the command, the frame, the bus and the drive."""
+
+    command: DriveCommand
+    station: int
+    family: str
+    effect: Effect
+    retry_policy: RetryPolicy
+    conditions: BusConditions
+    evidence: DriveEvidence
+
+
+def grant_permit(inputs: PermitInputs) -> Permit:
+    """Grant a permit for one frame. Raises StartInhibited, Expired, Superseded or NotPermitted with the reason."""
+    command, effect, conditions = inputs.command, inputs.effect, inputs.conditions
+    _check_valid(command, effect, conditions)
     if effect not in (Effect.SETTING, Effect.MOTION):
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
-    if effect is Effect.MOTION and command.kind not in (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT):
+    if effect is Effect.MOTION and command.kind not in _MOTION_KINDS:
         raise NotPermitted("drives.frame_would_move", kind=command.kind)
-    _raise_first(unmet_bus_permissives(station, around))
+    _raise_first(unmet_bus_permissives(inputs.station, conditions))
     if command.kind in (CommandKind.START, CommandKind.JOG) or effect is Effect.MOTION:
-        _raise_first(unmet_start_permissives(around, family))
-        _check_drive_state(command, around, evidence)
-    if command.kind in (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT) and not evidence.limits_checked:
+        _raise_first(unmet_start_permissives(conditions, inputs.family))
+        _check_drive_state(command, conditions, inputs.evidence)
+    if command.kind in _MOTION_KINDS and not inputs.evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
     return Permit(
-        station=station,
+        station=inputs.station,
         effect=effect,
-        retry_policy=write_class,
+        retry_policy=inputs.retry_policy,
         expires_at=command.expires_at(effect),
-        stop_epoch=around.stop_epoch,
+        stop_epoch=conditions.stop_epoch,
         command_id=command.id,
     )
 
 
-def _check_valid(command: DriveCommand, effect: Effect, around: BusConditions) -> None:
-    if around.stop_epoch != command.stop_epoch:
+def _check_valid(command: DriveCommand, effect: Effect, conditions: BusConditions) -> None:
+    if conditions.stop_epoch != command.stop_epoch:
         raise Superseded("drives.superseded")
     expires_at = command.expires_at(effect)
-    if around.now > expires_at:
-        age, limit = around.now - command.created_at, expires_at - command.created_at
+    if conditions.now > expires_at:
+        age, limit = conditions.now - command.created_at, expires_at - command.created_at
         raise Expired("drives.expired", age_s=round(age, 2), limit_s=round(limit, 2))
 
 
@@ -113,40 +122,33 @@ def _raise_first(errors: Iterator[StartInhibited]) -> None:
         raise error
 
 
-def unmet_bus_permissives(station: int, around: BusConditions) -> Iterator[StartInhibited]:
-    """What the bus has against every frame that acts on this station."""
-    if around.start_inhibited:
+def unmet_bus_permissives(station: int, conditions: BusConditions) -> Iterator[StartInhibited]:
+    """Yield the bus permissives that no acting frame of this station meets now."""
+    if conditions.start_inhibited:
         yield StartInhibited("drives.latched", station=station)
-    if around.foreign_master:
+    if conditions.foreign_master:
         yield StartInhibited("drives.foreign_master", station=station)
-    if around.duplicate:
+    if conditions.duplicate:
         yield StartInhibited("drives.duplicate", station=station)
 
 
-def unmet_start_permissives(around: BusConditions, family: str) -> Iterator[StartInhibited]:
-    """What it has, besides, against a start."""
+def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[StartInhibited]:
+    """Yield the further bus permissives that a start does not meet now."""
     limit = protocol_family(family).max_error_rate
-    if around.error_rate > limit and around.failures >= MIN_FAILURES_FOR_ERROR_RATE:
-        percent = round(around.error_rate * 100, 2)
+    if conditions.error_rate > limit and conditions.failures >= MIN_FAILURES_FOR_ERROR_RATE:
+        percent = round(conditions.error_rate * 100, 2)
         yield StartInhibited("drives.bad_link", error_percent=percent, limit_percent=limit * 100)
 
 
-def _check_drive_state(command: DriveCommand, around: BusConditions, evidence: PermitInputs) -> None:
+def _check_drive_state(command: DriveCommand, conditions: BusConditions, evidence: DriveEvidence) -> None:
+    """A start or jog begins at standstill; a setpoint whose frame may move (DZB100) only changes a run."""
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
     if not evidence.reports_run_state:
         return
-    if evidence.state_at is None or around.now - evidence.state_at > MAX_STATUS_AGE_S:
-        age = None if evidence.state_at is None else round(around.now - evidence.state_at, 2)
+    if evidence.state_at is None or conditions.now - evidence.state_at > MAX_STATUS_AGE_S:
+        age = None if evidence.state_at is None else round(conditions.now - evidence.state_at, 2)
         raise StartInhibited("drives.status_stale", age_s=age, limit_s=MAX_STATUS_AGE_S)
-    if evidence.derived.state not in _allowed_states(command.kind):
+    allowed = _SETPOINT_STATES if command.kind is CommandKind.SETPOINT else _START_STATES
+    if evidence.derived.state not in allowed:
         raise StartInhibited("drives.state_forbids", state=evidence.derived.state, kind=command.kind)
-
-
-def _allowed_states(kind: CommandKind) -> frozenset[DriveState]:
-    """A start or jog begins at standstill; a setpoint that is a motion frame (DZB100) only changes a run."""
-    return _SETPOINT_STATES if kind is CommandKind.SETPOINT else _START_STATES
-
-
-_START_STATES = frozenset({DriveState.STOPPED})
-_SETPOINT_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING})

@@ -59,9 +59,9 @@ def _announce(at: str, access: AuthService, child: WebArguments) -> None:
     if child.address_output != "not":
         print(json.dumps({"page": at}) if child.address_output == "json" else at, flush=True)
     if secret is not None:
-        _print_notice("access.setup_secret", address=at, secret=secret, file=str(access.setup_secret.path))
+        _print_notice("auth.setup_secret", address=at, secret=secret, file=str(access.setup_secret.path))
     if listen_host(child.web, access) != child.web.host:
-        _print_notice("access.only_loopback", host=child.web.host)
+        _print_notice("auth.only_loopback", host=child.web.host)
 
 
 def _print_notice(key: str, **params: str) -> None:

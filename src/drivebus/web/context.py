@@ -35,9 +35,9 @@ class WebContext:
 
         Raises AuthUnavailable, and changes nothing, where the trail cannot be written.
         """
-        if not await try_record(self.client, audit_entry(what, target, params, "asked"), actor):
+        if not await try_record(self.client, audit_entry(what, target, params, "requested"), actor):
             change.close()
-            raise AuthUnavailable("access.no_record")
+            raise AuthUnavailable("auth.no_record")
         try:
             result = await change
         except DrivebusError as error:

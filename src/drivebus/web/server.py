@@ -107,7 +107,7 @@ def _tls_context(web: WebConfig) -> ssl.SSLContext:
         assert web.certificate is not None
         context.load_cert_chain(web.certificate, web.key)
     except (OSError, ssl.SSLError) as error:
-        raise ConfigurationError("access.certificate", file=str(web.certificate), problem=str(error)) from error
+        raise ConfigurationError("auth.certificate", file=str(web.certificate), problem=str(error)) from error
     return context
 
 
@@ -120,7 +120,7 @@ def bind_listener(host: str, port: int) -> socket.socket:
         listener.bind(address)
         listener.listen()
     except OSError as error:
-        raise ConfigurationError("access.can_not_listen", host=host, port=port, problem=str(error)) from error
+        raise ConfigurationError("auth.can_not_listen", host=host, port=port, problem=str(error)) from error
     return listener
 
 

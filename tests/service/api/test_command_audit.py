@@ -45,7 +45,7 @@ def test_what_ends_in_a_way_that_nobody_foresaw_is_recorded_as_unknown_and_raise
                 await kit.call(operation, drive="fan-1", **OPERATIONS[operation])
             *asked, ended = recorded(kit, operation)
             number = len(kit.trail.entries) - 1 if asked else None
-            assert asked == ([] if operation == "drive.stop" else [("asked", None, None)])
+            assert asked == ([] if operation == "drive.stop" else [("requested", None, None)])
             assert ended == ("unknown", how.__name__, number)
 
     run(story())

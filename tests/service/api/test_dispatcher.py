@@ -224,7 +224,7 @@ def test_i1_a_wish_is_as_old_as_its_record_lets_it_be(takes_s: float, done: bool
             await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
         assert refused.value.key == "plant.record_too_slow"
         assert refused.value.params == {"age_s": 2.01, "limit_s": 2.0}
-        assert kit.trail.outcomes("drive.set_frequency") == ["asked", "plant.record_too_slow"]
+        assert kit.trail.outcomes("drive.set_frequency") == ["requested", "plant.record_too_slow"]
 
     at_a_desk(story, drive_set_frequency={})
 

@@ -49,7 +49,7 @@ def test_a_record_says_who_did_what_when_with_which_frames_and_outcome(tmp_path:
             "drive.run",
         )
         assert (item["target"], item["frames"], item["outcome"], item["of"]) == ("fan-1", [frame], "confirmed", 2)
-        assert (before["params"], before["outcome"], len(before["hash"])) == ({"frequency_hz": 1.0}, "asked", 64)
+        assert (before["params"], before["outcome"], len(before["hash"])) == ({"frequency_hz": 1.0}, "requested", 64)
         assert rest is None and (await made.verify())["ok"]
         await made.close()
 

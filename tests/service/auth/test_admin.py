@@ -45,10 +45,10 @@ async def test_without_a_plant_it_stands_in_the_trail_who_changed_what(tmp_path:
         await removed(tmp_path, "administrator")
     told = [{name: one[name] for name in ("what", "target", "params", "outcome")} for one in records(tmp_path)]
     assert told == [
-        ASKED | {"outcome": "asked"},
+        ASKED | {"outcome": "requested"},
         ASKED | {"outcome": "done"},
-        REFUSED | {"outcome": "asked"},
-        REFUSED | {"outcome": "access.last_administrator"},
+        REFUSED | {"outcome": "requested"},
+        REFUSED | {"outcome": "auth.last_administrator"},
     ]
     who = {"name": getpass.getuser(), "session": "command-line", "address": "local"}
     assert [one["who"] for one in records(tmp_path)] == [who] * 4
@@ -69,7 +69,7 @@ async def test_the_plant_itself_records_it_where_it_runs(tmp_path: Path) -> None
             while server._connections:  # noqa: ASYNC110  asyncio.timeout ends it
                 await asyncio.sleep(0.001)
         await server.close()
-    assert [entry for entry, _ in plant.records] == [ASKED | {"outcome": "asked"}, ASKED | {"outcome": "done"}]
+    assert [entry for entry, _ in plant.records] == [ASKED | {"outcome": "requested"}, ASKED | {"outcome": "done"}]
     assert {(who.name, who.session, who.remote) for _, who in plant.records} == {
         (getpass.getuser(), "command-line", False),
     }

@@ -31,7 +31,7 @@ def test_s06_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> No
     for wrong in (secret + "x", "\ud800"):
         with pytest.raises(NotAuthenticated) as refused:
             run(access.create_first_administrator(wrong, "ann", PASSWORD, "127.0.0.1"))
-        assert refused.value.key == "access.wrong_secret"
+        assert refused.value.key == "auth.wrong_secret"
     with pytest.raises(InvalidInput):
         run(access.create_first_administrator(secret, "ann", "short", "127.0.0.1"))
     opened = run(access.create_first_administrator(secret, "ann", PASSWORD, "127.0.0.1"))
@@ -40,7 +40,7 @@ def test_s06_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> No
     assert not access.setup_secret.path.exists() and not access.setup_secret.verify(secret)
     with pytest.raises(Conflict) as conflict:
         run(access.create_first_administrator(secret, "eve", PASSWORD, "127.0.0.1"))
-    assert conflict.value.key == "access.is_set_up"
+    assert conflict.value.key == "auth.is_set_up"
 
 
 def test_s06_the_secret_is_put_where_only_the_plants_user_reads_it(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_s06_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> 
 
     found = asyncio.run(both())
     assert sorted(type(one).__name__ for one in found) == ["Conflict", "LoginResult"]
-    assert [one.key for one in found if isinstance(one, Conflict)] == ["access.is_set_up"]
+    assert [one.key for one in found if isinstance(one, Conflict)] == ["auth.is_set_up"]
     assert len(access.database.users) == 1
 
 
@@ -88,7 +88,7 @@ def test_a_code_logs_in_once_and_not_too_late(tmp_path: Path) -> None:
     for spent in (code, "guess", "\ud800"):
         with pytest.raises(NotAuthenticated) as refused:
             run(access.login_with_code(spent, "127.0.0.1"))
-        assert refused.value.key == "access.wrong_code"
+        assert refused.value.key == "auth.wrong_code"
     clock.now += 59.999
     run(access.login_with_code(in_time, "127.0.0.1"))
     clock.now += 0.001
@@ -105,7 +105,7 @@ def test_of_two_who_come_with_one_code_at_once_one_is_let_in(tmp_path: Path) -> 
 
     found = asyncio.run(both())
     assert sorted(type(one).__name__ for one in found) == ["LoginResult", "NotAuthenticated"]
-    assert [one.key for one in found if isinstance(one, NotAuthenticated)] == ["access.wrong_code"]
+    assert [one.key for one in found if isinstance(one, NotAuthenticated)] == ["auth.wrong_code"]
 
 
 def test_s04_a_code_of_somebody_who_was_disabled_lets_nobody_in(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_s04_a_code_of_somebody_who_was_disabled_lets_nobody_in(tmp_path: Path) 
     )
     with pytest.raises(NotAuthenticated) as refused:
         run(access.login_with_code(code, "local"))
-    assert refused.value.key == "access.wrong_code" and access.sessions.of_user("operator") == []
+    assert refused.value.key == "auth.wrong_code" and access.sessions.of_user("operator") == []
 
 
 def test_s05_codes_that_are_right_do_not_count_and_wrong_ones_do(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ GUESSED = (
 def test_s06_common_words_rows_and_digits_are_no_password(password: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         check_password_policy(password, "somebody else")
-    assert refused.value.key == "access.password_common"
+    assert refused.value.key == "auth.password_common"
     assert refused.value.params == {"different": 5, "own": 4}
 
 
@@ -146,7 +146,7 @@ def test_s14_so_many_passwords_wait_and_no_more() -> None:
     for _ in range(2):
         *taken, one_more = asyncio.run(flood())
         assert taken == [True] * 8
-        assert isinstance(one_more, AuthUnavailable) and one_more.key == "access.busy"
+        assert isinstance(one_more, AuthUnavailable) and one_more.key == "auth.busy"
 
 
 def test_s06_who_has_no_password_comes_in_with_none() -> None:

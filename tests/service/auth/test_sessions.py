@@ -260,7 +260,7 @@ def test_s04_a_new_password_of_ones_own_does_not_bring_back_what_was_taken_meanw
     meanwhile(access, monkeypatch, **changed)
     with pytest.raises(NotAuthenticated) as refused:
         run(access.change_password(visitor.session, PASSWORD, "a quite new pass phrase"))
-    assert refused.value.key == "access.wrong_password"
+    assert refused.value.key == "auth.wrong_password"
     found = access.database.user("operator")
     assert {name: getattr(found, name) for name in changed} == changed
     assert access.sessions.of_user("operator") == [visitor.session] and visitor.end_reason == "rights"
@@ -288,7 +288,7 @@ def test_s04_who_is_changed_while_the_password_is_looked_at_is_not_let_in(
     monkeypatch.setattr(access.passwords, "verify", slow)
     with pytest.raises(NotAuthenticated) as refused:
         run(access.login("operator", PASSWORD, "local"))
-    assert refused.value.key == "access.wrong_password" and access.sessions.of_user("operator") == []
+    assert refused.value.key == "auth.wrong_password" and access.sessions.of_user("operator") == []
 
 
 @pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
@@ -332,7 +332,7 @@ def test_a_user_who_is_unknown_or_disabled_takes_as_long_as_a_wrong_password(tmp
         with pytest.raises(NotAuthenticated) as raised:
             run(access.login(name, "wrong password", "127.0.0.1"))
         told.add((raised.value.key, str(raised.value.params)))
-    assert len(checked) == 3 and told == {("access.wrong_password", "{}")}
+    assert len(checked) == 3 and told == {("auth.wrong_password", "{}")}
     with pytest.raises(NotAuthenticated):
         run(access.login("operator", PASSWORD, "127.0.0.1"))
 

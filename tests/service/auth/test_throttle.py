@@ -155,7 +155,7 @@ def test_s05_addresses_of_one_network_are_one_guesser(one: str, other: str, same
     clock.now += 0.25
     with pytest.raises(TooManyAttempts) as refused:
         run(access.login("user", "wrong password", one))
-    assert (refused.value.key, refused.value.params) == ("access.too_many", {"retry_s": 1.8})
+    assert (refused.value.key, refused.value.params) == ("auth.too_many", {"retry_s": 1.8})
     clock.now += 1.25
     with pytest.raises(TooManyAttempts if same else NotAuthenticated):
         run(access.login("operator", "wrong password", other))

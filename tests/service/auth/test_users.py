@@ -33,7 +33,7 @@ def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled
     ):
         with pytest.raises(Conflict) as refused:
             change()
-        assert refused.value.key == "access.last_administrator"
+        assert refused.value.key == "auth.last_administrator"
     two = register.with_user(replace(ADMIN, name="bob"))
     assert two.without_user("ann").has_administrator
 
@@ -45,14 +45,24 @@ def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
     assert register.user("vera").role is Role.OPERATOR and register.without_user("vera").users == ()
     with pytest.raises(ResourceNotFound) as refused:
         register.with_changed_user(replace(vera, name="nobody"))
-    assert refused.value.key == "access.no_such_user"
+    assert refused.value.key == "auth.no_such_user"
 
 
 MAY = {
     Role.VIEWER: {"view"},
     Role.OPERATOR: {"view", "stop", "operate"},
-    Role.ENGINEER: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit"},
-    Role.ADMINISTRATOR: {"view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"},
+    Role.ENGINEER: {"view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit"},
+    Role.ADMINISTRATOR: {
+        "view",
+        "stop",
+        "operate",
+        "write_parameters",
+        "save",
+        "limit",
+        "configure",
+        "audit",
+        "administer",
+    },
 }
 
 
@@ -75,14 +85,14 @@ def test_names_that_look_alike_are_one_user() -> None:
     assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
     with pytest.raises(Conflict) as refused:
         register.with_user(replace(ADMIN, role=Role.VIEWER))
-    assert refused.value.key == "access.name_taken"
+    assert refused.value.key == "auth.name_taken"
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
 def test_s13_a_name_that_would_write_more_than_a_name_is_refused(name: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
-    assert refused.value.key == "access.bad_name"
+    assert refused.value.key == "auth.bad_name"
 
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
@@ -95,7 +105,7 @@ def test_a_token_can_not_do_more_than_its_user() -> None:
     register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     with pytest.raises(InvalidInput) as refused:
         register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
-    assert (refused.value.key, refused.value.params) == ("access.beyond_role", {"rights": "operate, stop"})
+    assert (refused.value.key, refused.value.params) == ("auth.beyond_role", {"rights": "operate, stop"})
     with pytest.raises(InvalidInput):
         register.with_token(replace(TOKEN, rights=()))
     with pytest.raises(ResourceNotFound):
@@ -109,7 +119,7 @@ def test_with_a_user_go_the_users_tokens_and_codes() -> None:
     assert (after.users, after.tokens, after.codes) == ((ADMIN,), (TOKEN,), ())
     with pytest.raises(ResourceNotFound) as refused:
         after.without_token("t2")
-    assert refused.value.key == "access.no_such_token"
+    assert refused.value.key == "auth.no_such_token"
     assert after.without_token("t1").tokens == ()
 
 
@@ -166,7 +176,7 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
     with pytest.raises(ConfigurationError) as raised:
         UserFile(path).read()
     assert raised.value.params["file"] == str(path) and raised.value.params["problem"]
-    assert raised.value.key == "access.store_unusable"
+    assert raised.value.key == "auth.store_unusable"
     with pytest.raises(ConfigurationError):
         UserFile(path).change(lambda register: register.with_user(ADMIN))
     assert path.read_text() == content

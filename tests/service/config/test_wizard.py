@@ -130,7 +130,13 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
-    for wrong in ("ttyUSB0 is no PORT", "scheme tpc", "there is no model vc66", "found 1-x", "address 0 is broadcast"):
+    for wrong in (
+        "ttyUSB0 is no port URL",
+        "scheme tpc",
+        "there is no model vc66",
+        "found 1-x",
+        "address 0 is broadcast",
+    ):
         assert wrong in result.output, "asked again, with the reason"
     assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
         ("main-pump", 1, "Main pump"),

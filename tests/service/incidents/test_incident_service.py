@@ -87,7 +87,7 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
             await kit.call("alarm.acknowledge", remote_actor(), alarm=alarm["id"])
             with pytest.raises(NotFound):
                 await kit.call("alarm.acknowledge", remote_actor(), alarm="a99")
-            assert kit.trail.outcomes("alarm.acknowledge") == ["asked", "done", "asked", "alarms.unknown"]
+            assert kit.trail.outcomes("alarm.acknowledge") == ["requested", "done", "requested", "alarms.unknown"]
         async with plant(tmp_path) as kit:
             (again,) = await faults(kit)
             assert (again["id"], again["acknowledged_by"], again["incident"]) == (alarm["id"], "ann", alarm["incident"])

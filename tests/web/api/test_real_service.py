@@ -26,7 +26,7 @@ async def test_a_method_that_an_address_does_not_have_is_told_those_that_it_has(
     async with WebAppHarness(tmp_path).client() as client:
         answer = await client.patch(f"{API_PREFIX}/drives/fan-1/waiver")
     assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, POST")
-    assert answer.json()["error"]["code"] == "access.no_such_method"
+    assert answer.json()["error"]["code"] == "auth.no_such_method"
 
 
 @pytest.mark.parametrize("body", [{"name": 5, "password": "x"}, {}, {"name": "a", "password": "b", "x": 1}])
@@ -156,6 +156,7 @@ async def test_a_whole_number_of_days_may_be_written_with_a_point(tmp_path: Path
     client = await WebAppHarness(tmp_path).log_in("engineer")
     body = {"name": "t", "rights": ["view"], "days": days}
     assert (await client.post(f"{API_PREFIX}/tokens", json=body)).status_code == status
-    described = (await client.get(f"{API_PREFIX}/openapi.json")).json()["components"]["schemas"]["NewTokenBody"]
-    assert (described["properties"]["days"]["minimum"], described["properties"]["days"]["maximum"]) == (1, 366)
+    described = (await client.get(f"{API_PREFIX}/openapi.json")).json()["paths"][f"{API_PREFIX}/tokens"]["post"]
+    fields = described["requestBody"]["content"]["application/json"]["schema"]["properties"]
+    assert (fields["days"]["minimum"], fields["days"]["maximum"]) == (1, 366)
     await client.aclose()

@@ -224,6 +224,6 @@ def test_each_authentication_error_has_its_status(kind: type[DrivebusError], sta
 
 
 def test_a_client_is_never_told_to_retry_too_early() -> None:
-    errors = [auth_errors.TooManyAttempts("access.too_many", retry_s=retry_s) for retry_s in (0.1, 1.9, 2.0)]
+    errors = [auth_errors.TooManyAttempts("auth.too_many", retry_s=retry_s) for retry_s in (0.1, 1.9, 2.0)]
     assert [error_headers(error) for error in errors] == [{"Retry-After": value} for value in ("1", "2", "3")]
-    assert error_headers(auth_errors.AccessDenied("access.csrf")) == {}
+    assert error_headers(auth_errors.AccessDenied("auth.csrf")) == {}

@@ -25,7 +25,7 @@ def open_history(page: Any) -> None:
     page.click(".trend-events summary")
 
 
-def open_case(page: Any) -> None:
+def open_incident(page: Any) -> None:
     page.locator(".incidents a").first.click()
     page.locator(".trend-plot canvas").wait_for()
 
@@ -51,7 +51,7 @@ def look(page: Any) -> None:
 
 DEPTHS: dict[str, Callable[[Any], None]] = {
     "history?tags=fan-1.output_frequency,fan-1.dc_bus_voltage": open_history,
-    "alarms?tab=cases": open_case,
+    "alarms?tab=incidents": open_incident,
     "alarms?tab=active": shelve,
     "alarms?tab=history": look,
     "buses/pumps": lambda page: page.locator(".frame").first.wait_for(),

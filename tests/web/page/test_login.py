@@ -16,15 +16,15 @@ from fixtures.web_app import PASSWORD, USERS
 @pytest.fixture
 def nobody(stage: Stage) -> Iterator[Stage]:
     """A plant that was never set up."""
-    stage.access.file.change(lambda _: UserDatabase())
+    stage.access.user_file.change(lambda _: UserDatabase())
     yield stage
-    stage.access.file.change(lambda _: USERS)
+    stage.access.user_file.change(lambda _: USERS)
 
 
 def test_the_first_start_takes_the_printed_secret_and_makes_the_administrator(nobody: Stage, visit: Any) -> None:
     """S06: there is no password that anybody could know."""
     page = visit("#/fleet", role=None)
-    page.fill("input[name=secret]", nobody.access.setup.offer())
+    page.fill("input[name=secret]", nobody.access.setup_secret.issue())
     page.fill("input[name=name]", "ada")
     page.fill("input[name=password]", "a quite long sentence")
     page.click("button[type=submit]")
@@ -41,7 +41,7 @@ def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) 
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
     again = visit(f"#login={code}", role=None)
     again.locator("input[name=password]").wait_for()
-    again.locator(f".notice.bad:has-text('{i18n.text('access.wrong_code', 'en')}')").wait_for()
+    again.locator(f".notice.bad:has-text('{i18n.text('auth.wrong_code', 'en')}')").wait_for()
     assert code not in again.url
 
 
@@ -50,7 +50,7 @@ def test_a_wrong_password_is_told_and_nothing_is_shown(stage: Stage, visit: Any)
     page.fill("input[name=name]", "operator")
     page.fill("input[name=password]", PASSWORD + "?")
     page.click("button[type=submit]")
-    page.locator(f".notice.bad:has-text('{i18n.text('access.wrong_password', 'en')}')").wait_for()
+    page.locator(f".notice.bad:has-text('{i18n.text('auth.wrong_password', 'en')}')").wait_for()
     assert page.locator(".tile, .stopbar").count() == 0
 
 
@@ -58,7 +58,7 @@ def test_an_idle_hand_only_stops_until_it_gives_its_password_again(stage: Stage,
     """S07: the rights to control sleep, the right to stop never does."""
     page = visit("#/drive/fan-1", role="operator")
     page.locator("[data-do=take]:enabled").wait_for()
-    for session in stage.access.sessions.of("operator"):
+    for session in stage.access.sessions.of_user("operator"):
         session.active -= 3600.0
     page.evaluate("import('/static/js/session.js').then((m) => m.loadSession())")
     page.locator("form[data-do=wake]").wait_for()

@@ -102,7 +102,7 @@ def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is
     problem = {"kind": "x", "text": {"en": "not now", "zh": "x"}, "params": {}, "outcome": None}
     answers = [
         {"status": 503, "json": {"error": problem | {"code": "plant.unavailable", "status": 503}}},
-        {"status": 403, "json": {"error": problem | {"code": "access.csrf", "status": 403}}},
+        {"status": 403, "json": {"error": problem | {"code": "auth.csrf", "status": 403}}},
         {"status": 200, "json": {"outcomes": {"fan-1": {"status": "confirmed"}}, "buses": {}}},
     ]
     page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)))

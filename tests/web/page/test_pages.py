@@ -81,26 +81,26 @@ def test_f12_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, vi
 # --- alarms -------------------------------------------------------------------------------------------------------
 
 
-def test_an_alarm_is_acknowledged_and_its_case_opened(stage: Stage, visit: Any, expect: Any) -> None:
+def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "fan-3")
     page = visit("#/alarms", role="operator")
     row = page.locator(".alarmrow", has_text="Flue gas fan").first
     expect(row.locator(".alarmstate")).to_have_text(word("alarm_unseen"))
     row.locator("[data-alarm=acknowledge]").click()
     expect(row.locator(".alarmstate")).to_have_text(word("alarm_seen"))
-    row.get_by_role("link", name=word("open_case")).click()
+    row.get_by_role("link", name=word("open_incident")).click()
     expect(page.locator("h1")).to_contain_text("Flue gas fan")
     expect(page.locator(".notice.bad").first).to_contain_text("Flue gas fan")
     expect(page.locator(".trend-plot canvas")).to_be_visible()
     expect(page.locator(".trend-readout tbody tr").first).to_contain_text("output frequency")
-    frames = page.get_by_role("region", name=word("frames"))
+    frames = page.get_by_role("region", name=word("frames_title"))
     assert frames.locator("tbody tr").count() > 20
     with page.expect_download() as saved:
         page.get_by_role("button", name=word("save_capture")).click()
     assert saved.value.suggested_filename.endswith(".dbcap") and saved.value.path().stat().st_size > 200
     page.route("**/api/v1/incidents/*", unread)
     page.reload()
-    parameters = page.get_by_role("region", name=word("case_parameters")).locator("tbody tr")
+    parameters = page.get_by_role("region", name=word("incident_parameters")).locator("tbody tr")
     expect(parameters.filter(has_text="F9.4")).to_contain_text(i18n.text("drives.no_answer", "en"))
 
 

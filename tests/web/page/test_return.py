@@ -46,7 +46,7 @@ def test_s20_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
     ("way", "there"),
     [
         ("#/settings?tab=users", "table.data .name"),
-        ("#/alarms?tab=cases", ".cases + .help"),
+        ("#/alarms?tab=incidents", ".incidents + .help"),
         ("#/history", ".picker"),
         ("#/drive/fan-2?tab=profile", "[role=tabpanel] .facts"),
     ],

@@ -53,12 +53,12 @@ def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told:
 @pytest.mark.parametrize(
     ("method", "path", "status", "key"),
     [
-        ("GET", "/api/v1/nothing", 404, "access.no_such_address"),
-        ("PUT", "/api/v1/stop", 405, "access.no_such_method"),
-        ("FETCH", "/api/v1/users", 405, "access.no_such_method"),
-        ("POST", "/api/v1/stop", 401, "access.not_logged_in"),
-        ("GET", "/api/v1/drives", 401, "access.not_logged_in"),
-        ("POST", "/api/v1/logout", 401, "access.not_logged_in"),
+        ("GET", "/api/v1/nothing", 404, "auth.no_such_address"),
+        ("PUT", "/api/v1/stop", 405, "auth.no_such_method"),
+        ("FETCH", "/api/v1/users", 405, "auth.no_such_method"),
+        ("POST", "/api/v1/stop", 401, "auth.not_logged_in"),
+        ("GET", "/api/v1/drives", 401, "auth.not_logged_in"),
+        ("POST", "/api/v1/logout", 401, "auth.not_logged_in"),
     ],
 )
 def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
@@ -92,9 +92,9 @@ def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(
             client = harness.client(authorization=f"{scheme}  {secret} ")
             assert (await client.get("/api/v1/drives")).status_code == 200
         answer = await client.get("/api/v1/tokens")
-        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.only_session")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.only_session")
         answer = await client.post("/api/v1/drives/fan-1/reset")
-        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.forbidden")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.forbidden")
         assert answer.json()["error"]["params"] == {"right": "operate"}
         wrong = harness.client(authorization=f"Basic {secret}")
         assert (await wrong.get("/api/v1/drives")).status_code == 401
@@ -110,7 +110,7 @@ def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_ot
         answer = await client.get("/api/v1/session", headers={"origin": "http://evil.example"})
         assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
         refused = await client.post("/api/v1/session/activity", headers={"origin": "http://evil.example"})
-        assert (refused.status_code, refused.json()["error"]["code"]) == (403, "access.foreign_origin")
+        assert (refused.status_code, refused.json()["error"]["code"]) == (403, "auth.foreign_origin")
 
     run(story())
 
@@ -125,7 +125,7 @@ def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(t
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         assert answer.status_code == 200
         answer = await client.post("/api/v1/stop")
-        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.csrf")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.csrf")
 
     run(story())
 
@@ -154,7 +154,7 @@ def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(
             harness.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}
         )
         await wire.route
-        assert wire.close_code == 4403 and harness.service.records[-1][0]["outcome"] == "access.foreign_origin"
+        assert wire.close_code == 4403 and harness.service.records[-1][0]["outcome"] == "auth.foreign_origin"
 
     run(story())
 
@@ -171,7 +171,7 @@ def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_the
         ):
             answer = await harness.client().request(method, f"/api/v1{path}")
             assert answer.status_code == status
-            assert status == 200 or answer.json()["error"]["code"] == "access.setup_needed"
+            assert status == 200 or answer.json()["error"]["code"] == "auth.setup_needed"
 
     run(story())
 
@@ -182,7 +182,7 @@ def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
     async def story() -> None:
         client = await harness.log_in("operator")
         harness.clock.now += 900.0
-        for path, status, code in (("reset", 403, "access.idle"), ("stop", 200, None)):
+        for path, status, code in (("reset", 403, "auth.idle"), ("stop", 200, None)):
             answer = await client.post(f"/api/v1/drives/fan-1/{path}")
             assert (answer.status_code, answer.json().get("error", {}).get("code")) == (status, code)
 

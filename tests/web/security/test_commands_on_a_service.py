@@ -197,7 +197,7 @@ def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tm
             await asyncio.sleep(3)
             assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
         answer = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 30.0})
-        assert answer.json()["error"]["code"] == "access.idle"
+        assert answer.json()["error"]["code"] == "auth.idle"
         assert kit.station("fan-1").motor.output_hz == pytest.approx(20.0)
         assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 

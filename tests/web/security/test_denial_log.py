@@ -65,23 +65,23 @@ def test_the_first_of_a_kind_is_told_at_once_by_whom_and_the_rest_as_a_number_by
     async def story() -> None:
         door = refusals(plant)
         for _ in range(3):
-            await door.record_denial("POST", "/stop", "access.csrf", EVE)
-        await door.record_denial("GET", "/stop", "access.csrf", EVE)
-        await door.record_denial("POST", "/run", "access.csrf", EVE)
-        await door.record_denial("POST", "/stop", "access.forbidden", EVE)
-        await door.record_denial("POST", "/stop", "access.csrf", ANONYMOUS)
+            await door.record_denial("POST", "/stop", "auth.csrf", EVE)
+        await door.record_denial("GET", "/stop", "auth.csrf", EVE)
+        await door.record_denial("POST", "/run", "auth.csrf", EVE)
+        await door.record_denial("POST", "/stop", "auth.forbidden", EVE)
+        await door.record_denial("POST", "/stop", "auth.csrf", ANONYMOUS)
         once = [
-            ("POST /stop", "eve@10.0.0.9", 1, "access.csrf"),
-            ("GET /stop", "eve@10.0.0.9", 1, "access.csrf"),
-            ("POST /run", "eve@10.0.0.9", 1, "access.csrf"),
-            ("POST /stop", "eve@10.0.0.9", 1, "access.forbidden"),
-            ("POST /stop", "@", 1, "access.csrf"),
+            ("POST /stop", "eve@10.0.0.9", 1, "auth.csrf"),
+            ("GET /stop", "eve@10.0.0.9", 1, "auth.csrf"),
+            ("POST /run", "eve@10.0.0.9", 1, "auth.csrf"),
+            ("POST /stop", "eve@10.0.0.9", 1, "auth.forbidden"),
+            ("POST /stop", "@", 1, "auth.csrf"),
         ]
         assert told(plant) == once
         await asyncio.sleep(SUMMARY_PERIOD_S - 0.1)
         assert told(plant) == once
         await asyncio.sleep(0.2)
-        assert told(plant) == [*once, ("POST /stop", "eve@10.0.0.9", 2, "access.csrf")]
+        assert told(plant) == [*once, ("POST /stop", "eve@10.0.0.9", 2, "auth.csrf")]
         assert [who for _, who in plant.records] == [EVE] * 4 + [ANONYMOUS] * 2
         assert {one["what"] for one, _ in plant.records} == {"refused"}
         await asyncio.sleep(10 * SUMMARY_PERIOD_S)

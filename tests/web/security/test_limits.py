@@ -63,11 +63,11 @@ def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
 @pytest.mark.parametrize(
     ("body", "code"),
     [
-        (b'{"name": "operator", "name": "viewer", "password": "x"}', "access.twice"),
-        (b'{"name": "viewer", "password": "x", "more": [{"a": 1, "b": 2, "a": 3}]}', "access.twice"),
-        (b'{"name": "viewer", "password": NaN}', "access.malformed"),
-        (b'{"name": "viewer"', "access.malformed"),
-        (b"[" * 4000, "access.malformed"),
+        (b'{"name": "operator", "name": "viewer", "password": "x"}', "auth.twice"),
+        (b'{"name": "viewer", "password": "x", "more": [{"a": 1, "b": 2, "a": 3}]}', "auth.twice"),
+        (b'{"name": "viewer", "password": NaN}', "auth.malformed"),
+        (b'{"name": "viewer"', "auth.malformed"),
+        (b"[" * 4000, "auth.malformed"),
     ],
     ids=range(5),
 )
@@ -80,7 +80,7 @@ def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
     async def story() -> None:
         answer = await harness.client().post("/api/v1/login", content=body, headers=JSON)
         assert (answer.status_code, answer.json()["error"]["code"]) == (422, code), answer.text
-        if code == "access.twice":
+        if code == "auth.twice":
             assert answer.json()["error"]["params"]["names"] in ("name, name, password", "a, a, b")
 
     run(story())
@@ -106,7 +106,7 @@ def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length:
     headers = Headers(raw=[(b"content-length", length)])
     with pytest.raises(RequestError) as refused:
         run(read_body(coming(b""), headers))
-    assert (refused.value.key, http_status(type(refused.value))) == ("access.too_large", 413)
+    assert (refused.value.key, http_status(type(refused.value))) == ("auth.too_large", 413)
     assert refused.value.params == {"largest": 1024 * 1024}
 
 
@@ -117,7 +117,7 @@ def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None
     assert run(read_body(coming(b"[1", b"]"), headers, 3)) == [1]
     with pytest.raises(RequestError) as refused:
         run(read_body(coming(b"[1", b"]", b" "), headers, 3))
-    assert (refused.value.key, refused.value.params) == ("access.too_large", {"largest": 3})
+    assert (refused.value.key, refused.value.params) == ("auth.too_large", {"largest": 3})
 
 
 def test_s14_what_is_not_said_to_have_more_has_none() -> None:
@@ -135,7 +135,7 @@ def test_s14_a_body_that_is_cut_off_is_none() -> None:
 
     with pytest.raises(RequestError) as refused:
         run(read_body(gone, Headers()))
-    assert (refused.value.key, refused.value.params) == ("access.malformed", {"problem": "disconnected"})
+    assert (refused.value.key, refused.value.params) == ("auth.malformed", {"problem": "disconnected"})
 
 
 def test_s14_a_body_has_ten_seconds() -> None:
@@ -146,7 +146,7 @@ def test_s14_a_body_has_ten_seconds() -> None:
         begun = asyncio.get_running_loop().time()
         with pytest.raises(RequestError) as refused:
             await read_body(never, Headers())
-        assert (refused.value.key, refused.value.params) == ("access.too_slow", {"longest_s": 10.0})
+        assert (refused.value.key, refused.value.params) == ("auth.too_slow", {"longest_s": 10.0})
         return asyncio.get_running_loop().time() - begun
 
     assert run(story()) == 10.0
@@ -172,7 +172,7 @@ def test_s03_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], 
         return
     with pytest.raises(RequestError) as refused:
         run(read_body(coming(b"{}"), headers))
-    assert (refused.value.key, http_status(type(refused.value))) == ("access.not_json", 415)
+    assert (refused.value.key, http_status(type(refused.value))) == ("auth.not_json", 415)
     assert refused.value.params == {"found": kind or ""}
 
 
@@ -396,7 +396,7 @@ def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
     async def story() -> None:
         client = harness.client()
         first = await client.get("/i18n/en.json", headers={"accept-encoding": "gzip"})
-        assert first.headers["content-encoding"] == "gzip" and first.json()["access.not_logged_in"]
+        assert first.headers["content-encoding"] == "gzip" and first.json()["auth.not_logged_in"]
         plain = await client.get("/i18n/en.json", headers={"accept-encoding": "identity"})
         assert "content-encoding" not in plain.headers and plain.content == first.content
         again = await client.get("/i18n/en.json", headers={"if-none-match": first.headers["etag"]})

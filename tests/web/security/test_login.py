@@ -68,7 +68,7 @@ def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path
         for n in range(500):
             await guess(harness, f"user{n % 100}")
         told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
-        assert {entry["outcome"] for entry in told} == {"access.wrong_password", "access.too_many"}
+        assert {entry["outcome"] for entry in told} == {"auth.wrong_password", "auth.too_many"}
         assert len(told) <= 1 + MAX_KINDS_PER_PERIOD
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
         told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
@@ -87,7 +87,7 @@ def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -
                 continue
             for headers in ({}, {"authorization": "Bearer x"}, {"cookie": "drivebus_session=x"}):
                 answer = await client.request(entry.method, entry.path, headers=headers)
-                assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.setup_needed"), entry
+                assert (answer.status_code, answer.json()["error"]["code"]) == (409, "auth.setup_needed"), entry
         assert harness.service.calls == []
         for name, password in (("admin", "admin"), ("administrator", "administrator"), ("drivebus", "drivebus")):
             answer = await client.post("/api/v1/login", json={"name": name, "password": password})
@@ -177,7 +177,7 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
             assert (await client.get("/api/v1/drives")).status_code == 200
             assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
         answer = await client.post(**run_it)
-        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "access.idle")
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.idle")
         assert (await client.get("/api/v1/session")).json()["idle"] is True
         assert (await client.get("/api/v1/drives")).status_code == 200
         assert (await client.post("/api/v1/drives/fan-1/stop")).status_code == 200
@@ -254,7 +254,7 @@ def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path
         before = harness.auth.database
         body = {"name": "eve", "role": "viewer", "password": PASSWORD}
         refused = await client.post("/api/v1/users", json=body)
-        assert (refused.status_code, refused.json()["error"]["code"]) == (503, "access.no_record")
+        assert (refused.status_code, refused.json()["error"]["code"]) == (503, "auth.no_record")
         assert (await client.patch("/api/v1/users/viewer", json={"role": "engineer"})).status_code == 503
         assert (await client.post("/api/v1/tokens", json={"name": "t", "rights": ["view"]})).status_code == 503
         assert harness.auth.database == before
@@ -305,10 +305,10 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
         assert (await admin.delete("/api/v1/users/王伟")).status_code == 404
         told = [(entry["what"], entry["outcome"]) for entry, _ in harness.service.records if "user." in entry["what"]]
         assert told[:4] == [
-            ("user.add", "asked"),
+            ("user.add", "requested"),
             ("user.add", "done"),
-            ("user.add", "asked"),
-            ("user.add", "access.name_taken"),
+            ("user.add", "requested"),
+            ("user.add", "auth.name_taken"),
         ]
         assert PASSWORD not in repr(harness.service.records) and "another pass" not in repr(harness.service.records)
 

@@ -155,7 +155,7 @@ def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str
         assert (await client.get("/api/v1/session", headers={"host": host})).status_code == status
         page = await client.get("/", headers={"host": host})
         assert page.status_code == status
-        assert status == 200 or page.json()["error"]["code"] == "access.foreign_host"
+        assert status == 200 or page.json()["error"]["code"] == "auth.foreign_host"
 
     run(story())
 

@@ -250,7 +250,9 @@ def test_s01_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
-        client = harness.client(authorization=f"Bearer {await harness.token('engineer', 'view', 'stop', 'tune')}")
+        client = harness.client(
+            authorization=f"Bearer {await harness.token('engineer', 'view', 'stop', 'write_parameters')}"
+        )
         admin = await harness.log_in("administrator")
         path = "/api/v1/drives/fan-1/parameters/write"
         assert (await client.post(path, json={"values": {"F0.1": 1.0}})).status_code == 200
@@ -287,7 +289,7 @@ def test_s08_nobody_gains_rights_that_they_do_not_have(tmp_path: Path) -> None:
 
     async def story() -> None:
         operator = await harness.log_in("operator")
-        answer = await operator.post("/api/v1/tokens", json={"name": "t", "rights": ["view", "tune"]})
+        answer = await operator.post("/api/v1/tokens", json={"name": "t", "rights": ["view", "write_parameters"]})
         assert answer.status_code == 403
         harness.clock.now += 900.0
         answer = await operator.post("/api/v1/tokens", json={"name": "t", "rights": ["operate"]})

@@ -331,10 +331,10 @@ async def test_a_taken_port_and_a_certificate_that_is_none_are_named(tmp_path: P
     taken = bind_listener("127.0.0.1", 0)
     with pytest.raises(ConfigurationError) as raised:
         bind_listener("127.0.0.1", taken.getsockname()[1])
-    assert raised.value.key == "access.can_not_listen"
+    assert raised.value.key == "auth.can_not_listen"
     taken.close()
     web = WebConfig(port=0, certificate=tmp_path / "missing.pem")
     with pytest.raises(ConfigurationError) as raised:
         async with serving(WebAppHarness(tmp_path), web):
             pytest.fail("listens")
-    assert raised.value.key == "access.certificate"
+    assert raised.value.key == "auth.certificate"

@@ -80,8 +80,8 @@ def test_s04_who_is_over_is_told_why_and_the_route_gets_a_disconnect(accepted: b
         assert [one["type"] for one in said] == ["websocket.send"] * accepted
         for one in said:
             told = json.loads(one["text"])
-            assert told == {"type": "closed", "reason": "expired", "text": localized("access.closed.expired")}
-            assert told["text"]["en"] != "access.closed.expired"
+            assert told == {"type": "closed", "reason": "expired", "text": localized("auth.closed.expired")}
+            assert told["text"]["en"] != "auth.closed.expired"
             assert "\\u" not in one["text"], "as short as it can be"
 
     run(story(), max_s=60.0)

@@ -59,7 +59,7 @@ def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
             ("viewer", "login-code", "viewer", {}, "done"),
             ("viewer", "login", "viewer", {}, "done"),
             ("viewer", "unlock", "viewer", {}, "done"),
-            ("viewer", "password", "viewer", {}, "asked"),
+            ("viewer", "password", "viewer", {}, "requested"),
             ("viewer", "password", "viewer", {}, "done"),
             ("viewer", "logout", "viewer", {"sessions": 1}, "done"),
         ]
@@ -83,12 +83,12 @@ def test_s05_the_trail_tells_who_did_not_come_in_and_why(tmp_path: Path) -> None
         for path, body, status in tries:
             assert (await client.post(f"/api/v1/{path}", json=body)).status_code == status
         assert [(name, what, target, params.get("who"), why) for name, what, target, params, why in told(harness)] == [
-            ("operator", "refused", "login operator", "operator@127.0.0.1", "access.wrong_password"),
-            ("", "refused", "login-code ", "@127.0.0.1", "access.wrong_code"),
-            ("eve", "refused", "set-up eve", "eve@127.0.0.1", "access.is_set_up"),
-            ("operator", "refused", "unlock operator", "operator@127.0.0.1", "access.wrong_password"),
-            ("operator", "password", "operator", None, "asked"),
-            ("operator", "password", "operator", None, "access.wrong_password"),
+            ("operator", "refused", "login operator", "operator@127.0.0.1", "auth.wrong_password"),
+            ("", "refused", "login-code ", "@127.0.0.1", "auth.wrong_code"),
+            ("eve", "refused", "set-up eve", "eve@127.0.0.1", "auth.is_set_up"),
+            ("operator", "refused", "unlock operator", "operator@127.0.0.1", "auth.wrong_password"),
+            ("operator", "password", "operator", None, "requested"),
+            ("operator", "password", "operator", None, "auth.wrong_password"),
         ]
         assert all(who.rights == frozenset() for one, who in harness.service.records if one["what"] == "refused")
 
@@ -115,7 +115,7 @@ def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> No
             ("user.remove", "bob", {}),
         ]
         assert told(harness, "login") == [
-            ("administrator", *change, outcome) for change in changes for outcome in ("asked", "done")
+            ("administrator", *change, outcome) for change in changes for outcome in ("requested", "done")
         ]
 
     run(story())
@@ -135,7 +135,7 @@ def test_s06_nobody_takes_the_role_from_oneself(by_token: bool, name: str, tmp_p
             admin = harness.client(authorization=f"Bearer {await harness.token('administrator', 'administer')}")
         for method, body in (("PATCH", {"role": "viewer"}), ("PATCH", {"disabled": True}), ("DELETE", None)):
             answer = await admin.request(method, path, json=body)
-            assert (answer.status_code, answer.json()["error"]["code"]) == (409, "access.oneself")
+            assert (answer.status_code, answer.json()["error"]["code"]) == (409, "auth.oneself")
         assert harness.auth.database.user("administrator").role == "administrator"
         await done(admin, "PATCH", f"/users/{name}", {"password": NEW})
         assert harness.auth.sessions.of_user("administrator") == [], "one's own too"
@@ -202,16 +202,18 @@ def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: 
         assert harness.auth.database.tokens == ()
         params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
         asked = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
-        assert told(harness, "login") == [("operator", *one, outcome) for one in asked for outcome in ("asked", "done")]
+        assert told(harness, "login") == [
+            ("operator", *one, outcome) for one in asked for outcome in ("requested", "done")
+        ]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
         assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS
         whole = await done(client, "POST", "/tokens", body | {"days": 30.0})
         assert whole["token"]["expires_ms"] == token["expires_ms"], "JSON has one kind of number"
         for days in (30.5, 0, 367, True, "30"):
             assert (await client.post("/api/v1/tokens", json=body | {"days": days})).status_code == 422
-        answer = await client.post("/api/v1/tokens", json=body | {"rights": ["view", "tune", "audit"]})
-        assert answer.json()["error"]["code"] == "access.beyond_own"
-        assert answer.json()["error"]["params"] == {"rights": "audit, tune"}
+        answer = await client.post("/api/v1/tokens", json=body | {"rights": ["view", "write_parameters", "audit"]})
+        assert answer.json()["error"]["code"] == "auth.beyond_own"
+        assert answer.json()["error"]["params"] == {"rights": "audit, write_parameters"}
 
     run(story())
 
@@ -225,7 +227,7 @@ def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -
         ((token,),) = (await done(admin, "GET", "/tokens")).values()
         assert await done(other, "GET", "/tokens") == {"tokens": []}
         refused = await other.delete(f"/api/v1/tokens/{token['id']}")
-        assert (refused.status_code, refused.json()["error"]["code"]) == (404, "access.no_such_token")
+        assert (refused.status_code, refused.json()["error"]["code"]) == (404, "auth.no_such_token")
         assert told(harness, "login", "token.add") == [], "there is no such token for that one"
         await done(admin, "DELETE", f"/tokens/{token['id']}")
         assert harness.auth.database.tokens == ()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivebus.service.auth.users import User, UserDatabase
 
 ROLES = ["viewer", "operator", "engineer", "administrator"]
-RIGHTS = ["view", "stop", "operate", "tune", "save", "limit", "configure", "audit", "administer"]
+RIGHTS = ["view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit", "administer"]
 _DAY_MS = 86_400_000
 
 

@@ -49,12 +49,10 @@ class ScalingResult:
         return self.codings[0] if len(self.codings) == 1 else None
 
 
-def calibrate_query_coding(
-    talk: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ
-) -> DriveOperation[ScalingResult]:
+def calibrate_query_coding(op: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> DriveOperation[ScalingResult]:
     """Somebody has set ``keypad_hz`` on the keypad; Q00 names the query coding. Nothing moves."""
-    dialect = _require_dzb100(talk)
-    word = yield from _read_agreed_word(talk, dialect, 0)
+    dialect = _require_dzb100(op)
+    word = yield from _read_agreed_word(op, dialect, 0)
     step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
     fits = tuple(coding for coding in CODINGS if step[coding] <= _half_resolution_hz(coding))
     if not fits:
@@ -63,20 +61,20 @@ def calibrate_query_coding(
 
 
 def calibrate_setpoint_coding(
-    talk: OperationContext, direction: Direction | None = None
+    op: OperationContext, direction: Direction | None = None
 ) -> DriveOperation[ScalingResult]:
     """Run at the cap with a person watching, read Q00 and Q01 back, exclude codings until one is left. Always stops.
 
     Needs the query coding. Raises StartInhibited without it, and whatever ``run`` raises.
     """
-    dialect = _require_dzb100(talk)
+    dialect = _require_dzb100(op)
     if not dialect.can_confirm_speed():
         raise StartInhibited("drives.query_coding_first")
     left = possible_codings(dialect.settings)
     words: list[int] = []
     while len(left) > 1:
         word = highest_safe_word(left)
-        seen_hz = yield from _measure_at_word(talk, dialect, word, direction)
+        seen_hz = yield from _measure_at_word(op, dialect, word, direction)
         words.append(word)
         fits = tuple(
             coding for coding in left if abs(_decode_hz(word, coding) - seen_hz) <= _query_resolution_hz(dialect)
@@ -90,31 +88,31 @@ def calibrate_setpoint_coding(
 
 
 def _measure_at_word(
-    talk: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
+    op: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
 ) -> DriveOperation[float]:
     """One run at a raw word; what Q00 and Q01 agree on, in Hz. Stops whatever happens."""
-    talk.drive.require_capability("run")
-    talk.drive.check_direction(direction)
-    if talk.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
-        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=talk.drive.maximum_hz)
-    talk.limits_checked = True  # the word is at most 5 Hz under every coding that is left
-    yield from ensure_preflight(talk)
-    error = yield from talk.read_verified_state()
+    op.drive.require_capability("run")
+    op.drive.check_direction(direction)
+    if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
+        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=op.drive.maximum_hz)
+    op.limits_checked = True  # the word is at most 5 Hz under every coding that is left
+    yield from ensure_preflight(op)
+    error = yield from op.read_verified_state()
     if error is not None:
         raise error
-    around = yield from get_bus_conditions()
-    command = talk.create_command(CommandKind.START, around)
+    conditions = yield from get_bus_conditions()
+    command = op.create_command(CommandKind.START, conditions)
     frames = dialect.start(direction, word)
-    answer = yield from send_frames(talk, command, frames)
+    answer = yield from send_frames(op, command, frames)
     if not answer.sent and answer.error is not None:
         raise answer.error
-    begun = yield from confirm_start(talk, command, frames, direction, answer.error is None)
+    begun = yield from confirm_start(op, command, frames, direction, answer.error is None)
     seen: float | None = None
     if begun.status is OutcomeStatus.CONFIRMED:
         yield from wait(CALIBRATION_RUN_S)
-        yield from talk.check_not_superseded(command)
-        seen = yield from _read_agreeing_hz(talk, dialect)
-    stopped = yield from stop(talk, StopMode.STOP)
+        yield from op.check_not_superseded(command)
+        seen = yield from _read_agreeing_hz(op, dialect)
+    stopped = yield from stop(op, StopMode.STOP)
     if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
         failure = TargetNotReached(
             "drives.proof_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
@@ -124,25 +122,25 @@ def _measure_at_word(
     return seen
 
 
-def _read_agreeing_hz(talk: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:
+def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:
     """Q00 and Q01, each read twice behind fences; None where they do not agree."""
-    command = yield from _read_agreed_word(talk, dialect, 0)
-    output = yield from _read_agreed_word(talk, dialect, 1)
+    command = yield from _read_agreed_word(op, dialect, 0)
+    output = yield from _read_agreed_word(op, dialect, 1)
     coding = str(dialect.settings["query_coding"])
     first, second = _decode_hz(command, coding), _decode_hz(output, coding)
     return second if abs(first - second) <= 2 * _query_resolution_hz(dialect) else None
 
 
-def _read_agreed_word(talk: OperationContext, dialect: Dzb100Dialect, item: int) -> DriveOperation[int]:
+def _read_agreed_word(op: OperationContext, dialect: Dzb100Dialect, item: int) -> DriveOperation[int]:
     """The raw word of Q00 or Q01, two fenced reads that agree. Raises the bus's error, or TargetNotReached."""
     requests = (dialect.query(item),)
     name = ("set_frequency", "output_frequency")[item]
-    talk.reading_pairs.clear(name)
+    op.reading_pairs.clear(name)
     for _ in range(VERIFICATION_ROUNDS + EXTRA_VERIFICATION_ROUNDS):
-        error = yield from talk.verified_reads(requests)
+        error = yield from op.verified_reads(requests)
         if error is not None:
             raise error
-        word = talk.reading_pairs.agreed_raw(name)
+        word = op.reading_pairs.agreed_raw(name)
         if word is not None:
             return word
     raise TargetNotReached("drives.no_agreement", item=f"Q{item:02d}")
@@ -164,33 +162,33 @@ def _query_resolution_hz(dialect: Dzb100Dialect) -> float:
     return 2 * _half_resolution_hz(str(dialect.settings["query_coding"]))
 
 
-def _require_dzb100(talk: OperationContext) -> Dzb100Dialect:
-    if not isinstance(talk.dialect, Dzb100Dialect):
-        raise CapabilityError("drives.cannot", model=talk.dialect.profile.model, what="coding proof")
-    return talk.dialect
+def _require_dzb100(op: OperationContext) -> Dzb100Dialect:
+    if not isinstance(op.dialect, Dzb100Dialect):
+        raise CapabilityError("drives.cannot", model=op.dialect.profile.model, what="coding proof")
+    return op.dialect
 
 
-def calibration_jog(talk: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
+def calibration_jog(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
     """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2; then a person says which way it turned.
 
     The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first.
     """
-    dialect = talk.dialect
+    dialect = op.dialect
     if not isinstance(dialect, ModbusDialect) or "direction_field" not in dialect.settings:
         raise CapabilityError("drives.cannot", model=dialect.profile.model, what="direction proof")
     if not 0.0 < frequency_hz <= MAX_CALIBRATION_JOG_HZ:
         raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=MAX_CALIBRATION_JOG_HZ)
-    word, actual_hz = talk.check_frequency(frequency_hz)
-    yield from ensure_preflight(talk)
-    around = yield from get_bus_conditions()
-    command = talk.create_command(CommandKind.JOG, around)
-    outcome = yield from write_setpoint(talk, command, word, actual_hz)
+    word, actual_hz = op.check_frequency(frequency_hz)
+    yield from ensure_preflight(op)
+    conditions = yield from get_bus_conditions()
+    command = op.create_command(CommandKind.JOG, conditions)
+    outcome = yield from write_setpoint(op, command, word, actual_hz)
     if not outcome.succeeded:
         return outcome
-    outcome = yield from send_jog(talk, dialect.calibration_jog())
+    outcome = yield from send_jog(op, dialect.calibration_jog())
     if outcome.succeeded:
         yield from wait(CALIBRATION_JOG_S)
-        stopped = yield from stop(talk, StopMode.STOP)
+        stopped = yield from stop(op, StopMode.STOP)
         if not stopped.succeeded:
             return stopped
     return outcome

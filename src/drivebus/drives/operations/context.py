@@ -1,7 +1,4 @@
-"""One conversation with one drive: what every operation is made of. Pure; time and bus come through the steps.
-
-A ``Talk`` collects the evidence, keeps the newest two readings of everything, and asks the gate before a frame acts.
-"""
+"""State of one operation and the parts that operations are made of: transactions, verified reads, permits, outcomes."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, fault_from_code
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
-from drivebus.drives.permissives import CommandKind, DriveCommand, PermitInputs
+from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import (
     STATE_NOT_READ,
@@ -28,24 +25,63 @@ from drivebus.drives.state import (
 )
 from drivebus.errors import DrivebusError, Expired, NotPermitted, Superseded
 from drivebus.protocols.codec import Effect
-from drivebus.values import Reading
 
-VERIFICATION_ROUNDS = 2
-"""Two out of two (RELIABILITY 4), each behind a fence of its own (ruling 6)."""
-EXTRA_VERIFICATION_ROUNDS = 3
-"""A drive that changes its state between two reads gets these to settle."""
-MIRRORED_REPLY_KEY = "bus.own_echo"
-"""A loop-back's reply equals its request: believed only once this port has shown that it has no echo (F03)."""
-CHECKS_TIMEOUT_S = 5.0
-"""From the user's act to the gate (to the first bit, where its moment is known); longer is another wish …"""
-CHECKS_TIMEOUT_TRANSACTIONS = 40
-"""… but on a line so slow that the checks themselves take longer, as long as so many transactions (300 baud: 25 s)."""
-MAX_COMMAND_EXCHANGES, MAX_READ_EXCHANGES = 64, 24
-"""Evidence is bounded (I12)."""
+VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
+EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads
+MIRRORED_REPLY_KEY = "bus.own_echo"  # a loop-back's reply equals its request: accepted once the port has shown no echo
+CHECKS_TIMEOUT_S = 5.0  # limit from the request of a command to the end of its checks
+CHECKS_TIMEOUT_TRANSACTIONS = 40  # or this many transactions, where the bus is so slow (300 baud: 25 s)
+MAX_COMMAND_EXCHANGES, MAX_READ_EXCHANGES = 64, 24  # bound of the frames that an outcome carries
+
+
+class CommandAge:
+    """Age of a command and of its checks."""
+
+    def __init__(self, requested_at: float | None, checks_started_at: float | None) -> None:
+        self.requested_at = requested_at  # None: unknown; the command is then as old as the end of its checks
+        self.checks_started_at = checks_started_at  # None: not yet
+        self.fastest_transaction_s = inf  # shortest transaction so far: the speed of this bus
+
+    def add(self, result: BusResult) -> None:
+        """Take a transaction into account."""
+        if result.sent_at is not None and result.received_at is not None:
+            self.fastest_transaction_s = min(self.fastest_transaction_s, result.received_at - result.sent_at)
+
+    def check(self, now: float) -> None:
+        """Raise Expired where the checks took so long that a command after them would surprise the user."""
+        transactions_s = CHECKS_TIMEOUT_TRANSACTIONS * self.fastest_transaction_s
+        limit_s = max(CHECKS_TIMEOUT_S, transactions_s if isfinite(transactions_s) else 0.0)
+        age_s = 0.0 if self.checks_started_at is None else now - self.checks_started_at
+        if age_s > limit_s:
+            raise Expired("drives.prepare_too_long", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
+
+    def created_at(self, kind: CommandKind, now: float) -> float:
+        """Return the creation time of a command: now, but no command outlives its request by more than 5 s."""
+        if self.requested_at is None:
+            return now
+        return min(now, self.requested_at + max(0.0, CHECKS_TIMEOUT_S - permissives.COMMAND_TTL_S[kind]))
+
+
+class ExchangeLog:
+    """Frames of one operation with their replies, at most 64 commands and the last 24 reads."""
+
+    def __init__(self) -> None:
+        self._commands: deque[FrameExchange] = deque(maxlen=MAX_COMMAND_EXCHANGES)
+        self._reads: deque[FrameExchange] = deque(maxlen=MAX_READ_EXCHANGES)
+
+    def add(self, result: BusResult, retry_policy: RetryPolicy) -> None:
+        """Add a frame that was sent."""
+        log = self._reads if retry_policy is RetryPolicy.READ else self._commands
+        log.append(frame_exchange(result))
+
+    def in_order(self) -> tuple[FrameExchange, ...]:
+        """Return the frames in the order in which they were sent."""
+        both = [*self._commands, *self._reads]
+        return tuple(sorted(both, key=lambda e: e.sent_at if e.sent_at is not None else 0.0))
 
 
 class OperationContext:
-    """The state of one conversation."""
+    """State of one operation: readings so far, derived state, command age and motion of the drive."""
 
     def __init__(
         self,
@@ -54,35 +90,21 @@ class OperationContext:
         checks_started_at: float | None = None,
         requested_at: float | None = None,
     ) -> None:
-        self.drive = drive
-        self.requested_at = requested_at
-        """When the user wished for this, where that is known: its commands are as old, checks included (ruling 12).
-        None: a command is made after its checks, which have limits of their own."""
-        self.stop_epoch = stop_epoch
-        """Stop generation when the user wished for this; None: when the command is made. Our own stops count on."""
-        self.dialect = drive.dialect
+        self.drive, self.dialect = drive, drive.dialect
+        self.age = CommandAge(requested_at, checks_started_at)
+        self.stop_epoch = stop_epoch  # at the request, plus our own stops; None: at the creation of the command
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
-        self.motion_seen = False
-        """Running was seen at least once, be it in a single read (ruling 6)."""
-        self.checks_started_at = checks_started_at
-        """When this was wished for, or its checks began."""
-        self.fastest_transaction_s = inf
-        """The shortest transaction so far: how fast this line is."""
-        self.may_be_running = False
-        """A frame that moves may have left, and no stop was done since."""
-        self.last_motion_result: BusResult | None = None
-        """What came of the last frame that moves."""
-        self.limits_checked = False
-        """Frequency and direction of this command were checked against drive and user."""
-        self.last_deceleration_at: float | None = None
-        """When a reading last showed a lower output frequency than any before it in this conversation."""
+        self.limits_checked = False  # frequency and direction are within the limits of drive and user
+        self.motion_seen = False  # at least one reading showed that the drive turns
+        self.may_be_running = False  # a frame that moves may have been sent, and no stop since
+        self.last_motion_result: BusResult | None = None  # of the last frame that moves
+        self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
         self._lowest_hz: float | None = None
-        self._command_exchanges: deque[FrameExchange] = deque(maxlen=MAX_COMMAND_EXCHANGES)
-        self._read_exchanges: deque[FrameExchange] = deque(maxlen=MAX_READ_EXCHANGES)
+        self._exchanges = ExchangeLog()
 
     def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
-        """The raw word and what the drive makes of it. Raises LimitError, before anything is sent."""
+        """Return the raw word of a frequency and the frequency that it means. Raises LimitError."""
         found = self.drive.check_frequency(frequency_hz)
         self.limits_checked = True
         return found
@@ -90,75 +112,62 @@ class OperationContext:
     def transact(
         self,
         request: Any,
-        lane: RequestPriority = RequestPriority.PARAMETER,
-        write_class: RetryPolicy = RetryPolicy.READ,
+        priority: RequestPriority = RequestPriority.PARAMETER,
+        retry_policy: RetryPolicy = RetryPolicy.READ,
         permit: Permit | None = None,
     ) -> DriveOperation[BusResult]:
-        """One transaction; what left is kept as evidence and tells the dialect's shadows.
+        """Perform one transaction, log it and update the dialect.
 
-        Reads go in the parameter lane: a stop takes queued commands away, and must not take away what confirms it.
+        Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
         """
         expires_at = permit.expires_at if permit is not None else None
         if self.stop_epoch is not None and self._effect(request) is Effect.STOP:
             self.stop_epoch += 1
-        turned, moves = self.may_be_running, permit is not None and permit.effect is Effect.MOTION
-        self.may_be_running = turned or moves  # also where this conversation is cancelled while the frame is out
-        answer = yield from transact(BusRequest(self.dialect.address, request, lane, write_class, permit, expires_at))
+        was_running, moves = self.may_be_running, permit is not None and permit.effect is Effect.MOTION
+        self.may_be_running = was_running or moves  # holds also where the operation is cancelled during the transaction
+        bus_request = BusRequest(self.dialect.address, request, priority, retry_policy, permit, expires_at)
+        result = yield from transact(bus_request)
         if moves:
-            self.last_motion_result, self.may_be_running = answer, turned or bool(answer.sent)
-        if answer.sent:
+            self.last_motion_result, self.may_be_running = result, was_running or bool(result.sent)
+        if result.sent:
             self.dialect.on_sent(request)
-            kept = self._read_exchanges if write_class is RetryPolicy.READ else self._command_exchanges
-            kept.append(frame_exchange(answer))
-            if answer.sent_at is not None and answer.received_at is not None:
-                self.fastest_transaction_s = min(self.fastest_transaction_s, answer.received_at - answer.sent_at)
-        return answer
+            self._exchanges.add(result, retry_policy)
+            self.age.add(result)
+        return result
 
     def _effect(self, request: Any) -> Effect:
         return self.dialect.station_config.effect_of(self.dialect.codec.encode_request(request))
 
     def start_clock(self) -> DriveOperation[None]:
-        """The checks begin now, unless the wish or an operation around this one is older."""
-        if self.checks_started_at is None:
-            self.checks_started_at = (yield from get_bus_conditions()).now
+        """Start the time limit of the checks, unless the request or an enclosing operation has started it."""
+        if self.age.checks_started_at is None:
+            self.age.checks_started_at = (yield from get_bus_conditions()).now
 
     def check_deadline(self) -> DriveOperation[BusConditions]:
-        """The surroundings after the checks. Raises Expired where they took so long that this is another wish (I1)."""
-        around = yield from get_bus_conditions()
-        limit_s = max(
-            CHECKS_TIMEOUT_S,
-            CHECKS_TIMEOUT_TRANSACTIONS * self.fastest_transaction_s if isfinite(self.fastest_transaction_s) else 0.0,
-        )
-        age_s = 0.0 if self.checks_started_at is None else around.now - self.checks_started_at
-        if age_s > limit_s:
-            raise Expired("drives.prepare_too_long", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
-        return around
+        """Return the bus conditions after the checks. Raises Expired where the checks took too long."""
+        conditions = yield from get_bus_conditions()
+        self.age.check(conditions.now)
+        return conditions
 
-    def create_command(self, kind: CommandKind, around: BusConditions) -> DriveCommand:
-        """The user's wish: made now, but where the moment of the wish is known it expires ``PREPARE_S`` after that, the
-        checks included; a stop since then takes it away (6.5)."""
-        generation = around.stop_epoch if self.stop_epoch is None else self.stop_epoch
-        latest = (
-            inf
-            if self.requested_at is None
-            else self.requested_at + max(0.0, CHECKS_TIMEOUT_S - permissives.COMMAND_TTL_S[kind])
-        )
-        made_at = min(around.now, latest)
-        return self.drive.create_command(kind, replace(around, now=made_at, stop_epoch=generation))
+    def create_command(self, kind: CommandKind, conditions: BusConditions) -> DriveCommand:
+        """Create the command of this operation; every stop since its request supersedes it."""
+        stop_epoch = conditions.stop_epoch if self.stop_epoch is None else self.stop_epoch
+        created_at = self.age.created_at(kind, conditions.now)
+        return self.drive.create_command(kind, replace(conditions, now=created_at, stop_epoch=stop_epoch))
 
     def read(self, request: Any) -> DriveOperation[BusResult]:
-        """One read, taken into the book."""
-        answer = yield from self.transact(request)
-        if answer.error is None and answer.reply is not None:
-            facts = self.dialect.decode_readings(request, answer.reply, answer.received_at)
-            self.reading_pairs.add(facts)
-            self._record_deceleration(facts)
-            self.drive.on_read(answer)
-        return answer
+        """Perform one read and keep its readings."""
+        result = yield from self.transact(request)
+        if result.error is None and result.reply is not None:
+            readings = self.dialect.decode_readings(request, result.reply, result.received_at)
+            self.reading_pairs.add(readings)
+            self._record_deceleration(readings)
+            self.drive.on_read(result)
+        return result
 
-    def _record_deceleration(self, facts: Readings) -> None:
-        """Each reading counts: on a slow line with many drives a look of several reads takes a second."""
-        reading = facts.get("output_frequency")
+    def _record_deceleration(self, readings: Readings) -> None:
+        """Every single reading counts: on a slow bus with many drives one verified state takes a second."""
+        reading = readings.get("output_frequency")
         if reading is None or not isinstance(reading.value, int | float):
             return
         if self._lowest_hz is not None and reading.value < self._lowest_hz:
@@ -166,29 +175,29 @@ class OperationContext:
         self._lowest_hz = float(reading.value if self._lowest_hz is None else min(self._lowest_hz, reading.value))
 
     def sync(self, avoid: Any = None) -> DriveOperation[DrivebusError | None]:
-        """Prove that this station's replies are current (ruling 2). Returns what went wrong."""
-        answer = yield from self.transact(self.dialect.sync_request(avoid))
-        if answer.error is not None and getattr(answer.error, "key", "") == MIRRORED_REPLY_KEY:
+        """Send a sync probe, whose reply proves that replies are current, and return what went wrong."""
+        result = yield from self.transact(self.dialect.sync_request(avoid))
+        if result.error is not None and getattr(result.error, "key", "") == MIRRORED_REPLY_KEY:
             yield from self.transact(self.dialect.echo_test_read())
-            answer = yield from self.transact(self.dialect.sync_request(avoid))
-        if answer.error is not None:
-            return _as_drivebus_error(answer.error)
-        return None if self.dialect.is_valid_sync_reply(answer.reply) else NotPermitted("drives.fence_refused")
+            result = yield from self.transact(self.dialect.sync_request(avoid))
+        if result.error is not None:
+            return _as_drivebus_error(result.error)
+        return None if self.dialect.is_valid_sync_reply(result.reply) else NotPermitted("drives.fence_refused")
 
     def verified_reads(self, requests: tuple[Any, ...]) -> DriveOperation[DrivebusError | None]:
-        """A fence, then these reads. Returns what went wrong first."""
+        """Perform reads behind a sync probe and return what went wrong first."""
         error = yield from self.sync()
         for request in requests:
             if error is not None:
                 return error
-            answer = yield from self.read(request)
-            error = None if answer.error is None else _as_drivebus_error(answer.error)
+            result = yield from self.read(request)
+            error = None if result.error is None else _as_drivebus_error(result.error)
         return error
 
     def read_verified_state(self, allowed_failures: int = 1) -> DriveOperation[DrivebusError | None]:
-        """State of the drive now: two fenced reads that agree, taken after this call. Sets ``verdict``.
+        """Read the state now and set ``derived``: two verified reads that agree, both taken after this call.
 
-        So many rounds may fail on the bus; then its error is returned and the state is unknown.
+        ``allowed_failures`` rounds may fail on the bus; then its error is returned and the state is unknown.
         """
         self.reading_pairs.clear()
         self.derived = STATE_NOT_READ
@@ -206,32 +215,32 @@ class OperationContext:
                 self.derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_answer")
                 return error
             self._record_motion()
-            verdict = self.dialect.derive_state(self.reading_pairs) if turn - failed >= VERIFICATION_ROUNDS else None
-            if verdict is not None:
-                self.derived = yield from self._with_fault_code(verdict)
+            derived = self.dialect.derive_state(self.reading_pairs) if turn - failed >= VERIFICATION_ROUNDS else None
+            if derived is not None:
+                self.derived = yield from self._with_fault_code(derived)
                 return None
         self.derived = DerivedState(DriveState.UNKNOWN, reason="drives.disagree")
         return None
 
     def _record_motion(self) -> None:
-        """One reading that shows motion is enough to know that the drive was not simply standing."""
+        """One reading that shows motion proves that the drive did not simply stand."""
         single = ReadingPairs()
         single.latest = single.previous = dict(self.reading_pairs.latest)
-        verdict = self.dialect.derive_state(single)
-        self.motion_seen = self.motion_seen or (verdict is not None and verdict.state.turning)
+        derived = self.dialect.derive_state(single)
+        self.motion_seen = self.motion_seen or (derived is not None and derived.state.turning)
 
-    def _with_fault_code(self, verdict: DerivedState) -> DriveOperation[DerivedState]:
-        """Where the state only says "fault", further reads name it."""
-        requests = self.dialect.fault_reads() if verdict.fault_code is not None else ()
+    def _with_fault_code(self, derived: DerivedState) -> DriveOperation[DerivedState]:
+        """Read the fault code where the state itself does not carry it."""
+        requests = self.dialect.fault_reads() if derived.fault_code is not None else ()
         for _ in range(VERIFICATION_ROUNDS if requests else 0):
             for request in requests:
                 yield from self.read(request)
-        return (self.dialect.derive_state(self.reading_pairs) or verdict) if requests else verdict
+        return (self.dialect.derive_state(self.reading_pairs) or derived) if requests else derived
 
     def request_permit(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[Permit | None]:
-        """The gate's leave for a frame that is neither a read nor a stop; None for a stop, which needs none.
+        """Return a permit for a frame that is neither a read nor a stop; None for a stop, which needs none.
 
-        Raises StartInhibited, Expired, Superseded, NotPermitted: nothing is sent then.
+        Raises StartInhibited, Expired, Superseded or NotPermitted; nothing is sent then.
         """
         data = self.dialect.codec.encode_request(frame.request)
         effect = self.dialect.station_config.effect_of(data)
@@ -239,90 +248,94 @@ class OperationContext:
             return None
         if not self.dialect.is_allowed(data):
             raise NotPermitted("drives.not_listed", frame=data.hex(" ").upper())
-        around = yield from get_bus_conditions()
+        conditions = yield from get_bus_conditions()
         return permissives.grant_permit(
-            command,
-            self.dialect.address,
-            effect,
-            frame.retry_policy,
-            around,
-            self.permit_inputs(),
-            self.dialect.profile.family,
+            PermitInputs(
+                command=command,
+                station=self.dialect.address,
+                family=self.dialect.profile.family,
+                effect=effect,
+                retry_policy=frame.retry_policy,
+                conditions=conditions,
+                evidence=self.evidence(),
+            )
         )
 
     def send_command(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[BusResult]:
-        """Send one frame that is neither a read nor a stop: with a permit, or not at all."""
+        """Send one frame that is neither a read nor a stop, if it gets a permit."""
         permit = yield from self.request_permit(command, frame)
         return (yield from self.transact(frame.request, RequestPriority.COMMAND, frame.retry_policy, permit))
 
-    def permit_inputs(self) -> PermitInputs:
-        """What this conversation has established so far."""
+    def evidence(self) -> DriveEvidence:
+        """Return what this operation has established so far."""
         preflight = self.drive.preflight
-        at = self.reading_pairs.oldest_time(*self.dialect.state_names)
-        done = preflight is not None and preflight.passed
-        return PermitInputs(self.derived, at, self.dialect.reports_run_state, done, self.limits_checked)
+        return DriveEvidence(
+            derived=self.derived,
+            state_at=self.reading_pairs.oldest_time(*self.dialect.state_names),
+            reports_run_state=self.dialect.reports_run_state,
+            preflight_passed=preflight is not None and preflight.passed,
+            limits_checked=self.limits_checked,
+        )
 
     def check_not_superseded(self, command: DriveCommand) -> DriveOperation[float]:
-        """The time, unless a newer stop took this command away. Raises Superseded."""
-        around = yield from get_bus_conditions()
-        if around.stop_epoch != command.stop_epoch:
+        """Return the time. Raises Superseded where a newer stop took the command's place."""
+        conditions = yield from get_bus_conditions()
+        if conditions.stop_epoch != command.stop_epoch:
             raise self.superseded_error()
-        return around.now
+        return conditions.now
 
     def superseded_error(self) -> Superseded:
-        """A stop came: whatever was sent, the stop is what counts, and nothing is resent (6.5)."""
+        """Return the error of a command that a stop took the place of: nothing is resent."""
         error = Superseded("drives.superseded")
         error.outcome = self.outcome(OutcomeStatus.UNKNOWN, "drives.superseded")
         return error
 
     def drive_status(self) -> DriveStatus:
-        """What this conversation has read."""
-        verdict = self.derived
-        fault = None if verdict.fault_code is None else fault_from_code(self.dialect.profile, verdict.fault_code)
+        """Return the status from what this operation has read."""
+        derived = self.derived
+        fault = None if derived.fault_code is None else fault_from_code(self.dialect.profile, derived.fault_code)
         at = self.reading_pairs.oldest_time(*self.dialect.state_names)
-        return DriveStatus(verdict.state, verdict.direction, fault, self.profile_readings(), verdict.reason, at)
+        signals = self.dialect.profile.signals
+        readings = {name: reading for name, reading in self.reading_pairs.latest.items() if name in signals}
+        return DriveStatus(derived.state, derived.direction, fault, readings, derived.reason, at)
 
-    def profile_readings(self) -> dict[str, Reading]:
-        """The readings that the profile names."""
-        return {name: r for name, r in self.reading_pairs.latest.items() if name in self.dialect.profile.signals}
+    def outcome(self, status: OutcomeStatus, key: str, /, **params: Any) -> Outcome:
+        """Return an outcome with the frames so far and the drive status."""
+        return Outcome(status, key, params, self._exchanges.in_order(), self.drive_status())
 
-    def outcome(self, word: OutcomeStatus, key: str, /, **params: Any) -> Outcome:
-        """How it ended, with the frames so far and the status behind it."""
-        return Outcome(word, key, params, self.exchanges(), self.drive_status())
+    def rejected_outcome(self, result: BusResult, **params: Any) -> Outcome | None:
+        """Return the drive's rejection as an outcome, None where it did not reject.
 
-    def rejected_outcome(self, answer: BusResult, **params: Any) -> Outcome | None:
-        """The drive's own no as an outcome, None where it gave none. Raises the error of a frame that never left."""
-        if not answer.sent and answer.error is not None:
-            raise answer.error
-        no = None if answer.reply is None else self.dialect.rejection(answer.reply)
-        return None if no is None else self.outcome(OutcomeStatus.REFUSED, no.key, code=no.code, **params)
+        Raises the error of a frame that was never sent.
+        """
+        if not result.sent and result.error is not None:
+            raise result.error
+        rejection = None if result.reply is None else self.dialect.rejection(result.reply)
+        if rejection is None:
+            return None
+        return self.outcome(OutcomeStatus.REFUSED, rejection.key, code=rejection.code, **params)
 
     def unverifiable_outcome(self, answered: bool, acknowledged: str, unknown: str, **params: Any) -> Outcome:
-        """Nothing that can be read shows the effect (ruling 1): there is the drive's yes, or not even that."""
+        """Return the outcome of an effect that no read can show: acknowledged if the drive answered, else unknown."""
         if answered:
             return self.outcome(OutcomeStatus.ACKNOWLEDGED, acknowledged, **params)
         return self.outcome(OutcomeStatus.UNKNOWN, unknown, **params)
 
-    def exchanges(self) -> tuple[FrameExchange, ...]:
-        """Frames in the order in which they left."""
-        both = [*self._command_exchanges, *self._read_exchanges]
-        return tuple(sorted(both, key=lambda e: e.sent_at if e.sent_at is not None else 0.0))
-
 
 def with_note(outcome: Outcome, key: str, /, **params: Any) -> Outcome:
-    """The outcome with one more sentence."""
+    """Return the outcome with one more note."""
     return replace(outcome, notes=(*outcome.notes, (key, params)))
 
 
-def frame_exchange(answer: BusResult) -> FrameExchange:
-    """An answer as evidence."""
-    found = FrameExchange(answer.sent, answer.received, answer.sent_at, answer.received_at)
-    error = answer.error
-    return replace(found, error=error.key, params=error.params) if isinstance(error, DrivebusError) else found
+def frame_exchange(result: BusResult) -> FrameExchange:
+    """Return the frame and the reply of a transaction."""
+    exchange = FrameExchange(result.sent, result.received, result.sent_at, result.received_at)
+    error = result.error
+    return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
 
 
 def _as_drivebus_error(error: Exception) -> DrivebusError:
-    """Errors of an answer are ours by contract; anything else is a bug and is raised as such."""
+    """Return an error of the bus; raise any other exception, which is a bug."""
     if isinstance(error, DrivebusError):
         return error
     raise error

@@ -25,37 +25,37 @@ def check_jog_lease(lease_s: float) -> float:
     return lease_s
 
 
-def begin_jog(talk: OperationContext, frequency_hz: float | None, direction: Direction) -> DriveOperation[Outcome]:
+def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direction) -> DriveOperation[Outcome]:
     """Begin to jog from standstill; sent once. An unanswered jog is stopped at once: nobody knows whether it turns."""
-    memory, dialect = talk.drive, talk.dialect
+    memory, dialect = op.drive, op.dialect
     memory.require_capability("jog")
     memory.check_direction(direction)
-    word = None if frequency_hz is None else talk.check_frequency(frequency_hz)[0]
-    talk.limits_checked = True  # without a frequency it is the drive's own, set on its keypad
+    word = None if frequency_hz is None else op.check_frequency(frequency_hz)[0]
+    op.limits_checked = True  # without a frequency it is the drive's own, set on its keypad
     frames = dialect.jog(direction, word)
-    yield from talk.start_clock()
-    yield from check_readiness(talk)
-    yield from talk.check_deadline()
-    return (yield from send_jog(talk, frames))
+    yield from op.start_clock()
+    yield from check_readiness(op)
+    yield from op.check_deadline()
+    return (yield from send_jog(op, frames))
 
 
-def send_jog(talk: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:
+def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:
     """The jog frame, once; whatever does not end in a yes is stopped."""
-    around = yield from get_bus_conditions()
-    command = talk.create_command(CommandKind.JOG, around)
-    answer = yield from send_frames(talk, command, frames)
-    refused = talk.rejected_outcome(answer)
+    conditions = yield from get_bus_conditions()
+    command = op.create_command(CommandKind.JOG, conditions)
+    answer = yield from send_frames(op, command, frames)
+    refused = op.rejected_outcome(answer)
     if refused is not None:
-        talk.may_be_running = False
+        op.may_be_running = False
         return refused
     if answer.error is None:
-        return talk.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
-    yield from end_jog(talk)
-    return talk.outcome(OutcomeStatus.UNKNOWN, "drives.jog_unknown")
+        return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
+    yield from end_jog(op)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.jog_unknown")
 
 
-def end_jog(talk: OperationContext) -> DriveOperation[Outcome]:
+def end_jog(op: OperationContext) -> DriveOperation[Outcome]:
     """End the jog: the family's jog stop, then an ordinary stop until the drive reports standstill."""
-    if talk.dialect.reports_run_state:
-        yield from send_stop(talk, StopMode.JOG_STOP)
-    return (yield from stop(talk, StopMode.STOP))
+    if op.dialect.reports_run_state:
+        yield from send_stop(op, StopMode.JOG_STOP)
+    return (yield from stop(op, StopMode.STOP))

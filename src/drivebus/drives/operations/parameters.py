@@ -38,78 +38,76 @@ class _ParameterWrite:
     raw: int
 
 
-def read_values(talk: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
+def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
     """Parameters and signals by any of their names. Raises ProfileError for a name nobody knows, before sending."""
-    talk.drive.require_capability("read")
-    entries = {name: find_entry(talk.dialect.profile, name) for name in names}
+    op.drive.require_capability("read")
+    entries = {name: find_entry(op.dialect.profile, name) for name in names}
     found: dict[str, Reading] = {}
     for name, entry in entries.items():
-        found[name] = yield from (
-            _read_signal(talk, entry) if isinstance(entry, Signal) else _read_parameter(talk, entry)
-        )
+        found[name] = yield from (_read_signal(op, entry) if isinstance(entry, Signal) else _read_parameter(op, entry))
     return found
 
 
-def _read_signal(talk: OperationContext, signal: Signal) -> DriveOperation[Reading]:
-    yield from talk.sync()
-    for request, _ in talk.dialect.polls((signal.name,)):
-        answer = yield from talk.read(request)
+def _read_signal(op: OperationContext, signal: Signal) -> DriveOperation[Reading]:
+    yield from op.sync()
+    for request, _ in op.dialect.polls((signal.name,)):
+        answer = yield from op.read(request)
         if answer.error is not None:
             return missing_reading("drives.no_answer", signal.unit)
-    return talk.reading_pairs.latest.get(signal.name) or missing_reading("drives.not_reported", signal.unit)
+    return op.reading_pairs.latest.get(signal.name) or missing_reading("drives.not_reported", signal.unit)
 
 
-def _read_parameter(talk: OperationContext, parameter: Parameter) -> DriveOperation[Reading]:
+def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[Reading]:
     if not parameter.readable:
         return missing_reading("drives.write_only", parameter.unit)
-    request = talk.dialect.read_parameter(parameter)
-    error = (yield from talk.sync(avoid=request)) if talk.dialect.needs_sync(request) else None
+    request = op.dialect.read_parameter(parameter)
+    error = (yield from op.sync(avoid=request)) if op.dialect.needs_sync(request) else None
     if error is not None:
         return missing_reading("drives.no_answer", parameter.unit)
-    answer = yield from talk.transact(request)
+    answer = yield from op.transact(request)
     if answer.error is not None:
         return missing_reading("drives.no_answer", parameter.unit)
-    raw = talk.dialect.parameter_raw(answer.reply)
+    raw = op.dialect.parameter_raw(answer.reply)
     if raw is None:
         return missing_reading("drives.refused_read", parameter.unit)
-    return talk.dialect.parameter_reading(parameter, raw, answer.received_at)
+    return op.dialect.parameter_reading(parameter, raw, answer.received_at)
 
 
-def write_values(talk: OperationContext, values: Mapping[str, float], save: bool) -> DriveOperation[Outcome]:
+def write_values(op: OperationContext, values: Mapping[str, float], save: bool) -> DriveOperation[Outcome]:
     """Write parameters one after the other; the first that does not end well ends it.
 
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
     WearBudget, Expired, ConfigurationError (the store of counts fails). The outcome's notes name every parameter.
     """
-    talk.drive.require_capability("write")
-    rule = talk.dialect.profile.write_support
+    op.drive.require_capability("write")
+    rule = op.dialect.profile.write_support
     if not save and not rule.ram:
-        raise CapabilityError("drives.save_needed", model=talk.dialect.profile.model)
+        raise CapabilityError("drives.save_needed", model=op.dialect.profile.model)
     if save and not rule.eeprom:
-        raise CapabilityError("drives.cannot", model=talk.dialect.profile.model, what="save")
-    outcome = talk.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
+        raise CapabilityError("drives.cannot", model=op.dialect.profile.model, what="save")
+    outcome = op.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
-    yield from talk.start_clock()
-    for wanted in [_check_write(talk, name, value) for name, value in values.items()]:
+    yield from op.start_clock()
+    for wanted in [_check_write(op, name, value) for name, value in values.items()]:
         try:
-            outcome = yield from _write_one(talk, wanted, save)
+            outcome = yield from _write_one(op, wanted, save)
         except (DriveError, Expired, ConfigurationError) as withheld:
             if not notes:
                 raise
-            outcome = talk.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
+            outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
         outcome = replace(outcome, notes=notes)
         if not outcome.succeeded:
             return outcome
         outcome = with_note(outcome, outcome.key, **outcome.params)
         notes = outcome.notes
-        talk.checks_started_at = (yield from get_bus_conditions()).now
+        op.age.checks_started_at = (yield from get_bus_conditions()).now
     return outcome
 
 
-def _check_write(talk: OperationContext, name: str, value: float) -> _ParameterWrite:
+def _check_write(op: OperationContext, name: str, value: float) -> _ParameterWrite:
     """Raises where this parameter can't be written, or not with this value."""
-    model = talk.dialect.profile.model
-    parameter = find_entry(talk.dialect.profile, name)
+    model = op.dialect.profile.model
+    parameter = find_entry(op.dialect.profile, name)
     if isinstance(parameter, Signal):
         raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)
     if not parameter.writable or not parameter.listed:
@@ -118,7 +116,7 @@ def _check_write(talk: OperationContext, name: str, value: float) -> _ParameterW
     if (low is not None and value < low) or (high is not None and value > high):
         raise LimitError("drives.parameter_range", notation=parameter.notation, value=value, minimum=low, maximum=high)
     try:
-        raw = talk.dialect.parameter_word(parameter, value)
+        raw = op.dialect.parameter_word(parameter, value)
     except ValueError as error:
         raise LimitError("drives.parameter_word", notation=parameter.notation, value=value) from error
     if parameter.choices and raw not in parameter.choices and parameter.maximum is None:
@@ -135,27 +133,27 @@ def _message_params(wanted: _ParameterWrite) -> dict[str, object]:
     return {"notation": parameter.notation, "value": int(value) if whole else value, "unit": unit}
 
 
-def _write_one(talk: OperationContext, wanted: _ParameterWrite, save: bool) -> DriveOperation[Outcome]:
-    notation, wear = wanted.parameter.notation, talk.drive.eeprom_budget
+def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> DriveOperation[Outcome]:
+    notation, wear = wanted.parameter.notation, op.drive.eeprom_budget
     said = _message_params(wanted)
-    held = (yield from read_raw_parameter(talk, wanted.parameter)) if save and wanted.parameter.readable else None
+    held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
     if save:
         if held == wanted.raw and not wear.count(notation).ram_written:
-            return talk.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **said)
-        around = yield from talk.check_deadline()
-        yield from wear.consume(notation, around.day)
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **said)
+        conditions = yield from op.check_deadline()
+        yield from wear.consume(notation, conditions.day)
     else:
         yield from wear.mark_ram_only(notation)
-    around = yield from talk.check_deadline()
-    command = talk.drive.create_command(CommandKind.WRITE, around)
-    answer = yield from talk.send_command(command, talk.dialect.write_parameter(wanted.parameter, wanted.raw, save))
-    refused = talk.rejected_outcome(answer, **said)
+    conditions = yield from op.check_deadline()
+    command = op.drive.create_command(CommandKind.WRITE, conditions)
+    answer = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
+    refused = op.rejected_outcome(answer, **said)
     if refused is not None:
         return refused
-    outcome = yield from _read_back(talk, wanted, answer.error is None, said)
+    outcome = yield from _read_back(op, wanted, answer.error is None, said)
     if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)
-        outcome = talk.unverifiable_outcome(
+        outcome = op.unverifiable_outcome(
             answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **said
         )
     if save and outcome.succeeded:
@@ -165,30 +163,30 @@ def _write_one(talk: OperationContext, wanted: _ParameterWrite, save: bool) -> D
 
 
 def _read_back(
-    talk: OperationContext, wanted: _ParameterWrite, answered: bool, said: dict[str, object]
+    op: OperationContext, wanted: _ParameterWrite, answered: bool, said: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Through a different request, behind a fence (RELIABILITY 4: removes echo forgery)."""
     if not wanted.parameter.readable:
-        return talk.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **said)
+        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **said)
     raw: int | None = None
     error: DrivebusError | None = None
     for attempt in range(READ_BACK_TRIES):
         if attempt:
             yield from wait(READ_BACK_PAUSE_S)
         try:
-            raw, error = (yield from _synced_raw(talk, wanted.parameter)), None
+            raw, error = (yield from _synced_raw(op, wanted.parameter)), None
         except PreflightError as silent:
             error = silent
         if raw == wanted.raw and error is None:
-            return talk.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **said)
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **said)
     if error is not None or raw is None:
-        return talk.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **said)
-    found = talk.dialect.parameter_reading(wanted.parameter, raw, None).value
-    return talk.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **said)
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **said)
+    found = op.dialect.parameter_reading(wanted.parameter, raw, None).value
+    return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **said)
 
 
-def _synced_raw(talk: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
-    request = talk.dialect.read_parameter(parameter)
-    if not talk.dialect.needs_sync(request):
-        yield from talk.sync(avoid=request)
-    return (yield from read_raw_parameter(talk, parameter))
+def _synced_raw(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
+    request = op.dialect.read_parameter(parameter)
+    if not op.dialect.needs_sync(request):
+        yield from op.sync(avoid=request)
+    return (yield from read_raw_parameter(op, parameter))

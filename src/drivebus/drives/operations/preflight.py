@@ -10,7 +10,7 @@ from drivebus.profiles.model import Parameter, Precondition, Text
 from drivebus.values import Quality
 
 
-def read_preflight(talk: OperationContext) -> DriveOperation[Preflight]:
+def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     """Read every precondition of the profile, and the ramp times where it knows them.
 
     Raises PreflightError where the drive does not answer: silence proves nothing.
@@ -18,71 +18,71 @@ def read_preflight(talk: OperationContext) -> DriveOperation[Preflight]:
     holds: list[str] = []
     missing: list[UnmetPrecondition] = []
     unreadable: list[tuple[str, Text]] = []
-    for condition in talk.dialect.profile.preconditions:
+    for condition in op.dialect.profile.preconditions:
         if condition.unreadable is not None:
             unreadable.append((condition.notation, condition.unreadable))
             continue
-        raw = yield from read_raw_parameter(talk, talk.dialect.profile.parameters[condition.notation])
+        raw = yield from read_raw_parameter(op, op.dialect.profile.parameters[condition.notation])
         if raw in condition.accepted:
             holds.append(condition.notation)
         else:
             missing.append(_unmet(condition, raw))
-    yield from _read_ramp_times(talk)
-    around = yield from get_bus_conditions()
-    found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), around.now)
-    talk.drive.preflight = found
+    yield from _read_ramp_times(op)
+    conditions = yield from get_bus_conditions()
+    found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), conditions.now)
+    op.drive.preflight = found
     return found
 
 
-def ensure_preflight(talk: OperationContext) -> DriveOperation[Preflight]:
+def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     """The pre-flight, read where it was not yet. Where a drive reports no status this *is* its status: read each time.
 
     Raises PreflightError naming each missing parameter with its keypad step.
     """
-    known = talk.drive.preflight
-    fresh = known is not None and known.passed and talk.dialect.reports_run_state
-    found = known if fresh and known is not None else (yield from read_preflight(talk))
+    known = op.drive.preflight
+    fresh = known is not None and known.passed and op.dialect.reports_run_state
+    found = known if fresh and known is not None else (yield from read_preflight(op))
     if not found.passed:
         raise PreflightError(
             "drives.preflight",
-            model=talk.dialect.profile.model,
-            station=talk.dialect.address,
+            model=op.dialect.profile.model,
+            station=op.dialect.address,
             parameters=", ".join(m.notation for m in found.unmet),
             steps=_keypad_steps(found.unmet),
         )
     return found
 
 
-def read_raw_parameter(talk: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
+def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
     """The raw word of a parameter; None where the drive refuses it. Raises PreflightError where it does not answer."""
-    request = talk.dialect.read_parameter(parameter)
+    request = op.dialect.read_parameter(parameter)
     error: DrivebusError | None = None
-    if talk.dialect.needs_sync(request):
-        error = yield from talk.sync(avoid=request)
+    if op.dialect.needs_sync(request):
+        error = yield from op.sync(avoid=request)
     if error is None:
-        answer = yield from talk.transact(request)
+        answer = yield from op.transact(request)
         if answer.error is None:
-            return talk.dialect.parameter_raw(answer.reply)
+            return op.dialect.parameter_raw(answer.reply)
         error = answer.error if isinstance(answer.error, DrivebusError) else None
     problem = error.text() if error is not None else ""
     raise PreflightError(
-        "drives.preflight_silent", station=talk.dialect.address, notation=parameter.notation, problem=problem
+        "drives.preflight_silent", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error
 
 
-def _read_ramp_times(talk: OperationContext) -> DriveOperation[None]:
+def _read_ramp_times(op: OperationContext) -> DriveOperation[None]:
     """Ramp times give deadlines; a drive that does not tell them costs patience, nothing else."""
-    notations = talk.dialect.profile.ramp_notations
+    notations = op.dialect.profile.ramp_notations
     if notations is None:
         return
     seconds: list[float | None] = []
     for notation in notations:
-        parameter = talk.dialect.profile.parameters[notation]
-        raw = yield from read_raw_parameter(talk, parameter)
-        reading = None if raw is None else talk.dialect.parameter_reading(parameter, raw, None)
+        parameter = op.dialect.profile.parameters[notation]
+        raw = yield from read_raw_parameter(op, parameter)
+        reading = None if raw is None else op.dialect.parameter_reading(parameter, raw, None)
         good = reading is not None and reading.quality is Quality.GOOD
         seconds.append(float(reading.value) if good and isinstance(reading.value, int | float) else None)  # type: ignore[union-attr]
-    talk.drive.acceleration_s, talk.drive.deceleration_s = seconds
+    op.drive.acceleration_s, op.drive.deceleration_s = seconds
 
 
 def _unmet(condition: Precondition, raw: int | None) -> UnmetPrecondition:

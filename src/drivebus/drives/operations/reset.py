@@ -15,58 +15,58 @@ RESET_CONFIRM_TIMEOUT_S = 2.0
 """A drive that still shows its fault after this was not reset, or fell into it again."""
 
 
-def reset_fault(talk: OperationContext) -> DriveOperation[Outcome]:
+def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
     """Reset a fault, where there is one. Raises CapabilityError, StartInhibited, Expired or the bus's error."""
-    talk.drive.require_capability("reset_fault")
-    yield from talk.start_clock()
-    if not (yield from _has_fault(talk)):
-        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.no_fault", state=talk.derived.state)
-    around = yield from talk.check_deadline()
-    command = talk.create_command(CommandKind.RESET, around)
-    frames = talk.dialect.reset()
-    answer = yield from send_frames(talk, command, frames)
+    op.drive.require_capability("reset_fault")
+    yield from op.start_clock()
+    if not (yield from _has_fault(op)):
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.no_fault", state=op.derived.state)
+    conditions = yield from op.check_deadline()
+    command = op.create_command(CommandKind.RESET, conditions)
+    frames = op.dialect.reset()
+    answer = yield from send_frames(op, command, frames)
     answered = answer.error is None
-    refused = talk.rejected_outcome(answer)
+    refused = op.rejected_outcome(answer)
     if refused is not None:
         return refused
-    if not talk.dialect.reports_run_state:
-        return talk.unverifiable_outcome(answered, "drives.reset_acknowledged", "drives.reset_unknown")
-    return (yield from _wait_until_cleared(talk, command, frames, answered))
+    if not op.dialect.reports_run_state:
+        return op.unverifiable_outcome(answered, "drives.reset_acknowledged", "drives.reset_unknown")
+    return (yield from _wait_until_cleared(op, command, frames, answered))
 
 
-def _has_fault(talk: OperationContext) -> DriveOperation[bool]:
+def _has_fault(op: OperationContext) -> DriveOperation[bool]:
     """Read the fault twice, each behind a sync probe; a drive that reports no state may have one."""
-    can_tell = talk.dialect.reports_run_state
+    can_tell = op.dialect.reports_run_state
     # where it can't tell, it must answer at all; and a first reply that equals its request is not believed (F03)
-    error = (yield from talk.read_verified_state()) if can_tell else (yield from talk.sync())
+    error = (yield from op.read_verified_state()) if can_tell else (yield from op.sync())
     if error is not None:
         raise error
-    if talk.derived.state.turning:
-        raise StartInhibited("drives.reset_while_turning", state=talk.derived.state)
-    return not can_tell or talk.derived.state in FAULT_STATES or talk.derived.fault_code is not None
+    if op.derived.state.turning:
+        raise StartInhibited("drives.reset_while_turning", state=op.derived.state)
+    return not can_tell or op.derived.state in FAULT_STATES or op.derived.fault_code is not None
 
 
 def _wait_until_cleared(
-    talk: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...], answered: bool
+    op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...], answered: bool
 ) -> DriveOperation[Outcome]:
     """Look until the fault is gone, or has stayed too long; an unanswered reset is sent again while it still stands."""
     sent_again = 0
     while True:
         yield from wait(COMMAND_SETTLE_S)
-        error = yield from talk.read_verified_state()
-        now = yield from talk.check_not_superseded(command)
-        if error is None and talk.derived.state is not DriveState.UNKNOWN and talk.derived.state not in FAULT_STATES:
-            return talk.outcome(OutcomeStatus.CONFIRMED, "drives.reset_confirmed", state=talk.derived.state)
-        still = error is None and talk.derived.state in FAULT_STATES
+        error = yield from op.read_verified_state()
+        now = yield from op.check_not_superseded(command)
+        if error is None and op.derived.state is not DriveState.UNKNOWN and op.derived.state not in FAULT_STATES:
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.reset_confirmed", state=op.derived.state)
+        still = error is None and op.derived.state in FAULT_STATES
         if (
             still
             and not answered
             and sent_again < MAX_RESENDS
             and now < command.created_at + COMMAND_TTL_S[CommandKind.RESET]
         ):
-            again = yield from resend_frames(talk, command, frames)
+            again = yield from resend_frames(op, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
         elif now > command.created_at + RESET_CONFIRM_TIMEOUT_S:
             if still:
-                return talk.outcome(OutcomeStatus.FAILED, "drives.fault_remains", state=talk.derived.state)
-            return talk.outcome(OutcomeStatus.UNKNOWN, "drives.reset_unknown")
+                return op.outcome(OutcomeStatus.FAILED, "drives.fault_remains", state=op.derived.state)
+            return op.outcome(OutcomeStatus.UNKNOWN, "drives.reset_unknown")

@@ -26,9 +26,9 @@ SPEED_TOLERANCE = 0.005
 """Of the set frequency: a half percent, but never less than two steps of what the drive reports."""
 
 
-def speed_tolerance_hz(talk: OperationContext, frequency_hz: float) -> float:
+def speed_tolerance_hz(op: OperationContext, frequency_hz: float) -> float:
     """How near is "at" the set frequency."""
-    step = talk.dialect.profile.signals["output_frequency"].scale.factor
+    step = op.dialect.profile.signals["output_frequency"].scale.factor
     return max(2.0 * step, SPEED_TOLERANCE * frequency_hz)
 
 
@@ -40,47 +40,47 @@ def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> flo
 
 
 def wait_at_speed(
-    talk: OperationContext, frequency_hz: float, outcome: Outcome, timeout_s: float | None
+    op: OperationContext, frequency_hz: float, outcome: Outcome, timeout_s: float | None
 ) -> DriveOperation[Outcome]:
     """The outcome once the drive runs at ``frequency_hz``. Raises TargetNotReached with what it reports instead."""
-    around = yield from get_bus_conditions()
-    generation = around.stop_epoch
-    limit_s = ramp_timeout_s(talk.drive.acceleration_s, timeout_s)
-    until = around.now + limit_s
-    near_hz = speed_tolerance_hz(talk, frequency_hz)
+    conditions = yield from get_bus_conditions()
+    generation = conditions.stop_epoch
+    limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
+    until = conditions.now + limit_s
+    near_hz = speed_tolerance_hz(op, frequency_hz)
     while True:
-        error = yield from talk.read_verified_state()
-        around = yield from get_bus_conditions()
-        if around.stop_epoch != generation:
-            raise talk.superseded_error()
-        state, output = talk.derived.state, _output_hz(talk)
+        error = yield from op.read_verified_state()
+        conditions = yield from get_bus_conditions()
+        if conditions.stop_epoch != generation:
+            raise op.superseded_error()
+        state, output = op.derived.state, _output_hz(op)
         if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
             key = "drives.running_at"
-            done = talk.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
+            done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
             notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
             return replace(done, notes=notes)  # running at it shows it
-        if state.output_off or around.now > until:
-            raise _not_reached_error(talk, frequency_hz, output, limit_s, error)
+        if state.output_off or conditions.now > until:
+            raise _not_reached_error(op, frequency_hz, output, limit_s, error)
         yield from wait(SPEED_POLL_INTERVAL_S)
 
 
-def _output_hz(talk: OperationContext) -> float | None:
+def _output_hz(op: OperationContext) -> float | None:
     """Both of the last two reads must be there; the newer one counts."""
-    pair = talk.reading_pairs.pair("output_frequency")
+    pair = op.reading_pairs.pair("output_frequency")
     value = None if pair is None else pair[1].value
     return float(value) if isinstance(value, int | float) else None
 
 
 def _not_reached_error(
-    talk: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
+    op: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
 ) -> TargetNotReached:
-    state = talk.derived.state
+    state = op.derived.state
     key = "drives.not_reached" if error is None else "drives.not_reached_silent"
     failure = TargetNotReached(
         key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
     )
     word = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
-    failure.outcome = talk.outcome(word, key, **failure.params)
+    failure.outcome = op.outcome(word, key, **failure.params)
     return failure
 
 
@@ -95,52 +95,52 @@ MAX_RESENDS = 2
 
 
 def run(
-    talk: OperationContext, frequency_hz: float, direction: Direction | None, *, will_wait: bool = False
+    op: OperationContext, frequency_hz: float, direction: Direction | None, *, will_wait: bool = False
 ) -> DriveOperation[Outcome]:
     """Run at a frequency. Raises before sending: CapabilityError, LimitError, PreflightError, StartInhibited, Expired.
 
     ``will_wait``: ``reach`` is to follow, so a model that can't show the frequency is refused now.
     """
-    memory, dialect = talk.drive, talk.dialect
+    memory, dialect = op.drive, op.dialect
     memory.require_capability("run")
     memory.check_direction(direction)
-    word, actual_hz = talk.check_frequency(frequency_hz)
+    word, actual_hz = op.check_frequency(frequency_hz)
     dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
     if will_wait and not dialect.can_confirm_speed():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
-    yield from talk.start_clock()
-    yield from check_readiness(talk)
-    if talk.derived.state.turning:
-        outcome = yield from _change_running_speed(talk, frequency_hz, direction)
+    yield from op.start_clock()
+    yield from check_readiness(op)
+    if op.derived.state.turning:
+        outcome = yield from _change_running_speed(op, frequency_hz, direction)
     else:
-        outcome = yield from _start_from_standstill(talk, actual_hz, direction, word)
-    return _note_unread_preconditions(talk, outcome)
+        outcome = yield from _start_from_standstill(op, actual_hz, direction, word)
+    return _note_unread_preconditions(op, outcome)
 
 
-def check_readiness(talk: OperationContext) -> DriveOperation[None]:
+def check_readiness(op: OperationContext) -> DriveOperation[None]:
     """Status, pre-flight, and the status again where the pre-flight took time. A drive in fault is told first: its
     parameters can't be read then (C320). Raises StartInhibited, PreflightError, or the bus's error."""
-    yield from _require_state(talk)
-    state = talk.derived.state
-    if talk.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
+    yield from _require_state(op)
+    state = op.derived.state
+    if op.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
         raise StartInhibited("drives.state_forbids", state=state, kind=CommandKind.START)
-    known = talk.drive.preflight
-    if (yield from ensure_preflight(talk)) is not known:
-        yield from _require_state(talk)
+    known = op.drive.preflight
+    if (yield from ensure_preflight(op)) is not known:
+        yield from _require_state(op)
 
 
-def _require_state(talk: OperationContext) -> DriveOperation[None]:
+def _require_state(op: OperationContext) -> DriveOperation[None]:
     """Two agreeing reads, or the bus's error: a drive that does not answer is not started."""
-    error = yield from talk.read_verified_state()
+    error = yield from op.read_verified_state()
     if error is not None:
         raise error
 
 
 def _change_running_speed(
-    talk: OperationContext, frequency_hz: float, direction: Direction | None
+    op: OperationContext, frequency_hz: float, direction: Direction | None
 ) -> DriveOperation[Outcome]:
     """A run that goes on: only its frequency changes. Turning the other way round begins at standstill."""
-    verdict = talk.derived
+    verdict = op.derived
     wanted = direction or Direction.FORWARD
     runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
     if not runs or (verdict.direction is not None and verdict.direction is not wanted):
@@ -148,43 +148,43 @@ def _change_running_speed(
         raise StartInhibited("drives.turning", state=verdict.state, direction=shown_direction)
     if verdict.direction is None and direction is not None:
         raise StartInhibited("drives.turning_unknown_way", direction=direction)
-    return (yield from set_frequency(talk, frequency_hz))
+    return (yield from set_frequency(op, frequency_hz))
 
 
 def _start_from_standstill(
-    talk: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
 ) -> DriveOperation[Outcome]:
-    if talk.dialect.start_includes_setpoint:
-        return (yield from _send_start(talk, frequency_hz, direction, word))
-    around = yield from talk.check_deadline()
-    start = talk.create_command(CommandKind.START, around)
-    yield from talk.request_permit(start, talk.dialect.start(direction, word)[0])  # else no frequency is written
-    setpoint = talk.create_command(CommandKind.SETPOINT, around)
-    outcome = yield from write_setpoint(talk, setpoint, word, frequency_hz)
+    if op.dialect.start_includes_setpoint:
+        return (yield from _send_start(op, frequency_hz, direction, word))
+    conditions = yield from op.check_deadline()
+    start = op.create_command(CommandKind.START, conditions)
+    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # else no frequency is written
+    setpoint = op.create_command(CommandKind.SETPOINT, conditions)
+    outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
     if not outcome.succeeded:
         return outcome if outcome.status is OutcomeStatus.REFUSED else _not_started_outcome(outcome)
-    yield from talk.check_not_superseded(setpoint)
+    yield from op.check_not_superseded(setpoint)
     try:
-        if talk.dialect.reports_run_state:
-            yield from _require_state(talk)
-        return (yield from _send_start(talk, frequency_hz, direction, word))
+        if op.dialect.reports_run_state:
+            yield from _require_state(op)
+        return (yield from _send_start(op, frequency_hz, direction, word))
     except (StartInhibited, Expired) as withheld:  # they promise that nothing was sent, and the frequency has left
-        return talk.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
+        return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 
 def _send_start(
-    talk: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
 ) -> DriveOperation[Outcome]:
-    around = yield from talk.check_deadline()
-    command = talk.create_command(CommandKind.START, around)
-    frames = talk.dialect.start(direction, word)
-    answer = yield from send_frames(talk, command, frames)
-    refused = talk.rejected_outcome(answer)
+    conditions = yield from op.check_deadline()
+    command = op.create_command(CommandKind.START, conditions)
+    frames = op.dialect.start(direction, word)
+    answer = yield from send_frames(op, command, frames)
+    refused = op.rejected_outcome(answer)
     if refused is not None:
         return refused
-    outcome = yield from confirm_start(talk, command, frames, direction, answer.error is None)
-    if outcome.status is OutcomeStatus.CONFIRMED and talk.dialect.start_includes_setpoint:
-        return (yield from _check_setpoint(talk, outcome, word, frequency_hz))
+    outcome = yield from confirm_start(op, command, frames, direction, answer.error is None)
+    if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
+        return (yield from _check_setpoint(op, outcome, word, frequency_hz))
     return outcome
 
 
@@ -194,87 +194,85 @@ def _not_started_outcome(outcome: Outcome) -> Outcome:
 
 
 def send_frames(
-    talk: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
+    op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
 ) -> DriveOperation[BusResult]:
     """The acting frame, then what must follow it. Returns the answer to the acting one.
 
     Raises StartInhibited, Expired, Superseded only before the acting frame has left; whoever looks next sees the rest.
     """
-    first: BusResult = yield from talk.send_command(command, frames[0])
+    first: BusResult = yield from op.send_command(command, frames[0])
     if first.sent:
         try:
             for frame in frames[1:]:
-                yield from talk.send_command(command, frame)
+                yield from op.send_command(command, frame)
         except WITHHELD_ERRORS:
             pass
     return first
 
 
 def resend_frames(
-    talk: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
+    op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
 ) -> DriveOperation[bool | None]:
     """Was it answered? None where it may not be sent any more: what became of the first one is still to be seen."""
     try:
-        answer = yield from send_frames(talk, command, frames)
+        answer = yield from send_frames(op, command, frames)
     except WITHHELD_ERRORS:
         return None
     return answer.error is None
 
 
 def confirm_start(
-    talk: OperationContext,
+    op: OperationContext,
     command: DriveCommand,
     frames: tuple[CommandFrame, ...],
     direction: Direction | None,
     answered: bool,
 ) -> DriveOperation[Outcome]:
     """Was it executed? An unanswered start is sent again only after two fenced reads show standstill (ruling 6)."""
-    if not talk.dialect.reports_run_state:
-        return talk.unverifiable_outcome(answered, "drives.start_acknowledged", "drives.start_unknown")
+    if not op.dialect.reports_run_state:
+        return op.unverifiable_outcome(answered, "drives.start_acknowledged", "drives.start_unknown")
     sent_again = 0
-    deadline = (yield from talk.check_not_superseded(command)) + START_CONFIRM_TIMEOUT_S
-    talk.motion_seen = False
+    deadline = (yield from op.check_not_superseded(command)) + START_CONFIRM_TIMEOUT_S
+    op.motion_seen = False
     while True:
         yield from wait(COMMAND_SETTLE_S)
-        error = yield from talk.read_verified_state()
-        now = yield from talk.check_not_superseded(command)
-        state = talk.derived.state
+        error = yield from op.read_verified_state()
+        now = yield from op.check_not_superseded(command)
+        state = op.derived.state
         if state.driven:
-            return _running_outcome(talk, direction)
-        if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not talk.motion_seen:
-            return talk.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
-        taken = talk.motion_seen or talk.dialect.confirms_start(talk.reading_pairs)
+            return _running_outcome(op, direction)
+        if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not op.motion_seen:
+            return op.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
+        taken = op.motion_seen or op.dialect.confirms_start(op.reading_pairs)
         may_resend = state is DriveState.STOPPED and not answered and not taken
         if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[CommandKind.START]:
-            again = yield from resend_frames(talk, command, frames)
+            again = yield from resend_frames(op, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
-        elif talk.motion_seen and state.output_off:
-            return talk.outcome(OutcomeStatus.FAILED, "drives.started_and_stopped", state=state)
+        elif op.motion_seen and state.output_off:
+            return op.outcome(OutcomeStatus.FAILED, "drives.started_and_stopped", state=state)
         elif now > deadline:
-            return _unconfirmed_outcome(talk, state, error is not None)
+            return _unconfirmed_outcome(op, state, error is not None)
 
 
-def _running_outcome(talk: OperationContext, direction: Direction | None) -> Outcome:
-    found = talk.derived.direction
+def _running_outcome(op: OperationContext, direction: Direction | None) -> Outcome:
+    found = op.derived.direction
     if direction is not None and found is not None and found is not direction:
-        return talk.outcome(OutcomeStatus.FAILED, "drives.wrong_way", expected=direction, found=found)
-    return talk.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=talk.derived.state)
+        return op.outcome(OutcomeStatus.FAILED, "drives.wrong_way", expected=direction, found=found)
+    return op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=op.derived.state)
 
 
-def _unconfirmed_outcome(talk: OperationContext, state: DriveState, silent: bool) -> Outcome:
+def _unconfirmed_outcome(op: OperationContext, state: DriveState, silent: bool) -> Outcome:
     if silent or state is DriveState.UNKNOWN or state.turning:  # jogged, braked or ramped down by somebody else
-        return talk.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
-    talk.drive.preflight = None  # whoever starts it again reads first whether it still listens to the bus
-    return talk.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
+    op.drive.preflight = None  # whoever starts it again reads first whether it still listens to the bus
+    return op.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
 
 
-def _check_setpoint(
-    talk: OperationContext, outcome: Outcome, word: int, frequency_hz: float
-) -> DriveOperation[Outcome]:
+def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency_hz: float) -> DriveOperation[Outcome]:
     """The start is confirmed; is its frequency?"""
-    if not talk.dialect.setpoint_reads():
+    if not op.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
-    found = yield from read_back_setpoint(talk, word, frequency_hz, answered=True)
+    found = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
     if found.status is OutcomeStatus.FAILED:
         return raise_for_status(
             found
@@ -285,9 +283,9 @@ def _check_setpoint(
     return with_note(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
 
 
-def _note_unread_preconditions(talk: OperationContext, outcome: Outcome) -> Outcome:
+def _note_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcome:
     """Preconditions that the host could not read are named, never assumed to hold."""
-    preflight = talk.drive.preflight
+    preflight = op.drive.preflight
     for notation, why in preflight.unreadable if preflight else ():
         outcome = with_note(outcome, "drives.precondition_unread", notation=notation, why=why)
     return outcome

@@ -36,17 +36,17 @@ class Identity:
     host_sets_frequency: bool | None = None
 
 
-def identify(talk: OperationContext) -> DriveOperation[Identity]:
+def identify(op: OperationContext) -> DriveOperation[Identity]:
     """Ask the drive who it is. Raises the bus's error where it does not answer."""
-    dialect = talk.dialect
-    error = yield from talk.sync()
+    dialect = op.dialect
+    error = yield from op.sync()
     if error is not None:
         raise error
     if not isinstance(dialect, SunfarDialect):
         return Identity(dialect.profile.model, reported=False)
     digits: list[tuple[str, str]] = []
     for part, request in zip(IDENTITY_PARTS, dialect.identity_reads(), strict=True):
-        answer = yield from talk.transact(request)
+        answer = yield from op.transact(request)
         info = getattr(answer.reply, "info", None)
         if answer.error is None and info and dialect.rejection(answer.reply) is None:
             digits.append((part, info))
@@ -82,13 +82,13 @@ class CommLossReport:
         return i18n.text(self.key, language, **self.params)
 
 
-def comm_loss_behaviour(talk: OperationContext) -> DriveOperation[CommLossReport]:
+def comm_loss_behaviour(op: OperationContext) -> DriveOperation[CommLossReport]:
     """Read the timer and its action. An unknown answer is to be treated as "it keeps running"."""
-    rule, model = talk.dialect.profile.comm_loss, talk.dialect.profile.model
+    rule, model = op.dialect.profile.comm_loss, op.dialect.profile.model
     notations = tuple(n for n in (rule.time_notation, rule.action_notation) if n is not None)
     if not notations:
         return CommLossReport(None, "drives.host_dies_unpublished", {"model": model})
-    found = yield from read_values(talk, notations)
+    found = yield from read_values(op, notations)
     time = found.get(rule.time_notation) if rule.time_notation else None
     action = found.get(rule.action_notation) if rule.action_notation else None
     if any(r is not None and (r.raw is None or r.quality is Quality.BAD) for r in (time, action)):
@@ -119,27 +119,27 @@ CANONICAL_SIGNALS = {
 """What every drive is asked about: present in each status, None with a reason where the model does not report it."""
 
 
-def read_status(talk: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
+def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
     """State and readings. Raises the bus's error where the drive does not answer at all."""
-    wanted = tuple(talk.dialect.profile.signals) if names is None else names
-    error = yield from talk.read_verified_state()
-    answered = error is None and bool(talk.dialect.state_reads())
-    if not talk.dialect.reports_run_state:
-        talk.derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_run_status")
-    done = talk.dialect.state_reads()
-    for request, _ in talk.dialect.polls(wanted) if error is None else ():
+    wanted = tuple(op.dialect.profile.signals) if names is None else names
+    error = yield from op.read_verified_state()
+    answered = error is None and bool(op.dialect.state_reads())
+    if not op.dialect.reports_run_state:
+        op.derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_run_status")
+    done = op.dialect.state_reads()
+    for request, _ in op.dialect.polls(wanted) if error is None else ():
         if request in done:
             continue
-        answer = yield from talk.read(request)
+        answer = yield from op.read(request)
         answered = answered or answer.error is None
         if answer.error is not None:
             error = answer.error if isinstance(answer.error, DrivebusError) else error
     if not answered and error is None:
-        error = yield from talk.sync()
+        error = yield from op.sync()
         answered = error is None
     if not answered and error is not None:
         raise error
-    return complete_status(talk.dialect, talk.drive_status(), wanted)
+    return complete_status(op.dialect, op.drive_status(), wanted)
 
 
 def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None = None) -> DriveStatus:

@@ -1,13 +1,6 @@
-"""The steps of a conversation: what a pure operation may ask of the world. Values only; the shells perform them.
+"""Steps of a drive operation: values that the generator yields and whose results it receives.
 
-A conversation is a generator: it yields a step and is sent what came of it.
-
-    Ask(...)      → Answer            one transaction on the bus
-    Wait(s)       → now               silence on our side
-    LOOK          → Surroundings      time, stop generation, latch and health, at this moment
-    Keep(k, f)    → None              f(what is kept now) is durable when it returns (EEPROM wear); f may raise
-
-No clock, loop or port is imported here or by any conversation.
+``drives/runner.py`` describes how an operation is run. No clock, event loop or port is imported by any operation.
 """
 
 from __future__ import annotations
@@ -23,41 +16,36 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Do nothing for so many seconds."""
+    """Send nothing for ``seconds``; the result is the time after it."""
 
     seconds: float
 
 
 @dataclass(frozen=True, slots=True)
 class GetBusConditions:
-    """Ask for the surroundings; sends nothing."""
+    """Get the BusConditions of this moment; nothing is sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class UpdateStore:
-    """Change a stored value so that it survives a power cut, and so that no other program changes it in between."""
+    """Replace a stored value by ``change(value)``; durable when it returns, and atomic among programs."""
 
     key: str
     change: Callable[[str | None], str]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusConditions:
-    """What the bus knows of the station at this moment."""
+    """Conditions of a station's bus at one moment."""
 
-    now: float
-    """Monotonic seconds."""
-    day: str = ""
-    """Calendar day (ISO), for the EEPROM budget only."""
-    stop_epoch: int = 0
-    """Stop generation: it grows with every stop of this station (6.5)."""
+    now: float  # monotonic seconds
+    day: str = ""  # calendar day (ISO), for the EEPROM budget only
+    stop_epoch: int = 0  # incremented by every stop of this station
     start_inhibited: bool = False
     foreign_master: bool = False
-    duplicate: bool = False
-    error_rate: float = 0.0
-    """Share of this station's replies of the last 5 minutes that came spoiled, 0 to 1. Silence is no bit error."""
-    failures: int = 0
-    """How many those were."""
+    duplicate: bool = False  # two drives seem to answer at this address
+    error_rate: float = 0.0  # share of damaged replies of the last 5 minutes, 0 to 1; a missing reply is not damaged
+    failures: int = 0  # number of damaged replies of the last 5 minutes
 
 
 GET_BUS_CONDITIONS = GetBusConditions()
@@ -66,34 +54,34 @@ DriveOperation = Generator[Step, Any, T]
 
 
 def wait(seconds: float) -> DriveOperation[float]:
-    """Typed ``yield Wait``: returns the monotonic second after it."""
+    """Yield Wait and return the time after it."""
     now: float = yield Wait(seconds)
     return now
 
 
 def get_bus_conditions() -> DriveOperation[BusConditions]:
-    """Typed ``yield LOOK``."""
-    seen: BusConditions = yield GET_BUS_CONDITIONS
-    return seen
+    """Yield GetBusConditions and return its result."""
+    conditions: BusConditions = yield GET_BUS_CONDITIONS
+    return conditions
 
 
 def transact(request: BusRequest) -> DriveOperation[BusResult]:
-    """Typed ``yield Ask``."""
-    answer: BusResult = yield request
-    return answer
+    """Yield a bus request and return its result."""
+    result: BusResult = yield request
+    return result
 
 
 def run_pure(operation: DriveOperation[T], perform: Callable[[Step], Any]) -> T:
-    """Run a conversation against a function that performs each step: for tests and simulations without a loop."""
+    """Run an operation against a function that performs each step, without an event loop: for tests."""
     try:
         step = next(operation)
         while True:
             try:
-                found = perform(step)
+                result = perform(step)
             except Exception as error:
                 step = operation.throw(error)
             else:
-                step = operation.send(found)
+                step = operation.send(result)
     except StopIteration as end:
-        result: T = end.value
-        return result
+        value: T = end.value
+        return value

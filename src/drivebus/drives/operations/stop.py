@@ -29,19 +29,19 @@ UNVERIFIABLE_STOP_SENDS = 3
 class StopProgress:
     """How a stop gets on, and when it is overdue (G07)."""
 
-    def __init__(self, talk: OperationContext, begun: float, drives: int = 1) -> None:
+    def __init__(self, op: OperationContext, begun: float, drives: int = 1) -> None:
         """``drives``: so many are stopped at once and looked at in turns."""
-        self._talk, self._begun, self._drives = talk, begun, drives
+        self._op, self._begun, self._drives = op, begun, drives
         self._decelerating_at = self._checked_progress_at = begun
 
     @property
     def _last_progress_at(self) -> float:
         """When the drive was last seen to slow down."""
-        return max(self._decelerating_at, self._talk.last_deceleration_at or self._begun)
+        return max(self._decelerating_at, self._op.last_deceleration_at or self._begun)
 
     def update(self, now: float) -> bool:
         """Is it slowing down? A lower frequency than ever seen in this stop since the last look, or such a state."""
-        if self._talk.derived.state in (DriveState.DECELERATING, DriveState.BRAKING):
+        if self._op.derived.state in (DriveState.DECELERATING, DriveState.BRAKING):
             self._decelerating_at = now
         before, self._checked_progress_at = self._checked_progress_at, self._last_progress_at
         return self._checked_progress_at > before
@@ -49,7 +49,7 @@ class StopProgress:
     @property
     def deadline(self) -> float:
         """Without progress for its patience, or without standstill after its ramp where that is known: unconfirmed."""
-        ramp, pace = self._talk.drive.deceleration_s or 0.0, self._talk.fastest_transaction_s
+        ramp, pace = self._op.drive.deceleration_s or 0.0, self._op.age.fastest_transaction_s
         patience = max(
             STOP_PROGRESS_TIMEOUT_S, STOP_PROGRESS_TIMEOUT_TRANSACTIONS * self._drives * pace if isfinite(pace) else 0.0
         )
@@ -60,7 +60,7 @@ class StopProgress:
 
 
 def stop(
-    talk: OperationContext,
+    op: OperationContext,
     mode: StopMode = StopMode.STOP,
     *,
     wait_confirmed: bool = True,
@@ -71,81 +71,81 @@ def stop(
     ``wait_for_it`` False returns once the drive has answered the stop (or after its resends): unconfirmed, and so said.
     """
     outcome = yield from _send_and_confirm(
-        talk, mode, wait_confirmed, progress or StopProgress(talk, (yield from get_bus_conditions()).now)
+        op, mode, wait_confirmed, progress or StopProgress(op, (yield from get_bus_conditions()).now)
     )
-    talk.may_be_running = talk.may_be_running and not outcome.succeeded
+    op.may_be_running = op.may_be_running and not outcome.succeeded
     return outcome
 
 
 def _send_and_confirm(
-    talk: OperationContext, how: StopMode, wait_for_it: bool, progress: StopProgress
+    op: OperationContext, how: StopMode, wait_for_it: bool, progress: StopProgress
 ) -> DriveOperation[Outcome]:
     begun = (yield from get_bus_conditions()).now
-    answered = yield from send_stop(talk, how)
-    if not talk.dialect.reports_run_state:
-        return (yield from _repeat_unverifiable(talk, how, answered))
+    answered = yield from send_stop(op, how)
+    if not op.dialect.reports_run_state:
+        return (yield from _repeat_unverifiable(op, how, answered))
     if not wait_for_it:
         key = "drives.stop_answered" if answered else "drives.stop_unanswered"
-        return talk.outcome(OutcomeStatus.UNKNOWN, key)
-    return (yield from _until_confirmed(talk, how, begun, progress))
+        return op.outcome(OutcomeStatus.UNKNOWN, key)
+    return (yield from _until_confirmed(op, how, begun, progress))
 
 
-def send_stop(talk: OperationContext, mode: StopMode) -> DriveOperation[bool]:
+def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
     """One stop and what must follow it, after the other drives' stops. True where the drive answered and agreed."""
     answered = False
-    for place, request in enumerate(talk.dialect.stop(mode)):
-        answer: BusResult = yield from talk.transact(
+    for place, request in enumerate(op.dialect.stop(mode)):
+        answer: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )
         if place == 0:
-            accepted = answer.reply is not None and talk.dialect.rejection(answer.reply) is None
+            accepted = answer.reply is not None and op.dialect.rejection(answer.reply) is None
             answered = answer.error is None and accepted
     return answered
 
 
-def _repeat_unverifiable(talk: OperationContext, how: StopMode, answered: bool) -> DriveOperation[Outcome]:
+def _repeat_unverifiable(op: OperationContext, how: StopMode, answered: bool) -> DriveOperation[Outcome]:
     """A drive without a run status: repeated, then said to be unconfirmable (ruling 1, T17)."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
         if not answered:
-            yield from talk.sync()  # the answer mirrors the stop: a read settles whether the adapter echoes (F03)
+            yield from op.sync()  # the answer mirrors the stop: a read settles whether the adapter echoes (F03)
         yield from wait(STOP_POLL_INTERVAL_S)
-        answered = (yield from send_stop(talk, how)) or answered
+        answered = (yield from send_stop(op, how)) or answered
     if answered:
-        return talk.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
-    return unconfirmed_outcome(talk)
+        return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
+    return unconfirmed_outcome(op)
 
 
 def _until_confirmed(
-    talk: OperationContext, how: StopMode, last_sent: float, progress: StopProgress
+    op: OperationContext, how: StopMode, last_sent: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
     """Look, and send again, until two fenced reads show the output off or patience ends."""
     while True:
-        yield from talk.read_verified_state(allowed_failures=0)
+        yield from op.read_verified_state(allowed_failures=0)
         now = (yield from get_bus_conditions()).now
-        if talk.derived.state.output_off and _is_stop_confirmed(talk):
-            return _stopped_outcome(talk)
+        if op.derived.state.output_off and _is_stop_confirmed(op):
+            return _stopped_outcome(op)
         slowing = progress.update(now)
         if now > progress.deadline:
-            return unconfirmed_outcome(talk)
+            return unconfirmed_outcome(op)
         if not slowing or now - last_sent >= STOP_RESEND_INTERVAL_S:
-            yield from send_stop(talk, how)
+            yield from send_stop(op, how)
             last_sent = now
         yield from wait(STOP_POLL_INTERVAL_S)
 
 
-def unconfirmed_outcome(talk: OperationContext) -> Outcome:
+def unconfirmed_outcome(op: OperationContext) -> Outcome:
     """What a user is told who must go and look."""
-    return talk.outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state=talk.derived.state)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state=op.derived.state)
 
 
-def _is_stop_confirmed(talk: OperationContext) -> bool:
+def _is_stop_confirmed(op: OperationContext) -> bool:
     """A fault or an uncharged bus ends a stop by itself; else the family's own sign of it counts too."""
-    state = talk.derived.state
-    return state in (DriveState.FAULT, DriveState.NOT_READY) or talk.dialect.confirms_stop(talk.reading_pairs)
+    state = op.derived.state
+    return state in (DriveState.FAULT, DriveState.NOT_READY) or op.dialect.confirms_stop(op.reading_pairs)
 
 
-def _stopped_outcome(talk: OperationContext) -> Outcome:
-    state = talk.derived.state
+def _stopped_outcome(op: OperationContext) -> Outcome:
+    state = op.derived.state
     plain = state in (DriveState.STOPPED, DriveState.EMERGENCY_STOPPED)
     key = "drives.stop_confirmed" if plain else "drives.output_off"
-    return talk.outcome(OutcomeStatus.CONFIRMED, key, state=state)
+    return op.outcome(OutcomeStatus.CONFIRMED, key, state=state)

@@ -120,7 +120,7 @@ class Dispatcher:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
         entry = _audit_entry(operation, params.model_dump(), actor, drives=ticket.stop_counts)
         try:
-            number = await self._record(replace(entry, outcome="asked"))
+            number = await self._record(replace(entry, outcome="requested"))
         except AuditUnavailable:
             if operation.audit is Audit.REQUIRED:
                 self._record_nowait(_unrecorded_entry(entry))

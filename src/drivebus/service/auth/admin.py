@@ -37,7 +37,7 @@ async def change_users(
     """
     async with _audit_writer(setting) as write:
         entry: Json = {"what": what, "target": target, "params": params}
-        await write(entry | {"outcome": "asked"})
+        await write(entry | {"outcome": "requested"})
         try:
             after = user_file_of(setting).change(change)
         except DrivebusError as error:

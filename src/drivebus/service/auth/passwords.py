@@ -155,7 +155,7 @@ class PasswordHashing:
 
     async def _in_thread(self, work: Callable[..., T], *arguments: str) -> T:
         if self._waiting >= _MAX_WAITING_HASHES:
-            raise AuthUnavailable("access.busy")
+            raise AuthUnavailable("auth.busy")
         self._waiting += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(self._thread, work, *arguments)
@@ -167,9 +167,9 @@ def check_password_policy(password: str, name: str) -> str:
     """Return ``password`` if the user ``name`` may have it. Raises InvalidInput with the reason."""
     text = _normalized(password)
     if not MIN_PASSWORD_LENGTH <= len(text) <= MAX_PASSWORD_LENGTH:
-        raise InvalidInput("access.password_length", shortest=MIN_PASSWORD_LENGTH, longest=MAX_PASSWORD_LENGTH)
+        raise InvalidInput("auth.password_length", shortest=MIN_PASSWORD_LENGTH, longest=MAX_PASSWORD_LENGTH)
     if len(set(text)) < _MIN_DIFFERENT_CHARACTERS or is_guessable(text) or name.casefold() in text.casefold():
-        raise InvalidInput("access.password_common", different=_MIN_DIFFERENT_CHARACTERS, own=MIN_UNCOMMON_CHARACTERS)
+        raise InvalidInput("auth.password_common", different=_MIN_DIFFERENT_CHARACTERS, own=MIN_UNCOMMON_CHARACTERS)
     return password
 
 

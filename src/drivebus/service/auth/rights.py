@@ -20,7 +20,7 @@ class Right(StrEnum):
     """Stop a drive, a group, everything. Needs no lease and no second step."""
     OPERATE = "operate"
     """Run, jog, change the setpoint, reset, take a lease, acknowledge and shelve alarms."""
-    WRITE_PARAMETERS = "tune"
+    WRITE_PARAMETERS = "write_parameters"
     """Write parameters to the drive's RAM."""
     SAVE = "save"
     """Write parameters to EEPROM."""

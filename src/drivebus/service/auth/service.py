@@ -128,10 +128,10 @@ class AuthService:
         wrong secret, TooManyAttempts, InvalidInput, AuthUnavailable.
         """
         if not self.needs_setup:
-            raise Conflict("access.is_set_up")
+            raise Conflict("auth.is_set_up")
         self._record_attempt(f"setup@{_throttle_network(address)}")
         if not self.setup_secret.verify(secret):
-            raise NotAuthenticated("access.wrong_secret")
+            raise NotAuthenticated("auth.wrong_secret")
         user = await self.new_user(name, Role.ADMINISTRATOR, password)
         await self.change(lambda database: _add_first_administrator(database, user))
         self.setup_secret.consume()
@@ -150,7 +150,7 @@ class AuthService:
         await self._verify_password(user, name, password, address)
         current = self.database.find(name)
         if user is None or current is None or current.stamp != user.stamp:
-            raise NotAuthenticated("access.wrong_password")
+            raise NotAuthenticated("auth.wrong_password")
         return await self._open_session(current, address)
 
     async def login_with_code(self, code: str, address: str) -> LoginResult:
@@ -158,11 +158,11 @@ class AuthService:
         keys, at = self._record_attempt(_throttle_network(address))
         found = self._find_code(code)
         if found is None:
-            raise NotAuthenticated("access.wrong_code")
+            raise NotAuthenticated("auth.wrong_code")
         await self.change(lambda database: _consume_code(database, found))
         user = self.database.user(found.user)
         if user.disabled:
-            raise NotAuthenticated("access.wrong_code")
+            raise NotAuthenticated("auth.wrong_code")
         self.throttle.record_success(keys, at)
         return await self._open_session(user, address)
 
@@ -196,7 +196,7 @@ class AuthService:
         def change(database: UserDatabase) -> UserDatabase:
             current = database.user(user.name)
             if current.stamp != user.stamp:  # an administrator changed the role or the password meanwhile
-                raise NotAuthenticated("access.wrong_password")
+                raise NotAuthenticated("auth.wrong_password")
             return database.with_changed_user(replace(current, password=hashed))
 
         changed = (await self.change(change)).user(user.name)
@@ -246,7 +246,7 @@ class AuthService:
         keys, at = self._record_attempt(f"user:{secret_digest(normalized_name(name))}", _throttle_network(address))
         known = user.password if user is not None and not user.disabled else None
         if not await self.passwords.verify(known, password):
-            raise NotAuthenticated("access.wrong_password")
+            raise NotAuthenticated("auth.wrong_password")
         self.throttle.record_success(keys, at)
 
     def _record_attempt(self, *keys: str) -> tuple[tuple[str, ...], float]:
@@ -254,7 +254,7 @@ class AuthService:
         now = self.clock()
         wait_s = self.throttle.wait_s(keys, now)
         if wait_s > 0:
-            raise TooManyAttempts("access.too_many", retry_s=round(wait_s, 1))
+            raise TooManyAttempts("auth.too_many", retry_s=round(wait_s, 1))
         self.throttle.record_attempt(keys, now)
         return keys, now
 
@@ -266,14 +266,14 @@ class AuthService:
 def _consume_code(database: UserDatabase, code: OneTimeCode) -> UserDatabase:
     """Remove a code. Raises NotAuthenticated if a concurrent login has used it."""
     if code not in database.codes:
-        raise NotAuthenticated("access.wrong_code")
+        raise NotAuthenticated("auth.wrong_code")
     return database.without_code(code.digest)
 
 
 def _add_first_administrator(database: UserDatabase, user: User) -> UserDatabase:
     """Add the first administrator. Raises Conflict if a concurrent set-up has added one."""
     if database.has_administrator:
-        raise Conflict("access.is_set_up")
+        raise Conflict("auth.is_set_up")
     return database.with_user(user)
 
 

@@ -83,7 +83,7 @@ class UserDatabase:
         """Return the user of a name. Raises ResourceNotFound."""
         found = self.find(name)
         if found is None:
-            raise ResourceNotFound("access.no_such_user", name=name)
+            raise ResourceNotFound("auth.no_such_user", name=name)
         return found
 
     def rights_of(self, name: str) -> frozenset[Right]:
@@ -99,9 +99,9 @@ class UserDatabase:
     def with_user(self, user: User) -> UserDatabase:
         """Add a user. Raises InvalidInput for an invalid name, Conflict for one that exists."""
         if not _USER_NAME.fullmatch(user.name) or user.name != normalized_name(user.name):
-            raise InvalidInput("access.bad_name", name=user.name)
+            raise InvalidInput("auth.bad_name", name=user.name)
         if self.find(user.name) is not None:
-            raise Conflict("access.name_taken", name=user.name)
+            raise Conflict("auth.name_taken", name=user.name)
         return replace(self, users=(*self.users, user))
 
     def with_changed_user(self, user: User) -> UserDatabase:
@@ -126,13 +126,13 @@ class UserDatabase:
         """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none."""
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
-            raise InvalidInput("access.beyond_role", rights=", ".join(sorted(beyond)))
+            raise InvalidInput("auth.beyond_role", rights=", ".join(sorted(beyond)))
         return replace(self, tokens=(*self.tokens, token))
 
     def without_token(self, id: str) -> UserDatabase:
         """Remove a token. Raises ResourceNotFound."""
         if all(token.id != id for token in self.tokens):
-            raise ResourceNotFound("access.no_such_token", id=id)
+            raise ResourceNotFound("auth.no_such_token", id=id)
         return replace(self, tokens=tuple(token for token in self.tokens if token.id != id))
 
     def with_code(self, code: OneTimeCode, now_ms: int) -> UserDatabase:
@@ -145,7 +145,7 @@ class UserDatabase:
 
     def _with_administrator(self, after: UserDatabase) -> UserDatabase:
         if self.has_administrator and not after.has_administrator:
-            raise Conflict("access.last_administrator")
+            raise Conflict("auth.last_administrator")
         return after
 
 
@@ -219,7 +219,7 @@ class UserFile:
             raise self._unusable_error(str(error)) from error
 
     def _unusable_error(self, problem: str) -> ConfigurationError:
-        return ConfigurationError("access.store_unusable", file=str(self.path), problem=problem)
+        return ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem)
 
 
 def atomic_write_private(path: Path, content: bytes) -> None:

@@ -13,13 +13,13 @@ from drivebus.service.config.model import AlarmConfig, BusConfig, DriveConfig, G
 class ReloadAction(StrEnum):
     """What a reload does to a drive that was there before and still is."""
 
-    UNCHANGED = "untouched"
+    UNCHANGED = "unchanged"
     """Nothing: it misses no poll."""
-    UPDATE = "live"
+    UPDATE = "update"
     """Title, limits, policies: taken over as they are; it misses no poll either."""
-    REPOLL = "polls"
+    REPOLL = "repoll"
     """Its polls are replaced; it stays on its bus with its fences, permits and stops."""
-    RECREATE = "anew"
+    RECREATE = "recreate"
     """It is another drive, or on another line: taken off its bus and added again."""
 
 

@@ -66,20 +66,20 @@ class AuthMiddleware:
     def _check_origin(self, scope: Scope, headers: Headers) -> None:
         """Raises AccessDenied for an unknown Host, and for a foreign Origin of anything but a GET."""
         if not self.hosts.is_known_host(headers):
-            raise AccessDenied("access.foreign_host")
+            raise AccessDenied("auth.foreign_host")
         if _method(scope) == "GET" or "origin" not in headers:
             return
         if not self.hosts.is_allowed_origin(headers, scope["scheme"]):
-            raise AccessDenied("access.foreign_origin")
+            raise AccessDenied("auth.foreign_origin")
 
     def _match(self, scope: Scope) -> Route:
         """Raises ResourceNotFound, MethodNotAllowed."""
         routes = self.routes.match(scope["path"])
         if not routes:
-            raise ResourceNotFound("access.no_such_address")
+            raise ResourceNotFound("auth.no_such_address")
         found = next((route for route in routes if route.method == _method(scope)), None)
         if found is None:
-            raise MethodNotAllowed("access.no_such_method", allowed=", ".join(sorted(route.method for route in routes)))
+            raise MethodNotAllowed("auth.no_such_method", allowed=", ".join(sorted(route.method for route in routes)))
         return found
 
     def _authenticate(self, route: Route, headers: Headers, scope: Scope) -> Credential | None:
@@ -103,9 +103,9 @@ class AuthMiddleware:
     def _check_csrf(self, route: Route, headers: Headers, credential: SessionCredential) -> None:
         """A browser sends a cookie with every request; the header shows that the page of this service made it."""
         if route.method == WEBSOCKET and "origin" not in headers:
-            raise AccessDenied("access.foreign_origin")
+            raise AccessDenied("auth.foreign_origin")
         if route.method not in READ_METHODS and headers.get(CSRF_HEADER) != credential.session.csrf:
-            raise AccessDenied("access.csrf")
+            raise AccessDenied("auth.csrf")
 
     def _check_right(self, route: Route, credential: Credential | None) -> None:
         """Raises Conflict before the set-up, NotAuthenticated, AccessDenied. An operator whom an administrator of the
@@ -114,15 +114,15 @@ class AuthMiddleware:
         if route.access is AccessLevel.PUBLIC:
             return
         if self.auth.needs_setup and not (credential is not None and route.access is Right.STOP):
-            raise Conflict("access.setup_needed")
+            raise Conflict("auth.setup_needed")
         if credential is None:
-            raise NotAuthenticated("access.not_logged_in")
+            raise NotAuthenticated("auth.not_logged_in")
         if route.access is AccessLevel.SESSION:
             if not isinstance(credential, SessionCredential):
-                raise AccessDenied("access.only_session")
+                raise AccessDenied("auth.only_session")
             return
         if not credential.actor.may(route.access):
-            key = "access.idle" if credential.is_idle else "access.forbidden"
+            key = "auth.idle" if credential.is_idle else "auth.forbidden"
             raise AccessDenied(key, right=route.access)
 
     async def _deny(

@@ -29,12 +29,12 @@ async def read_body(receive: Receive, headers: Headers, max_bytes: int = MAX_BOD
     """
     declared = headers.get("content-length", "0")
     if not _LENGTH.fullmatch(declared) or int(declared) > max_bytes:
-        raise BodyTooLarge("access.too_large", largest=max_bytes)
+        raise BodyTooLarge("auth.too_large", largest=max_bytes)
     try:
         async with asyncio.timeout(BODY_TIMEOUT_S):
             body = await _read_all(receive, max_bytes)
     except TimeoutError:
-        raise BodyTimeout("access.too_slow", longest_s=BODY_TIMEOUT_S) from None
+        raise BodyTimeout("auth.too_slow", longest_s=BODY_TIMEOUT_S) from None
     if not body:
         return {}
     _check_type(headers)
@@ -46,11 +46,11 @@ async def _read_all(receive: Receive, max_bytes: int) -> bytes:
     while more:
         message = await receive()
         if message["type"] == "http.disconnect":
-            raise MalformedBody("access.malformed", problem="disconnected")
+            raise MalformedBody("auth.malformed", problem="disconnected")
         parts.append(message.get("body", b""))
         size += len(parts[-1])
         if size > max_bytes:
-            raise BodyTooLarge("access.too_large", largest=max_bytes)
+            raise BodyTooLarge("auth.too_large", largest=max_bytes)
         more = message.get("more_body", False)
     return b"".join(parts)
 
@@ -59,7 +59,7 @@ def _check_type(headers: Headers) -> None:
     kind, _, rest = headers.get("content-type", "").partition(";")
     is_json = kind.strip().lower() == "application/json" and rest.strip().lower() in ("", "charset=utf-8")
     if not is_json or headers.get("content-encoding", "identity") != "identity":
-        raise UnsupportedMediaType("access.not_json", found=headers.get("content-type", ""))
+        raise UnsupportedMediaType("auth.not_json", found=headers.get("content-type", ""))
 
 
 def parse_json(body: bytes) -> Any:
@@ -75,18 +75,18 @@ def parse_json(body: bytes) -> Any:
             parse_float=_parse_float,
         )
     except (ValueError, RecursionError) as error:
-        raise MalformedBody("access.malformed", problem=type(error).__name__) from None
+        raise MalformedBody("auth.malformed", problem=type(error).__name__) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> Json:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise MalformedBody("access.twice", names=", ".join(sorted(name for name, _ in pairs)))
+        raise MalformedBody("auth.twice", names=", ".join(sorted(name for name, _ in pairs)))
     return found
 
 
 def _reject_number(text: str) -> float:
-    raise MalformedBody("access.malformed", problem=text[:40])
+    raise MalformedBody("auth.malformed", problem=text[:40])
 
 
 def _parse_float(text: str) -> float:

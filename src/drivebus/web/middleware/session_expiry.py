@@ -62,7 +62,7 @@ class _GuardedConnection:
     async def close(self, reason: str) -> None:
         self._ended.set()
         if self._accepted:
-            last = {"type": "closed", "reason": reason, "text": localized(f"access.closed.{reason}")}
+            last = {"type": "closed", "reason": reason, "text": localized(f"auth.closed.{reason}")}
             await self._send({"type": "websocket.send", "text": json.dumps(last, ensure_ascii=False)})
         await self._send({"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": reason})
 

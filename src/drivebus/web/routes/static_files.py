@@ -50,7 +50,7 @@ async def vendor(request: Request, path: str) -> Response:
 @router.route("GET", "/i18n/{language}.json", access=AccessLevel.PUBLIC)
 async def texts(request: Request, language: str) -> Response:
     if language not in i18n.LANGUAGES:
-        raise ResourceNotFound("access.no_such_address")
+        raise ResourceNotFound("auth.no_such_address")
     return _cached_response(request, _catalogue_json(language), MEDIA_TYPES[".json"])
 
 
@@ -67,7 +67,7 @@ def _file_response(request: Request, folder: Path, name: str) -> Response:
     except (OSError, ValueError):
         is_served = False
     if not is_served:
-        raise ResourceNotFound("access.no_such_address")
+        raise ResourceNotFound("auth.no_such_address")
     return _cached_response(request, _read_file(path, path.stat().st_mtime_ns), MEDIA_TYPES[path.suffix])
 
 

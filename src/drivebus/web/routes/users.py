@@ -58,7 +58,7 @@ async def change_user(request: Request, user: str) -> Json:
 async def remove_user(request: Request, user: str) -> Json:
     context = context_of(request)
     if normalized_name(user) == _user_name(request):
-        raise Conflict("access.oneself")
+        raise Conflict("auth.oneself")
 
     async def remove() -> None:
         await context.auth.change(lambda database: database.without_user(user))
@@ -79,7 +79,7 @@ async def add_token(request: Request) -> Json:
     """Create a token with at most the present rights of its user; the secret is shown this once."""
     context, actor, body = context_of(request), actor_of(request), parse_body(request, NewTokenBody)
     if beyond := set(body.rights) - actor.rights:
-        raise AccessDenied("access.beyond_own", rights=", ".join(sorted(beyond)))
+        raise AccessDenied("auth.beyond_own", rights=", ".join(sorted(beyond)))
     secret, token = _new_token(context.auth, body, _user_name(request))
     recorded = {"name": body.name, "rights": list(token.rights), "days": body.days}
     change = context.auth.change(lambda database: database.with_token(token))
@@ -106,7 +106,7 @@ async def _change_user(auth: AuthService, name: str, body: UserChangeBody, own_n
     """
     user = auth.database.user(name)
     if user.name == own_name and (body.role is not None or body.disabled is not None):
-        raise Conflict("access.oneself")
+        raise Conflict("auth.oneself")
     changes: Json = {key: value for key in ("role", "disabled") if (value := getattr(body, key)) is not None}
     if body.password is not None:
         changes["password"] = await auth.passwords.hash(check_password_policy(body.password, user.name))

@@ -1,14 +1,14 @@
-// REST under /api/v1: one way to ask, one kind of error. Nothing is ever asked twice by itself.
+// REST client of /api/v1 with one kind of error. No request is repeated automatically.
 import { signal } from "./lib.js";
 import { t, localized } from "./i18n.js";
 
 const API_ROOT = "/api/v1";
 const REQUEST_TIMEOUT_MS = 15_000;
 
-/** What GET /session said; null before it is known. Set by session.js. */
+/** Answer of GET /session; null before it is known. Set by session.js. */
 export const session = signal(null);
 
-/** Why a request came to nothing: the server's one error shape, or that it could not be reached. */
+/** Error of a request: the server's error object, or that the server could not be reached. */
 class ApiError extends Error {
   constructor(error, status) {
     super(error.code);
@@ -21,7 +21,7 @@ class ApiError extends Error {
     this.status = status;
   }
 
-  /** No answer: nobody knows what became of the request. */
+  /** No answer came: the outcome of the request is unknown. */
   get unreachable() {
     return this.status === 0;
   }
@@ -32,7 +32,7 @@ class ApiError extends Error {
   }
 }
 
-/** A question that got no answer did nothing; what became of anything else is not known. */
+/** A GET without an answer had no effect; the outcome of any other request is unknown. */
 const unreachableError = (method) => new ApiError({
   code: method === "GET" ? "page.no_answer" : "page.unreachable", kind: "Unreachable",
 }, 0);

@@ -1,4 +1,4 @@
-// Begins: language, session, live line; then draws the page of the address.
+// Entry point: load language and session, connect, render the page of the address.
 import { effect, html, render, signal, useEffect, useState } from "./lib.js";
 import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
@@ -48,7 +48,7 @@ function App() {
   return html`<${Shell}><${CurrentPage} /><//>`;
 }
 
-/** #login=CODE, printed by the demo: the code is used by POST, once, and leaves the address at once. */
+/** Log in with the one-time code of `#login=CODE` and remove it from the address at once. */
 async function loginWithCode() {
   const code = /^#login=(.+)$/.exec(location.hash)?.[1];
   if (!code) return;
@@ -70,7 +70,7 @@ async function connectToServer() {
   }
 }
 
-/** Whenever somebody logs in: what the plant's signals are called. */
+/** Load the names of the signals after each login. */
 function loadSignalNames() {
   loggedIn.subscribe((isIn) => {
     if (isIn) api.get("/history/tags").then(({ tags }) => addSignalNames(tags), () => null);

@@ -1,4 +1,4 @@
-// Control of a drive: taken by hand, kept alive while this page is open, whichever page is shown.
+// Control leases: taken by the user, renewed while this tab is open.
 import { api, drivePath } from "./api.js";
 import { connection, renew } from "./live.js";
 import { isMine, may, session } from "./session.js";
@@ -32,7 +32,7 @@ function renewAll() {
   if (!session.peek()?.user) return;
   const drives = ownDrives();
   if (drives.length === 0) return;
-  // Without the live line the same is asked by REST; what comes of it is seen when the line is back.
+  // Without a live connection the leases are renewed by REST; the result shows after the reconnect.
   if (connection.peek() === "live" && renew(drives)) return;
   for (const id of drives) api.post(drivePath(id, "/lease/renew"), {}, { patience_ms: 2500 }).catch(() => null);
 }

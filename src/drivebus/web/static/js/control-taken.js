@@ -1,17 +1,17 @@
-// Told until it is read: who took a drive from this very session. Whose a drive is now, its own page says.
+// Takeovers: another user took control of a drive from this session. Shown until dismissed.
 import { effect, signal } from "./lib.js";
 import { loadPreference, savePreference } from "./preferences.js";
 import { connection } from "./live.js";
 import { isMine, session } from "./session.js";
 import { drive, idsOf, serviceNow } from "./store.js";
 
-/** Nobody reads more; the oldest go first. */
+/** The oldest are dropped first. */
 const MAX_TAKEOVERS = 20;
 /** `{drive, owner, time_ms}`, the newest last; the time is null where the page had no connection meanwhile. */
 export const takeovers = signal([]);
 /** Drive → the session that held it when it was last seen. */
 const holder = new Map();
-/** Drives whose line was lost since, and those that are being given back: who has one next took it from nobody. */
+/** Drives that this session released itself, or whose lease may have expired while disconnected: no takeover. */
 const whileAway = new Set();
 export const ownReleases = new Set();
 
@@ -37,7 +37,7 @@ function checkLeases(id, lease) {
   whileAway.delete(id);
 }
 
-/** Follows the drives from now on. What an earlier page of the same session left unread is told again. */
+/** Follow the drives. Takeovers that an earlier page of this session did not dismiss are shown again. */
 export function watchTakeovers() {
   effect(() => {
     const kept = loadPreference("takeovers");

@@ -1,4 +1,4 @@
-// Small drawings, each of one colour: the shape tells as much as the colour does.
+// Icons of one colour: the shape carries as much meaning as the colour.
 import { html } from "./lib.js";
 
 const PATHS = {

@@ -1,14 +1,14 @@
-// One WebSocket for the whole page: a snapshot, then deltas into the store. Lost: everything shown is stale at once,
-// and the page comes back by itself.
+// One WebSocket for the whole page: a snapshot, then deltas into the store. When it is lost every value is stale at
+// once, and the page reconnects by itself.
 import { computed, signal } from "./lib.js";
 import { loadSession, loggedIn, session } from "./session.js";
 import { loadPreference } from "./preferences.js";
 import { applyDelta, noticeSleep, nowMs, applySnapshot } from "./store.js";
 
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
-/** The server says something at least every second; twice that in silence and nothing shown counts as live. */
+/** The server sends at least once a second; after twice that no value counts as live. */
 const MESSAGE_TIMEOUT_MS = 2000;
-/** So long for the connection and its snapshot. */
+/** Limit for the connection and its snapshot. */
 const SNAPSHOT_TIMEOUT_MS = 6000;
 const MIN_RECONNECT_DELAY_MS = 400;
 const MAX_RECONNECT_DELAY_MS = 5000;
@@ -18,9 +18,9 @@ const INTERVAL_S = loadPreference("interval_s", 0.25);
 export const connection = signal("starting");
 /** Are the values of the store live? Where not, every surface shows them as stale and only stops are offered. */
 export const isLive = computed(() => connection.value === "live");
-/** When something was last heard over a link that is lost now (`nowMs`), else null. */
+/** Time of the last message of a lost connection (`nowMs`), else null. */
 export const lostAt = signal(null);
-/** What the server said when it closed: a text in both languages, else null. */
+/** Reason that the server gave for closing, in both languages, else null. */
 export const closedText = signal(null);
 /** Ticks twice a second: ages on the page follow it. */
 export const now = signal(nowMs());
@@ -38,7 +38,7 @@ function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
-/** Adds a topic pattern for a page (frames/line-1, events); the function it gives takes it back. */
+/** Subscribe to a topic pattern (frames/bus-1, events). Returns the function that unsubscribes. */
 export function subscribe(pattern) {
   subscriptions.set(pattern, (subscriptions.get(pattern) ?? 0) + 1);
   send({ subscribe: patterns() });
@@ -50,7 +50,7 @@ export function subscribe(pattern) {
   };
 }
 
-/** Keeps leases alive; false where the line is lost. */
+/** Renew control leases; false without a connection. */
 export function renew(drives) {
   send({ renew: drives });
   return socket?.readyState === WebSocket.OPEN;
@@ -83,7 +83,7 @@ function markLost() {
   connection.value = "lost";
 }
 
-/** Gives the socket up and says so; another one comes after a while. */
+/** Close the socket and schedule a reconnect. */
 function closeSocket() {
   const old = socket;
   socket = null;
@@ -103,7 +103,7 @@ function scheduleReconnect() {
   reconnectDelay_ms = Math.min(reconnectDelay_ms * 2, MAX_RECONNECT_DELAY_MS);
 }
 
-/** Does the server answer at all? If not, it is tried again later. */
+/** Whether the server answers; if not, schedule a reconnect. */
 async function probe() {
   const found = await loadSession().then(() => true, () => false);
   if (!found) scheduleReconnect();
@@ -121,7 +121,7 @@ async function open() {
   socket.onclose = closeSocket;
 }
 
-/** Tries at once, as the user or the system's network asks for. */
+/** Reconnect at once, after a user's request or when the network is back. */
 export function reconnect() {
   reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
   if (connection.peek() !== "live" && !socket) open();
@@ -134,7 +134,7 @@ function tick() {
   if (socket && quiet_ms > (connection.peek() === "live" ? MESSAGE_TIMEOUT_MS : SNAPSHOT_TIMEOUT_MS)) closeSocket();
 }
 
-/** Follows the session from now on: connected while somebody is logged in. */
+/** Follow the session: connected while a user is logged in. */
 export function start() {
   setInterval(tick, 500);
   addEventListener("online", reconnect);

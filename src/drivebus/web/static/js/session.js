@@ -1,4 +1,4 @@
-// Who is logged in and what they may do. The server checks every right again; here they only shape the page.
+// Session and rights of the user. The server checks every right again; here they only shape the page.
 import { computed } from "./lib.js";
 import { api, session } from "./api.js";
 
@@ -12,7 +12,7 @@ export const may = (right) => (session.value?.rights ?? []).includes(right);
 /** Is this lease (of a drive's view) held by this very session? */
 export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
 
-/** Asks the server who we are. Raises ApiError where it can't be reached. */
+/** Load the session. Raises ApiError when the server cannot be reached. */
 export async function loadSession() {
   session.value = await api.get("/session");
 }
@@ -37,7 +37,7 @@ export async function logout() {
   await loadSession();
 }
 
-/** After a while without a hand the server takes the rights to control back, never the right to stop. */
+/** True while the server has suspended the rights to control after inactivity; the right to stop stays. */
 export const idle = computed(() => Boolean(session.value?.idle));
 
 /** The password again: the same session, with its leases, has all its rights back. */
@@ -46,7 +46,7 @@ export async function unlock(password) {
   return true;
 }
 
-/** Somebody is there: told to the server at most once a minute. It does not wake a session that is idle already. */
+/** Report activity to the server at most once a minute. It does not unlock an idle session. */
 async function onActivity() {
   if (!loggedIn.peek() || idle.peek() || nowMs() - activitySentAt < ACTIVITY_INTERVAL_MS) return;
   activitySentAt = nowMs();

@@ -1,4 +1,4 @@
-// What stands around every page: the head with its ways, the state of the line, the alarm strip, the stop bar.
+// Frame of every page: header with navigation, connection state, alarm strip, stop bar.
 import { html, signal, useEffect } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
@@ -23,7 +23,7 @@ const NAV_PAGES = [
 const menu = signal(false);
 const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
 
-/** Active alarms that nobody shelved, the most urgent and newest first. */
+/** Active alarms that are not shelved, by priority and newest first. */
 function openAlarms() {
   const active = topic("alarms").value?.active ?? [];
   const open = active.filter((alarm) => !alarm.shelved_until_ms);
@@ -68,7 +68,7 @@ function PageHeader() {
       <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${ConnectionMark} /></header>`;
 }
 
-/** Told plainly over the page while nothing shown is live. */
+/** Banner over the page while no value is live. */
 function ConnectionNotice() {
   if (connection.value === "live") return null;
   if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
@@ -86,7 +86,7 @@ function Acknowledge({ alarm }) {
     ${t("page.acknowledge")}<//><${ErrorNote} error=${error} />`;
 }
 
-/** Of a drive its name and the alarm's; of a bus or a store the sentence, which names it. */
+/** Newest alarm of the highest priority that is not acknowledged. */
 function AlarmStrip() {
   const [alarm, ...more] = openAlarms().filter((one) => one.acknowledged_ms === null);
   if (!alarm || route.value.page === "alarms") return null;
@@ -99,7 +99,7 @@ function AlarmStrip() {
     ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</section>`;
 }
 
-/** Who took a drive from here; the line is there before its words are, so that they are spoken. */
+/** Takeovers of a drive. The live region exists before its text, so that screen readers announce it. */
 function Takeovers() {
   return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
     const view = drive(one.drive).value;

@@ -62,7 +62,7 @@ function StopStatus() {
       </span></p>`;
 }
 
-/** Its height is the style sheet's `--bar`: whatever it says, and on any screen, the last row can be scrolled above. */
+/** Publish the bar's height as `--bar`, so that the last row of a page can be scrolled above it. */
 function useBarHeight() {
   const bar = useRef(null);
   useEffect(() => {

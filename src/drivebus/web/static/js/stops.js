@@ -1,5 +1,5 @@
-// Stops: by REST alone, so that they work while the live line is lost, and with whatever the page last knew. No lease,
-// no second step, no question. Each tells what became of it.
+// Stops: by REST alone, so that they work without a live connection. No lease, no second step, no dialog. The outcome
+// of each is shown.
 import { batch, signal } from "./lib.js";
 import { api } from "./api.js";
 import { loadSession } from "./session.js";
@@ -8,7 +8,7 @@ import { drive, group, nowMs } from "./store.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
-/** A server that can't be reached is asked again so long, not longer: nobody expects a stop of ten minutes ago. */
+/** Retry window of a stop while the server cannot be reached: a stop of minutes ago is no longer expected. */
 const RETRY_WINDOW_MS = 30_000;
 const MAX_COUNTED_PAUSE_MS = 700;
 const MAX_ENTRIES = 5;
@@ -45,7 +45,7 @@ export async function stop(kind, id = null, how = "stop") {
 
 /** Nobody answered, the plant's own process is just not there, or the page's token is an old server's: asking again can
  * do no harm and may help. */
-const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "access.csrf";
+const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
 async function ended(mine, path, body) {
   const until = nowMs() + RETRY_WINDOW_MS;
@@ -55,7 +55,7 @@ async function ended(mine, path, body) {
       return evaluateStop(await api.post(path, body, { patience_ms: STOP_TIMEOUT_MS }));
     } catch (error) {
       // Another tab logged in meanwhile: refused at the door, so nothing was done yet.
-      if (error.code === "access.csrf" && !renewed) {
+      if (error.code === "auth.csrf" && !renewed) {
         renewed = true;
         await loadSession().catch(() => null);
         continue;
@@ -69,7 +69,7 @@ async function ended(mine, path, body) {
   }
 }
 
-/** An outcome came with it: the stop was sent and is not confirmed. Else nobody knows whether it was sent at all. */
+/** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
 function failed(error) {
   return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
 }

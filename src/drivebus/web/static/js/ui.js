@@ -1,11 +1,11 @@
-// Parts that every page is made of. They hold no sentence of their own: texts come in as children or through t().
+// Components shared by all pages. Texts come in as children or through t().
 import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./lib.js";
 import { localized, t } from "./i18n.js";
 import { NO_VALUE, duration, number } from "./format.js";
 import { Icon } from "./icons.js";
 import { isLive } from "./live.js";
 
-/** Enter held down presses a button again and again: once is what was meant. */
+/** Ignore the key repeat of Enter: a held key presses a button once. */
 const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
 /** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited. */
@@ -36,7 +36,7 @@ export function Notice({ kind = "info", title, live = false, children }) {
     ${icon && html`<${Icon} name=${icon} />`}<div>${title && html`<strong>${title}</strong>`}${children}</div></div>`;
 }
 
-/** What an ApiError says, with its outcome's frames where it has one. */
+/** Text of an ApiError, with the frames of its outcome. */
 export function ErrorNote({ error }) {
   if (!error) return null;
   if (error.outcome) return html`<${OutcomeNote} outcome=${error.outcome} />`;
@@ -45,7 +45,7 @@ export function ErrorNote({ error }) {
 
 const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", failed: "bad", unknown: "bad" };
 
-/** How a command ended: the word, the sentence, notes, and on demand the frames. */
+/** Outcome of a command: status, sentence, notes, and the frames on demand. */
 export function OutcomeNote({ outcome }) {
   return html`<${Notice} kind=${OUTCOME_KIND[outcome.status] ?? "info"} live title=${t(`page.outcome_${outcome.status}`)}>
     <p>${localized(outcome.text)}</p>
@@ -61,15 +61,15 @@ function Frames({ frames }) {
     <td class="mono">${frame.received || (frame.error && t(frame.error, frame.params)) || NO_VALUE}</td></tr>`)}</tbody></table>`;
 }
 
-/** Says in a word, and to whoever asks in a sentence, why a value is not good. */
+/** Mark of a value that is not good, with the reason as text for screen readers. */
 function QualityNote({ found, why }) {
   const isOld = found.quality === "bad" && found.age_s !== null;
   const word = isOld ? t("page.old", { age: duration(found.age_s) }) : t(`page.quality_${found.quality}`);
   return html`<span class="doubt"><${Icon} name="unknown" size=${14} />${word}<span class="sr">${why}</span></span>`;
 }
 
-/** A number with its unit, and plainly marked where it can't be trusted. `found` is what format.reading gives; `brief`
- * leaves the reason to whoever asks for it. */
+/** A number with its unit, marked where its quality is not good. `found` comes from format.reading; `brief` leaves
+ * the reason to the title. */
 export function Value({ found, big = false, brief = false, digits }) {
   const style = big ? "big" : "";
   if (!found || found.value === null) {
@@ -177,7 +177,7 @@ export function useLoaded(load, what) {
   return [state.value, state.error, again];
 }
 
-/** What got no answer while the server was away is asked for `again` when the line is live once more. */
+/** Call `again` after a reconnect where the last request got no answer. */
 export function useReloadOnReconnect(error, again) {
   useEffect(() => { if (isLive.peek() && error?.unreachable) again(); }, [isLive.value]);
 }

@@ -1,4 +1,4 @@
-// Control of one drive: whose hand it is in, run in two steps, setpoint, stops, jog, reset, release.
+// Control panel of one drive: control lease, start in two steps, setpoint, stops, jog, reset, release.
 import { html, useEffect, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -16,7 +16,7 @@ import { JogPanel } from "./jog.js";
 const START_OPTIONS = { patience_ms: 60_000 };
 const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
-/** Why nothing but a stop may be asked for now; null where it may. */
+/** Reason why only stops are possible now; null where commands are. */
 function controlBlocker(view) {
   if (!isLive.value) return t("page.not_live");
   if (idle.value) return t("page.idle");
@@ -36,7 +36,7 @@ function TakeOver({ view, onClose }) {
       <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
 }
 
-/** Who commands the drive, and how to change that. */
+/** Owner of the control lease, with the buttons that change it. */
 function ControlLease({ view }) {
   const [run, busy, error] = useRequest();
   const [asking, setAsking] = useState(false);
@@ -44,14 +44,14 @@ function ControlLease({ view }) {
   const can = isLive.value && may("operate");
   const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
-  // A lease lives ten seconds: without the line nobody here knows whose it is.
+  // A lease lasts ten seconds: without a connection its owner is unknown.
   return html`<div class=${`lease ${mine && isLive.value ? "mine" : ""}`}><span class="who" role="status">${words}
     ${!isLive.value && html` <span class="was">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
       onClick=${() => run(() => takeControl(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
     ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
-    ${view.lease && !mine && may("tune") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
+    ${view.lease && !mine && may("write_parameters") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
       ${t("page.take_over")}…<//>`}
     <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}
       </div>`;
@@ -66,7 +66,7 @@ function Motion({ view, disabled }) {
   const turning = MOVING_STATES.has(view.state);
   const reversible = view.capabilities.includes("reverse");
   const way = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
-  // What became of a start stays until the motor stands again.
+  // The outcome of a start stays until the motor is at rest.
   useEffect(() => { if (!turning) setStarted(null); }, [turning]);
 
   const frequency_hz = numberOf(hertz);

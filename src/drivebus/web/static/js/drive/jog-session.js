@@ -1,4 +1,4 @@
-// A jog that goes on only while a hand holds it: pointer or key. Whatever lets go, or is late, ends it.
+// A jog that lasts while its button or key is held. A release or a late renewal ends it.
 import { api, drivePath } from "../api.js";
 import { stop } from "../stops.js";
 import { nowMs } from "../store.js";
@@ -33,7 +33,7 @@ export class JogSession {
     } catch (error) {
       this.isHeld = false;
       this.tell("lost", error);
-      // Nobody knows whether it turns: the drive's own lease ends it in half a second, and a stop goes after it.
+      // The motor may still turn: the drive's own lease ends it in half a second, and a stop follows.
       if (this.word !== null || error.unreachable) stop("drive", this.drive);
     }
   }
@@ -52,7 +52,7 @@ export class JogSession {
     this.tell("ended", outcome);
   }
 
-  /** The hand is gone. Safe to call again and again. */
+  /** End the jog at the release. Idempotent. */
   release() {
     this.isHeld = false;
     this.resolveRelease();

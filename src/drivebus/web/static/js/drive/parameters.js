@@ -131,7 +131,7 @@ export function ParametersTab({ view, profile }) {
   const rows = useMemo(() => matching(profile, search), [profile, search]);
   const byName = useMemo(() => new Map(profile.parameters.map((one) => [one.notation, one])), [profile]);
   const canRead = isLive.value && may("operate") && view.presence === "online";
-  const canEdit = canRead && (may("tune") || may("save")) && hasControl(view);
+  const canEdit = canRead && (may("write_parameters") || may("save")) && hasControl(view);
   const edit = (notation, text) => setEdits((old) => {
     const { [notation]: _, ...others } = old;
     return text === "" ? others : { ...others, [notation]: text };
@@ -150,7 +150,7 @@ export function ParametersTab({ view, profile }) {
       ${canEdit && html`<${Button} kind="main" disabled=${changes.length === 0} onClick=${() => setReviewing(true)}
         data-do="review">
         ${t("page.review", { n: changes.length })}<//>`}</div>
-    ${!canEdit && may("tune") && html`<p class="soft">${t("page.edit_needs_hand")}</p>`}<${ErrorNote} error=${error} />
+    ${!canEdit && may("write_parameters") && html`<p class="soft">${t("page.edit_needs_hand")}</p>`}<${ErrorNote} error=${error} />
     <${Table} caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
       rowClass=${(one) => (one.notation in edits ? "changed" : undefined)}
         columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />

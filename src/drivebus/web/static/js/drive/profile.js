@@ -1,4 +1,4 @@
-// What is known about the model: facts, caveats, keypad, wiring, what nobody knows yet.
+// Facts about the model: capabilities, caveats, keypad settings, wiring, open questions.
 import { html } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { Notice, Table } from "../ui.js";

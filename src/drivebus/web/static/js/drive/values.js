@@ -1,4 +1,4 @@
-// The live values of one drive, the most asked for first, each with its age.
+// Live values of one drive, the most used first, each with its age.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { duration, number, reading, signalName, signalRank } from "../format.js";
@@ -11,7 +11,7 @@ const DEFAULT_ROW_COUNT = 7;
 
 const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
-/** Why a value is doubtful or absent, for whoever has no mouse to ask; of an old one its word says enough. */
+/** Reason why a value is uncertain or absent, shown without a pointer. */
 function QualityReason({ found }) {
   if (!found?.reason || (found.quality === "bad" && found.age_s !== null)) return null;
   return html`<small class="why" aria-hidden="true">${t(found.reason)}</small>`;

@@ -1,4 +1,4 @@
-// What an engineer allows: a start although the host's death would not stop the drive, and narrower limits.
+// Communication-loss waiver and frequency limits of a drive.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -26,7 +26,7 @@ function WaiverForm({ view, onClose }) {
       <button type="submit" class="button main" disabled=${busy}>${t("page.waiver_record")}</button></div></form><//>`;
 }
 
-/** The badge with what it means, and the waiver. */
+/** Communication-loss behaviour in words, with the waiver. */
 export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
   const [run, busy, error] = useRequest();
@@ -45,7 +45,7 @@ export function CommLoss({ view }) {
       </div>`;
 }
 
-/** The limits that hold now; an engineer may make them narrower. */
+/** Limits in force; an engineer may narrow them. */
 export function Limits({ view }) {
   const [open, setOpen] = useState(false);
   const [only, ...more] = view.directions;

@@ -45,7 +45,7 @@ function Trail() {
     <${PagedEnd} list=${list} /></section>`;
 }
 
-/** Whatever the row says in the reader's language, and all that the record holds. */
+/** Row text in the reader's language, for the search. */
 const matches = (entry, text) => !text || [
   [moment(entry.time_ms), userOf(entry), outcomeText(entry), targetOf(entry), outcomeOf(entry) ?? ""].join(" "),
   JSON.stringify(entry),
@@ -53,10 +53,10 @@ const matches = (entry, text) => !text || [
 
 const userOf = (entry) => entry.who?.name ?? entry.who ?? "";
 
-/** What it was done to, but for whoever did it. */
+/** Subjects of a record other than its user. */
 const targetOf = (entry) => (entry.target && entry.target !== userOf(entry) ? driveTitle(entry.target) : "");
 
-/** "drive.run" as a person says it; the operation's own name where the catalogue has none. */
+/** Text of an operation such as "drive.run"; its name where the catalogue has none. */
 function outcomeText(entry) {
   const key = `page.did_${entry.what.replaceAll(/[.-]/g, "_")}`;
   return hasKey(key) ? t(key) : entry.what;
@@ -78,8 +78,8 @@ function Entry({ entry }) {
       <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
 }
 
-const OUTCOME_KEYS = new Set(["asked", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
-const SUCCESS_OUTCOMES = new Set(["asked", "confirmed", "acknowledged", "done"]);
+const OUTCOME_KEYS = new Set(["requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
+const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done"]);
 
 /** The word of an outcome; of an error its sentence, where the record has the numbers that it needs. */
 function outcomeOf({ outcome, params }) {

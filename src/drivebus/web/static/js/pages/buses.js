@@ -1,4 +1,4 @@
-// Buses: how loaded each line is, how each station on it answers, in cable order, and the frames as they go by.
+// Page of the buses: load, stations in cable order, and the live frame log.
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { href } from "../router.js";

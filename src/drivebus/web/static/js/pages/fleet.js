@@ -44,7 +44,7 @@ function GroupPick({ chosen }) {
 /** On a phone the drives come first: what filters them opens by a press. */
 const showsMore = signal(false);
 
-/** "/" goes to the search, as in many programs; never while somebody types. */
+/** "/" focuses the search, except while the user types. */
 function useSearchShortcut(input) {
   useEffect(() => {
     const key = (event) => {
@@ -114,7 +114,7 @@ function filters(inGroup) {
   ].filter(Boolean);
 }
 
-/** On a phone the filters are behind a press: that and what they hide is told all the same. */
+/** On a phone the filters are collapsed; what they hide is stated all the same. */
 function Filtered({ chosen, shown }) {
   const by = filters(chosen);
   if (by.length === 0) return null;

@@ -13,7 +13,7 @@ import { HUES } from "../trend/chart.js";
 
 await styled("pages");
 
-/** More lines than this tell nobody anything, and the historian takes 50. */
+/** Most signals of one chart; the historian accepts 50. */
 const MAX_SIGNALS = 16;
 const UPDATE_DELAY_MS = 500;
 
@@ -33,7 +33,7 @@ function SelectedSignals({ tags, query }) {
   const change = (next) => { setPicked(next); savePreference("history", next); };
   const from = Number(query.from) || null;
   const to = Number(query.to) || null;
-  // The address follows when the hand rests: what it shows can be sent to somebody.
+  // The address follows after a pause in the selection, so that it can be shared.
   const told = (window, live) => {
     shown.current = { window, live };
     clearTimeout(resting.current);
@@ -51,7 +51,7 @@ function SelectedSignals({ tags, query }) {
       <${Export} tags=${picked} shown=${() => shown.current.window} />`}`;
 }
 
-/** What the address asks for, else what was looked at last, else the output frequencies. */
+/** Signals of the address, else those of the last visit, else the output frequencies. */
 function first(tags, query) {
   const there = new Set(tags.map((tag) => tag.tag));
   const asked = (query.tags ?? "").split(",").filter((tag) => there.has(tag));

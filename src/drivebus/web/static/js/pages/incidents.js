@@ -43,7 +43,7 @@ function IncidentDetails({ id }) {
       </section>`;
 }
 
-/** What raised it, and the fault with its cause and remedy where the drive told one. */
+/** Alarm of the incident, and the drive's fault with cause and remedy. */
 function Trip({ found }) {
   const fault = found.view?.fault;
   const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
@@ -90,7 +90,7 @@ function Parameters({ parameters }) {
     keyOf=${([name]) => name} />`;
 }
 
-/** What it held, or why nobody knows. */
+/** Value of a parameter, or the reason why it could not be read. */
 function valueOrReason({ value, unit, reason }) {
   if (value !== null) return `${value} ${unit ?? ""}`;
   return html`<span class="small">${reason ? t(reason) : t("page.no_value")}</span>`;

@@ -1,4 +1,4 @@
-// The stations of a line in the order of the cable: what is bad beyond one of them is bad on the wire there.
+// Stations of a bus in cable order: errors that begin at one station point at the cable before it.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { NO_VALUE } from "../format.js";
@@ -9,7 +9,7 @@ import { classes, milliseconds, percent } from "./format-numbers.js";
 import { driveTitle } from "./titles.js";
 
 const PRESENCE_APPEARANCES = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
-/** From here on a line's errors are worth a look; at ten times as much starts are refused. */
+/** Error rate that is marked; starts are refused at ten times as much. */
 const ERROR_RATE_WARNING = 0.01;
 
 /** The host, the cable and its stations, as one drawing. */

@@ -28,7 +28,7 @@ function Check({ text, onChange, isChanged, onBack }) {
     <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
 }
 
-/** Every mistake with its line, what was found and expected, and the remedy; else what taking it over would change. */
+/** Errors with line, found, expected and remedy; without errors the changes that a reload would apply. */
 function CheckResult({ result }) {
   const complaints = result.complaints ?? [];
   if (complaints.length === 0) {

@@ -2,7 +2,7 @@
 import { hasKey, t } from "../i18n.js";
 import { NO_VALUE } from "../format.js";
 
-/** A share of 1: "0.3 %"; small ones keep a digit that tells them from none. */
+/** A share of 1 as "0.3 %"; small shares keep one significant digit. */
 export function percent(share) {
   if (typeof share !== "number") return NO_VALUE;
   const value = share * 100;

@@ -1,4 +1,4 @@
-// The frames of a line, decoded, as they go by: newest last, with pause and filter.
+// Live log of a bus's decoded frames: newest last, with pause and filter.
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
 import { localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
@@ -76,7 +76,7 @@ function Filters({ filter, onChange, stations }) {
       onInput=${(event) => set({ sought: event.target.value })} /><//></div>`;
 }
 
-/** Scrolls with the newest line unless somebody scrolled up to read. */
+/** Follow the newest row unless the user has scrolled up. */
 function Rows({ frames, following }) {
   const box = useRef(null);
   const atEnd = useRef(true);
@@ -112,7 +112,7 @@ function row(frame, gap) {
       </div>`;
 }
 
-/** One line a frame, for a mail to whoever knows the line. */
+/** The frames as text, one a line, for the clipboard. */
 function asText(frames) {
   return frames.map((frame) => [
     new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", localized(frame.text),

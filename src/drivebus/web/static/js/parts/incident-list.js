@@ -1,4 +1,4 @@
-// The cases: what was frozen each time a drive tripped.
+// List of incidents: what was recorded each time a drive tripped.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { moment } from "../format.js";

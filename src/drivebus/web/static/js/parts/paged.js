@@ -1,4 +1,4 @@
-// A list that comes in parts: the newest first, older ones when asked for.
+// Paged list: newest entries first, older ones on demand.
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { api } from "../api.js";
 import { t } from "../i18n.js";
@@ -6,7 +6,7 @@ import { Button, ErrorNote, Loading, useReloadOnReconnect } from "../ui.js";
 
 const START = { items: [], next: null, busy: true, error: null };
 
-/** `query` is of strings and numbers; another one begins anew. Gives `{items, next, busy, error, more, reload}`. */
+/** Load a list page by page; another `query` starts over. Returns `{items, next, busy, error, more, reload}`. */
 export function usePaged(path, query) {
   const [state, setState] = useState(START);
   const asked = useRef(null);
@@ -33,7 +33,7 @@ export function usePaged(path, query) {
   return { ...state, more: () => load(state.next, state.items), reload };
 }
 
-/** What stands below such a list: an error, that more is being asked for, or the way to more. */
+/** End of a paged list: error, progress, or the button for more. */
 export function PagedEnd({ list }) {
   if (list.error) return html`<${ErrorNote} error=${list.error} /><${Button}
     onClick=${list.reload}>${t("page.try_again")}<//>`;

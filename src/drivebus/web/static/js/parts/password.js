@@ -7,7 +7,7 @@ import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
 
 export const MIN_PASSWORD_LENGTH = 10;
 
-/** What a password must be: told before one is chosen, wherever that is. */
+/** Rules for a password, shown before one is chosen. */
 export const passwordHelp = () => t("page.password_help", { n: MIN_PASSWORD_LENGTH });
 
 const EMPTY = { old: "", new: "", again: "" };

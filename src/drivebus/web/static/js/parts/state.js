@@ -37,7 +37,7 @@ export function PriorityMark({ priority, word = true, size = 18 }) {
     <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span></span>`;
 }
 
-/** The badge: what the drive does when this host dies. */
+/** Badge: what the drive does at a communication loss. */
 export function CommLossBadge({ badge }) {
   const calm = badge.kind === "trips";
   const words = t(`page.comm_loss_${badge.kind}`, { after: badge.after_s ?? "?" });

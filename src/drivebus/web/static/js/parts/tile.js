@@ -1,4 +1,4 @@
-// One drive of the fleet. Each tile listens to its own drive only.
+// Tile of one drive. Each tile subscribes to its own drive only.
 import { html, useComputed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { ageOf, readingWithoutAge, stateOf } from "../format.js";
@@ -12,7 +12,7 @@ import { stop } from "../stops.js";
 import { faultText } from "../drive/faults.js";
 import { PriorityMark, StateMark, appearanceOf } from "./state.js";
 
-/** "< 1 s", "3 s"…: coarse, so that a hundred tiles have a new text only where it tells something. */
+/** "< 1 s", "3 s"…: coarse, so that hundreds of tiles are redrawn only for a visible change. */
 function coarseAge(seconds) {
   if (seconds === null) return t("page.never_read");
   if (seconds < 1.5) return t("page.age_now");
@@ -20,7 +20,7 @@ function coarseAge(seconds) {
   return t("page.minutes", { n: Math.floor(seconds / 60) });
 }
 
-/** The age of the frequency, or of whatever else the drive tells. */
+/** Age of the frequency, else of the first signal that the drive reports. */
 function ageText(view) {
   const all = view?.signals ?? {};
   const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.age_s !== null);
@@ -36,7 +36,7 @@ function Fault({ fault }) {
   return html`<p class="tilefault">${faultText(fault)}</p>`;
 }
 
-/** The current, where the model tells one in a unit that is known: a bare number would be taken for anything. */
+/** The current, only where its unit is known. */
 function current(view) {
   const found = readingWithoutAge(view, "output_current");
   return found === null || found.value === null || !found.unit ? null : html`<${Value} found=${found} />`;

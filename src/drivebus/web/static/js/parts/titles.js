@@ -1,4 +1,4 @@
-// What a drive is called: a signal of its own, so that a list of names is not drawn anew with every value of a drive.
+// Title of a drive as a signal of its own, so that lists of names are not redrawn with every value.
 import { computed } from "../lib.js";
 import { titleOf } from "../i18n.js";
 import { drive } from "../store.js";

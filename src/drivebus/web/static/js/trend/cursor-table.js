@@ -1,4 +1,4 @@
-// The table below a chart: what each line is worth where the pointer or a ruler stands, and within the window.
+// Table below a chart: each line's value at the pointer and the cursors, and its summary of the window.
 import { html, useComputed } from "../lib.js";
 import { language, t } from "../i18n.js";
 import { NO_VALUE, number, reading } from "../format.js";

@@ -4,7 +4,7 @@ import { moment } from "./labels.js";
 
 const NAMES = ["a", "b"];
 
-/** Puts the rulers above a plot. `place()` puts them where they belong; `moved({a, b})` tells of a hand. */
+/** Put two cursors above a plot. `place()` positions them; `moved({a, b})` reports a drag. */
 export function cursors(over, { window, rulers: found, moved, locale }) {
   const lines = Object.fromEntries(NAMES.map((name) => [name, made(name)]));
   const at = (x) => {

@@ -6,7 +6,7 @@ import { COLUMNS } from "./columns.js";
 /** A point beside a gap reaches no further than this share of the plot. */
 const MAX_BAND_GAP = 0.02;
 
-/** `isShown(line)`, `fill(line)`: which lines have a band, and its colour. */
+/** Draw bands. `isShown(line)`, `fill(line)`: which lines have a band, and its colour. */
 export function drawBands(plot, lines, isShown, fill) {
   const { ctx } = plot;
   ctx.save();

@@ -1,4 +1,4 @@
-// What happened in the window of a trend: the markers of the chart as a list, for whoever can't see or hit them.
+// Events in the window of a trend: the chart's markers as an accessible list.
 import { html, useState } from "../lib.js";
 import { localized, language, t } from "../i18n.js";
 import { driveTitle } from "../parts/titles.js";

@@ -28,7 +28,7 @@ const LISTEN_MS = 250;
  * @param span_s seconds that it follows at first
  * @param window `{from, to}` to begin with instead
  * @param source where samples come from; the historian and the live values where left out
- * @param onWindow told of every window, e.g. to export what is shown
+ * @param onWindow called with every window, e.g. to export what is shown
  * @param onRemove a line's × was pressed (tag); no × where left out
  */
 export function Trend({ lines, span_s = 600, window = null, source: given, onWindow, onRemove, height = 300 }) {
@@ -45,7 +45,7 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   }, [tags]);
   useEffect(() => scene.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
   useEffect(() => scene.run(), []);
-  // What was asked for in vain, or came unseen, while the line was away.
+  // Reload what was requested in vain or missed while disconnected.
   useEffect(() => {
     if (isLive.value) source.want(view.window.peek(), { again: source.fetched !== null });
   }, [isLive.value]);

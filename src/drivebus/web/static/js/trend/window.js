@@ -48,7 +48,7 @@ export function drawEvery(span) {
   return Math.min(10_000, Math.max(250, span / 1000));
 }
 
-/** How long a following window waits before it asks the historian again. */
+/** Interval between two historian requests of a following window. */
 export function fetchEvery(span) {
   return Math.min(60_000, Math.max(2_000, span / 200));
 }

@@ -1,0 +1,204 @@
+"""``drivebus acceptance``: the acceptance checklist on real hardware, and its dated report in JSON and text."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import AsyncIterator, Awaitable
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from drivebus import clock
+from drivebus.cli import connect, options, output
+from drivebus.cli.click_ext import CliCommand, Option
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_command import pop_target
+from drivebus.cli.errors import ExitCode
+from drivebus.commissioning.acceptance import (
+    ACCEPTANCE_STEPS,
+    AcceptanceInterrupted,
+    AcceptanceSession,
+    StepFinding,
+    StepResult,
+    run_step,
+)
+
+if TYPE_CHECKING:
+    from drivebus.bus import Bus
+    from drivebus.cli.signals import ShutdownSignal
+    from drivebus.drives import Drive
+
+T = TypeVar("T")
+ACCEPTANCE_FREQUENCY_HZ = 5.0
+
+
+class TerminalAcceptance(AcceptanceSession):
+    """Checklist on the target of the command line, with a person at the terminal."""
+
+    def __init__(self, target: Target, shutdown: ShutdownSignal, *, motor: bool, frequency_hz: float) -> None:
+        super().__init__(target.port, motor=motor, frequency_hz=frequency_hz)
+        self._target, self._shutdown = target, shutdown
+
+    @asynccontextmanager
+    async def drive(self, serial_format: str | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
+        target = self._target if serial_format is None else replace(self._target, format=serial_format)
+        async with connect.open_drive(target) as found:
+            yield found
+
+    async def second_instance(self) -> dict[str, Any]:
+        target = self._target
+        arguments = ["--model", target.model, "--address", str(target.address), "--json", "--lang", "en"]
+        arguments += [] if target.baud is None else ["--baud", str(target.baud)]
+        arguments += [] if target.format is None else ["--format", target.format]
+        program = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "drivebus",
+            "status",
+            target.port,
+            *arguments,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        printed, _ = await program.communicate()
+        document: dict[str, Any] = json.loads(printed.splitlines()[-1])
+        return document
+
+    async def race(self, work: Awaitable[T]) -> T:
+        found = await self._shutdown.interruptible(_boxed(work))
+        if found is None:
+            raise AcceptanceInterrupted
+        return found[0]
+
+    async def ask(self, key: str, /, **params: Any) -> str:
+        if not sys.stdin.isatty():
+            return ""
+        output.print_note(key, **params)
+        return (await self.race(_read_line())).strip().lower()
+
+
+async def _boxed(work: Awaitable[T]) -> tuple[T]:
+    return (await work,)
+
+
+async def _read_line() -> str:
+    """Read a line of standard input while the loop runs; a line that comes after a cancellation is discarded."""
+    loop = asyncio.get_running_loop()
+    ready: asyncio.Future[str] = loop.create_future()
+
+    def readable() -> None:
+        loop.remove_reader(sys.stdin)
+        if not ready.done():
+            ready.set_result(sys.stdin.readline())
+
+    loop.add_reader(sys.stdin, readable)
+    try:
+        return await ready
+    finally:
+        loop.remove_reader(sys.stdin)
+
+
+def _acceptance(motor: bool, frequency: float, folder: Path, **given: Any) -> ExitCode:
+    return asyncio.run(_run(pop_target(given), motor, frequency, folder))
+
+
+async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -> ExitCode:
+    from drivebus.cli.signals import shutdown_signals
+
+    findings: list[StepFinding] = []
+    with shutdown_signals() as shutdown:
+        session = TerminalAcceptance(target, shutdown, motor=motor, frequency_hz=frequency_hz)
+        try:
+            for name in ACCEPTANCE_STEPS:
+                findings.append(await run_step(name, session))
+                output.print_json(_plain(findings[-1]), stream=True)
+                output.print_text(_line(findings[-1]))
+        except AcceptanceInterrupted:
+            output.print_note("cli.interrupted")
+        finally:
+            write_report(folder, target, findings)
+    if shutdown.received:
+        return ExitCode.INTERRUPTED
+    failed = any(one.verdict is StepResult.FAILED for one in findings)
+    return ExitCode.FAILED if failed else ExitCode.DONE
+
+
+def _line(finding: StepFinding) -> str:
+    figures = ", ".join(f"{name}={value}" for name, value in _figures(finding).items())
+    reason = output.text(finding.reason) if finding.reason else ""
+    step = output.text(f"acceptance.step.{finding.step}")
+    parts = [f"[{output.text(f'acceptance.{finding.verdict}')}] {step}", figures, reason]
+    return "\n    ".join(part for part in parts if part)
+
+
+def _figures(finding: StepFinding) -> dict[str, Any]:
+    """Return the figures with errors as sentences."""
+    texts = {name: getattr(value, "text", None) for name, value in finding.figures.items()}
+    return {
+        name: text(output.language()) if callable(text := texts[name]) else value
+        for name, value in finding.figures.items()
+    }
+
+
+def _plain(finding: StepFinding) -> dict[str, Any]:
+    return {
+        "step": finding.step,
+        "verdict": str(finding.verdict),
+        "figures": _figures(finding),
+        "reason": finding.reason and output.text(finding.reason),
+    }
+
+
+def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> None:
+    """Write ``drivebus-acceptance-<date>.json`` and ``.md``. Raises FileExistsError instead of replacing a report."""
+    now = clock.wall_clock().astimezone()
+    path = folder / f"drivebus-acceptance-{now:%Y%m%d-%H%M%S}"
+    head = {
+        "date": now.isoformat(timespec="seconds"),
+        "drivebus": version("drivebus"),
+        "port": target.port,
+        "model": target.model,
+        "address": target.address,
+    }
+    document = head | {"findings": [_plain(one) for one in findings]}
+    text = output.text("acceptance.title", **head) + "\n\n" + "\n".join(f"- {_line(one)}" for one in findings) + "\n"
+    folder.mkdir(parents=True, exist_ok=True)
+    for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):
+        with path.with_suffix(suffix).open("x", encoding="utf-8") as file:
+            file.write(content)
+    output.print_message("acceptance.written", path=path.with_suffix(".md"))
+
+
+command = CliCommand(
+    "acceptance",
+    help_key="acceptance",
+    callback=_acceptance,
+    params=[
+        *options.drive_options(),
+        Option(["--motor"], is_flag=True, key="acceptance.option_motor"),
+        Option(
+            ["--frequency"],
+            type=options.NumberType(0.5, 10.0),
+            default=ACCEPTANCE_FREQUENCY_HZ,
+            metavar="HZ",
+            key="acceptance.option_frequency",
+            example="--frequency 5",
+        ),
+        Option(
+            ["--folder"],
+            type=options.FOLDER,
+            default=Path(),
+            metavar="FOLDER",
+            key="acceptance.option_folder",
+            example="--folder reports",
+        ),
+    ],
+    examples=(
+        "drivebus acceptance /dev/ttyUSB0 --model vc660 --address 1",
+        "drivebus acceptance /dev/ttyUSB0 --model c320 --address 1 --motor --frequency 5",
+    ),
+)
