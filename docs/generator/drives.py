@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from drivebus import profiles
 from drivebus.profiles import DriveProfile
+from drivebus.protocols.family import protocol_family
 from generator import words
 from generator.words import CAPABILITIES, GRADES, say, side
 
 ORDER = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
-PAGES = {"sunfar": "c320", "dzb100": "dzb100"}
-"""Family → the page that describes its protocol; a Modbus model has its own."""
+PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
 def shipped() -> list[DriveProfile]:
@@ -36,7 +38,9 @@ def sisters(profile: DriveProfile, language: str) -> str:
 
 
 def _page(profile: DriveProfile) -> str:
-    return PAGES.get(profile.family, profile.model)
+    """Return the page of a model: its own, or that of the model that stands for its family."""
+    own = PROTOCOL_PAGES / f"{profile.model}.md"
+    return profile.model if own.is_file() else protocol_family(profile.family).scan_models[0]
 
 
 def _row(profile: DriveProfile, language: str, link: str) -> list[str]:

@@ -151,8 +151,16 @@ def faults(profile: DriveProfile, language: str) -> str:
 
 
 def caveats(profile: DriveProfile, language: str) -> str:
-    rows = ((f"**{c.id}**", side(c.text, language), evidence(c.evidence, language)) for c in profile.caveats)
+    rows = (
+        (f'<a id="{c.id.lower()}"></a>**{c.id}**', side(c.text, language), evidence(c.evidence, language))
+        for c in profile.caveats
+    )
     return table([say(head, language) for head in ("id", "meaning", "source")], rows)
+
+
+def _anchored(id: str) -> str:
+    """Return an id with an anchor, so that other pages can link it."""
+    return f'<a id="{id.lower()}"></a>**{id}**'
 
 
 def open_questions(profile: DriveProfile, language: str) -> str:

@@ -154,6 +154,10 @@ class Dialect(Protocol):
         """Fault reset, then what must follow."""
         ...
 
+    def identity_reads(self) -> tuple[Any, ...]:
+        """Return the reads of model, series, version and control source; empty where the drive reports none."""
+        ...
+
     def read_parameter(self, parameter: Parameter) -> Any:
         """The request that reads it."""
         ...

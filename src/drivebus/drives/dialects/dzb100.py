@@ -282,6 +282,9 @@ class Dzb100Dialect:
     def reset(self) -> tuple[CommandFrame, ...]:
         return self._control_frame(Dzb100Command.RESET)
 
+    def identity_reads(self) -> tuple[Any, ...]:
+        return ()
+
     def read_parameter(self, parameter: Parameter) -> Any:
         space, index = parameter.locator
         return Dzb100Query(self.address, index) if space == "query" else Dzb100ReadParameter(self.address, index)

@@ -493,6 +493,9 @@ class ModbusDialect:
     def reset(self) -> tuple[CommandFrame, ...]:
         return self._command_frames(self._require_command_word().reset(self.profile.model))
 
+    def identity_reads(self) -> tuple[Any, ...]:
+        return ()
+
     def read_parameter(self, parameter: Parameter) -> Any:
         return ReadRegisters(self.address, parameter.locator[1], 1)
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.drives.dialects.base import Dialect
-from drivebus.drives.dialects.sunfar import SunfarDialect
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import read_values
 from drivebus.drives.operations.steps import DriveOperation
@@ -42,10 +41,11 @@ def identify(op: OperationContext) -> DriveOperation[Identity]:
     error = yield from op.sync()
     if error is not None:
         raise error
-    if not isinstance(dialect, SunfarDialect):
+    reads = dialect.identity_reads()
+    if not reads:
         return Identity(dialect.profile.model, reported=False)
     digits: list[tuple[str, str]] = []
-    for part, request in zip(IDENTITY_PARTS, dialect.identity_reads(), strict=True):
+    for part, request in zip(IDENTITY_PARTS, reads, strict=True):
         answer = yield from op.transact(request)
         info = getattr(answer.reply, "info", None)
         if answer.error is None and info and dialect.rejection(answer.reply) is None:
