@@ -71,7 +71,7 @@ def state(plant: RunningService) -> DriveState:
     asked_at = time.monotonic()
     while True:
         view = rest(plant, "/drives/fan-1")
-        if view["state_age_s"] < time.monotonic() - asked_at:
+        if view["time_ms"] - view["state_time_ms"] < 1000 * (time.monotonic() - asked_at):
             return DriveState(view["state"])
         time.sleep(0.05)
 

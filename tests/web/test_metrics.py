@@ -116,7 +116,9 @@ def test_what_is_scraped_is_the_plants_state() -> None:
                 signals = drive["signals"]
                 assert of(found, "drive_up", drive=id) == 1
                 assert of(found, "drive_state", drive=id, state=drive["state"]) == 1
-                assert of(found, "drive_state_age_seconds", drive=id) == drive["state_age_s"]
+                assert (
+                    of(found, "drive_state_age_seconds", drive=id) == (drive["time_ms"] - drive["state_time_ms"]) / 1000
+                )
                 assert of(found, "drive_fault_code", drive=id) == 0
                 good = [one for one in SIGNAL_METRICS if signals.get(one.signal, {}).get("quality") == "good"]
                 assert "output_frequency" in {one.signal for one in good}
@@ -252,7 +254,7 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
         fan = told.drives[0]
         fan["commanded_hz"] = 5.0
         for one in SIGNAL_METRICS:
-            fan["signals"][one.signal] = {"value": 1.5, "unit": one.unit, "quality": "good", "age_s": 0.1}
+            fan["signals"][one.signal] = {"value": 1.5, "unit": one.unit, "quality": "good", "source_time_ms": 1}
         told.statistics["drives"]["fan-1"] = TRIPPED
         told.buses[0]["errors"]["NoReply"] = told.buses[0]["stations"][0]["errors"]["NoReply"] = 1
         told.alarms[:] = [ALARM, ALARM | {"acknowledged_ms": 1}, ALARM | {"shelved_until_ms": 9}]

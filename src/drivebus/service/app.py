@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from types import TracebackType
 
@@ -34,6 +34,7 @@ from drivebus.service.runtime.fairness import encode_json_cooperatively
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.runtime.reload import ConfigReload
 from drivebus.service.runtime.supervision import SupervisionCycle
+from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
 
@@ -71,12 +72,14 @@ class Service:
         self._loop = asyncio.get_running_loop()
         self._timer = timers.acquire(self._loop)
         now = self._timer.now
+        clock = UtcClock(now, wall_ms)
         known = storage.alarm_log.load()
         self.plant = Plant(
             config=config,
             now=now,
             wall_ms=wall_ms,
-            hub=Hub(now, wall_ms),
+            clock=clock,
+            hub=Hub(clock.now_ms),
             audit=storage.audit,
             historian=storage.historian,
             run_statistics=storage.run_statistics,
@@ -158,7 +161,8 @@ class Service:
         await self.jogs.close()
         await self.supervision.close()
         await self.policies.close()
-        await self.plant.hub.close()
+        self.plant.hub.close()
+        await asyncio.sleep(0)  # let the streams send their end
         self.plant.state = "ended"
         self.plant.drives.clear()
         await asyncio.gather(*(runtime.close() for runtime in self.plant.buses.values()))
@@ -185,10 +189,10 @@ class Service:
         """See ``ServiceClient.call_json``."""
         return await encode_json_cooperatively(await self.call(operation, params, actor))
 
-    def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+    def live(self, stream: str, actor: Actor) -> AsyncIterator[Json]:
         """See ``ServiceClient.live``. Raises PermissionDenied."""
         self.dispatcher.check_may_view(actor)
-        return self.plant.hub.live(patterns, min(10.0, max(0.1, interval_s)))
+        return self.plant.hub.subscribe(stream)
 
     async def record(self, entry: Json, actor: Actor) -> None:
         """See ``ServiceClient.record``. Raises AuditUnavailable."""

@@ -246,7 +246,7 @@ def _drive_points(drive: Json) -> Iterator[OptionalPoint]:
     yield "drive_up", labels, drive["presence"] == Presence.ONLINE
     yield from _state_set("drive_presence", labels, Presence, drive["presence"])
     yield from _state_set("drive_state", labels, DriveState, drive["state"])
-    yield "drive_state_age_seconds", labels, drive["state_age_s"]
+    yield "drive_state_age_seconds", labels, _age_s(drive, drive["state_time_ms"])
     yield "drive_fault_code", labels, _fault_code(drive)
     yield "drive_commanded_frequency_hertz", labels, drive["commanded_hz"]
     yield "drive_controlled", labels, drive["lease"] is not None
@@ -270,12 +270,17 @@ def _fault_code(drive: Json) -> int | None:
     return None if drive["state"] == DriveState.UNKNOWN else 0
 
 
+def _age_s(drive: Json, time_ms: int | None) -> float | None:
+    """Return the seconds from a time to that of the drive's view, by the service's clock."""
+    return None if time_ms is None else (drive["time_ms"] - time_ms) / 1000
+
+
 def _signal_points(drive: Json) -> Iterator[OptionalPoint]:
     """Yield the good signals only: an uncertain one may be wrong by a factor of ten, where the scale is not settled."""
     signals = drive["signals"]
     for name, signal in signals.items():
         yield "drive_signal_valid", (drive["id"], name), signal["quality"] == Quality.GOOD
-        yield "drive_signal_age_seconds", (drive["id"], name), signal["age_s"]
+        yield "drive_signal_age_seconds", (drive["id"], name), _age_s(drive, signal["source_time_ms"])
     for one in SIGNAL_METRICS:
         signal = signals.get(one.signal)
         if signal is not None and signal["quality"] == Quality.GOOD and signal["unit"] == one.unit:

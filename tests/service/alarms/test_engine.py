@@ -113,8 +113,10 @@ def test_silence_is_told_at_once_and_at_the_start_after_a_while() -> None:
 
 
 def test_stale_values_are_told_and_what_a_family_never_reports_is_not_stale() -> None:
-    never = view({"temperature": signal(None, Quality.BAD, age_s=None)})
-    old = view({"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, age_s=None)})
+    never = view({"temperature": signal(None, Quality.BAD, source_time_ms=None)})
+    old = view(
+        {"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, source_time_ms=None)}
+    )
     alarms = book(STALE)
     told = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
     assert told == ["7 raised old", "8 cleared old"]
@@ -123,7 +125,7 @@ def test_stale_values_are_told_and_what_a_family_never_reports_is_not_stale() ->
 
 def test_a_named_signal_that_is_never_read_is_stale_and_uncertain_is_not() -> None:
     named = replace(STALE, signal="temperature", delay_s=0.0)
-    never = view({"temperature": signal(None, Quality.BAD, age_s=None)})
+    never = view({"temperature": signal(None, Quality.BAD, source_time_ms=None)})
     assert run(book(named), (0, view({"temperature": signal(1.0, Quality.UNCERTAIN)})), (1, never)) == ["1 raised old"]
 
 

@@ -11,21 +11,21 @@ import pytest
 from starlette.websockets import WebSocket
 
 from drivebus.errors import ControlNotHeld, ServiceUnavailable
+from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES
+from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.testing import virtual_time
-from drivebus.web.live.endpoint import MAX_WEBSOCKETS, LiveEndpoint
+from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
 from drivebus.web.live.messages import parse_interval, parse_message, parse_patterns
-from drivebus.web.live.session import MAX_QUEUED_MESSAGES
-from drivebus.web.live.upstream import BASE_PATTERNS, UpstreamFeed
-from fixtures.live import FakeSubscriber, FakeWebSocket, Json, delta, signal, snapshot
+from fixtures.live import FakeSubscriber, FakeWebSocket, Json, signal, snapshot, update
 from fixtures.rest_api import FakeService
 
 DRIVES = ("drives/*",)
 
 
-def told(story: Callable[[FakeService, UpstreamFeed], Awaitable[None]], interval_s: float = 0.25) -> None:
+def told(story: Callable[[FakeService, UpstreamFeed], Awaitable[None]]) -> None:
     async def play() -> None:
         plant = FakeService()
-        feed = UpstreamFeed(plant, interval_s, lambda: 7)
+        feed = UpstreamFeed(plant, LIVE_ACTOR)
         await story(plant, feed)
         feed.close("shutdown")
 
@@ -53,14 +53,14 @@ def test_a_client_gets_a_snapshot_and_then_what_changed() -> None:
         ear = FakeSubscriber()
         feed.join(ear, DRIVES, 0.25)
         plant.messages.put_nowait(snapshot(alarms={"active": []}, drives__a={"state": "running", "latched": False}))
-        plant.messages.put_nowait(delta({"drives/a": {"state": "stopped"}}))
+        plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
         assert [one["type"] for one in ear.messages] == ["snapshot", "delta"]
         assert ear.topics() == [
             {"drives/a": {"state": "running", "latched": False}},
             {"drives/a": {"state": "stopped"}},
         ]
-        assert [one["seq"] for one in ear.messages] == [0, 1] and ear.messages[0]["time_ms"] == 7
+        assert [one["seq"] for one in ear.messages] == [0, 1] and ear.messages[0]["time_ms"] == 1
 
     told(story)
 
@@ -71,9 +71,9 @@ def test_the_plant_is_heard_once_for_all_and_a_message_is_encoded_once() -> None
         for ear in ears:
             feed.join(ear, DRIVES, 0.25)
         plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
-        plant.messages.put_nowait(delta({"drives/a": {"state": "stopped"}}))
+        plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
-        assert plant.subscriptions == [(BASE_PATTERNS, 0.25)]
+        assert plant.subscriptions == ["state"]
         assert len({id(ear.texts[1]) for ear in ears}) == 1
 
     told(story)
@@ -85,9 +85,9 @@ def test_who_comes_later_begins_where_the_others_are() -> None:
         feed.join(first, DRIVES, 5.0)
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(1.0)}}))
         await asyncio.sleep(0.1)
-        plant.messages.put_nowait(delta({"drives/a": {"signals": {"f": signal(2.0)}}}))
+        plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(2.0)}}}))
         await asyncio.sleep(0.1)
-        plant.messages.put_nowait(delta({"drives/a": {"signals": {"f": signal(3.0)}}}))
+        plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(3.0)}}}))
         await asyncio.sleep(0.1)
         feed.join(later, DRIVES, 5.0)
         values = [[one["drives/a"]["signals"]["f"]["value"] for one in ear.topics()] for ear in (first, later)]
@@ -104,7 +104,7 @@ def test_values_come_at_the_clients_interval_and_the_last_one_wins() -> None:
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(0.0)}}))
         for value in range(1, 41):
             await asyncio.sleep(0.25)
-            plant.messages.put_nowait(delta({"drives/a": {"signals": {"f": signal(float(value))}}}))
+            plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(float(value))}}}))
         await asyncio.sleep(0.1)
         values = [
             (at, one["drives/a"]["signals"]["f"]["value"]) for at, one in zip(ear.at, ear.topics(), strict=True) if one
@@ -132,10 +132,10 @@ def test_g17_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) 
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(0.0)}}, buses__l={"is_open": True}))
         for _ in range(2):
             await asyncio.sleep(1.0)
-            plant.messages.put_nowait(delta({"drives/a": {"signals": {"f": signal(1.0)}}}))
+            plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(1.0)}}}))
         await asyncio.sleep(0.1)
         before = len(ear.texts)
-        plant.messages.put_nowait(delta(news))
+        plant.messages.put_nowait(update(news))
         await asyncio.sleep(0.25)
         assert len(ear.texts) == before + 1 and news.keys() <= ear.topics()[-1].keys()
 
@@ -145,13 +145,16 @@ def test_g17_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) 
 def test_g17_an_age_goes_on_while_a_message_waits() -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear, later = FakeSubscriber(), FakeSubscriber()
-        lease = {"owner": "li", "session": "s", "expires_in_s": 9.0}
+        lease = {"owner": "li", "session": "s", "expires_ms": 9000}
         feed.join(ear, DRIVES, 10.0)
-        plant.messages.put_nowait(snapshot(drives__a={"lease": lease, "signals": {"f": signal(1.0, age_s=0.5)}}))
+        fan = {"lease": lease, "signals": {"f": signal(1.0, source_time_ms=-499)}}
+        plant.messages.put_nowait(snapshot(drives__a=fan))
         await asyncio.sleep(4.0)
         feed.join(later, DRIVES, 10.0)
-        drive = later.topics()[0]["drives/a"]
-        assert (drive["signals"]["f"]["age_s"], drive["lease"]["expires_in_s"]) == (4.5, 5.0)
+        message = later.messages[0]
+        drive = message["topics"]["drives/a"]
+        age_ms = message["time_ms"] - drive["signals"]["f"]["source_time_ms"]
+        assert (age_ms, drive["lease"]["expires_ms"]) == (4500, 9000)
 
     told(story)
 
@@ -163,7 +166,7 @@ def test_g17_a_plant_that_falls_silent_has_no_heartbeat() -> None:
         plant.messages.put_nowait(snapshot(drives__a={}))
         for _ in range(3):
             await asyncio.sleep(1.0)
-            plant.messages.put_nowait(delta())
+            plant.messages.put_nowait(update())
         await asyncio.sleep(60.0)
         assert ear.at == [0.0, 1.0, 2.0, 3.0] and ear.topics()[1:] == [{}, {}, {}]
 
@@ -212,7 +215,7 @@ def test_a_plant_that_can_not_be_reached_says_so() -> None:
         ear = FakeSubscriber()
         feed.join(ear, DRIVES, 0.25)
         await asyncio.sleep(0.1)
-        assert ear.reason == "plant"
+        assert ear.reason == "upstream_lost"
 
     told(story)
 
@@ -222,10 +225,10 @@ def test_what_goes_away_and_what_was_dropped_is_told() -> None:
         ear = FakeSubscriber()
         feed.join(ear, ("drives/*", "events"), 0.25)
         plant.messages.put_nowait(snapshot(drives__a={}, events=[]))
-        plant.messages.put_nowait(delta({"events": [{"id": "1"}]}, gone=["drives/a"], dropped={"events": 3}))
+        plant.messages.put_nowait(update({"events": [{"id": "1"}]}, removed=["drives/a"], missed={"events": 3}))
         await asyncio.sleep(0.5)
         last = ear.messages[-1]
-        assert (last["gone"], last["dropped"], last["topics"]) == (
+        assert (last["removed"], last["missed"], last["topics"]) == (
             ["drives/a"],
             {"events": 3},
             {"events": [{"id": "1"}]},
@@ -239,11 +242,11 @@ def test_what_went_and_came_back_while_a_message_waited_is_there() -> None:
         ear = FakeSubscriber()
         feed.join(ear, DRIVES, 10.0)
         plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
-        plant.messages.put_nowait(delta(gone=["drives/a"]))
-        plant.messages.put_nowait(delta({"drives/a": {"state": "stopped"}}))
+        plant.messages.put_nowait(update(removed=["drives/a"]))
+        plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(0.5)
         assert [one["topics"] for one in ear.messages][1:] == [{"drives/a": {"state": "stopped"}}]
-        assert "gone" not in ear.messages[-1]
+        assert "removed" not in ear.messages[-1]
 
     told(story)
 
@@ -255,12 +258,12 @@ def test_more_items_than_a_message_holds_leave_the_oldest_out_and_say_how_many()
         plant.messages.put_nowait(snapshot())
         await asyncio.sleep(0.1)
         frames = [{"n": n} for n in range(1, 1001)]
-        plant.frames.put_nowait(delta({"frames/line-1": frames[:1]}))
-        plant.frames.put_nowait(delta({"frames/line-1": frames[1:]}))
+        plant.frames.put_nowait(update({"frames/line-1": frames[:1]}))
+        plant.frames.put_nowait(update({"frames/line-1": frames[1:]}))
         await asyncio.sleep(11.0)
         last = ear.messages[-1]
         assert (len(last["topics"]["frames/line-1"]), last["topics"]["frames/line-1"][-1]) == (500, {"n": 1000})
-        assert last["dropped"] == {"frames/line-1": 500}
+        assert last["missed"] == {"frames/line-1": 500}
 
     told(story)
 
@@ -271,7 +274,7 @@ def test_frames_are_asked_of_the_plant_only_while_somebody_watches_them() -> Non
         feed.join(ear, DRIVES, 0.25)
         channel = feed.join(other, ("frames/line-1",), 0.25)
         await asyncio.sleep(0.1)
-        assert sorted(patterns for patterns, _ in plant.subscriptions) == sorted([BASE_PATTERNS, ("frames/line-1",)])
+        assert sorted(plant.subscriptions) == ["frames/line-1", "state"]
         feed.leave(other, channel)
         feed.join(other, ("frames/line-1",), 0.25)
         await asyncio.sleep(0.1)
@@ -288,7 +291,7 @@ def test_a_slow_client_is_closed_with_the_reason_and_holds_nobody_up() -> None:
         plant.messages.put_nowait(snapshot())
         for n in range(MAX_QUEUED_MESSAGES + 2):
             await asyncio.sleep(0.25)
-            plant.messages.put_nowait(delta({"drives/a": {"state": str(n)}}))
+            plant.messages.put_nowait(update({"drives/a": {"state": str(n)}}))
         await asyncio.sleep(2.0)
         assert (slow.closed, quick.closed) == ((4008, "slow"), None)
         assert len(quick.sent) == MAX_QUEUED_MESSAGES + 3 and live.open == 1
@@ -323,7 +326,7 @@ def test_a_subscription_is_changed_while_it_runs() -> None:
         await asyncio.sleep(0.1)
         socket.incoming.put_nowait('{"subscribe": ["drives/a"]}')
         await asyncio.sleep(0.1)
-        plant.messages.put_nowait(delta({"alarms": {"active": [{"id": "x"}]}}))
+        plant.messages.put_nowait(update({"alarms": {"active": [{"id": "x"}]}}))
         await asyncio.sleep(0.5)
         assert [list(one["topics"]) for one in socket.sent if one["topics"]] == [["alarms"], ["drives/a"]]
         socket.incoming.put_nowait(None)
@@ -381,7 +384,7 @@ def test_s14_a_message_that_nobody_understands_ends_the_connection(text: str) ->
         task = begin(live, socket)
         socket.incoming.put_nowait(text)
         await task
-        assert (socket.closed, socket.sent[-1]["reason"]) == ((4400, "message"), "message")
+        assert (socket.closed, socket.sent[-1]["reason"]) == ((4400, "bad_message"), "bad_message")
 
     served(story)
 
@@ -395,7 +398,7 @@ def test_s14_too_many_messages_end_the_connection() -> None:
         for _ in range(200):
             patient.incoming.put_nowait('{"subscribe": []}')
             await asyncio.sleep(0.11)
-        assert (socket.closed, patient.closed) == ((4029, "often"), None)
+        assert (socket.closed, patient.closed) == ((4029, "rate_limited"), None)
         patient.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
 
@@ -421,18 +424,18 @@ def test_an_address_that_asks_for_the_impossible_is_closed_at_once(query: dict[s
         socket = FakeWebSocket()
         socket.query_params = query
         await live.serve(cast(WebSocket, socket))
-        assert (socket.closed, plant.subscriptions) == ((4400, "message"), [])
+        assert (socket.closed, plant.subscriptions) == ((4400, "bad_message"), [])
 
     served(story)
 
 
-def test_a_fast_client_hears_the_plant_faster() -> None:
+def test_a_fast_client_shares_the_subscription_of_the_others() -> None:
     async def story(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         socket.query_params = {"interval": "0.1"}
         task = begin(live, socket)
         await asyncio.sleep(0.1)
-        assert plant.subscriptions == [(BASE_PATTERNS, 0.1)]
+        assert plant.subscriptions == ["state"]
         socket.incoming.put_nowait(None)
         await task
 

@@ -99,7 +99,7 @@ async def test_s14_nonsense_ends_the_connection_with_the_reason(plant: RunningSe
     async with by_token(plant) as socket:
         await socket.send(text)
         last, code = await ended(socket)
-    assert (last["reason"], code) == ("message", 4400)
+    assert (last["reason"], code) == ("bad_message", 4400)
 
 
 async def test_s14_a_message_larger_than_the_service_takes_ends_the_connection(plant: RunningService) -> None:

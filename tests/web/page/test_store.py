@@ -20,24 +20,27 @@ def ask(page: Any, module: str, call: str) -> Any:
     return page.evaluate(f"import('/static/js/{module}.js').then((m) => {call})")
 
 
-SIGNAL = "{value: 25, unit: 'Hz', quality: 'good', reason: null, age_s: 0.2}"
+SIGNAL = "{value: 25, unit: 'Hz', quality: 'good', reason: null, source_time_ms: 800}"
 
 
 def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
-    """Top-level keys whole, signals one by one; each knows when it came."""
+    """Top-level keys whole, signals one by one; each knows when it was read."""
     old = f"{{state: 'stopped', bus: 'a', signals: {{hz: {SIGNAL}, a: {SIGNAL}}}}}"
-    change = "{state: 'running', signals: {hz: {value: 30, unit: 'Hz', quality: 'good', reason: null, age_s: 0}}}"
-    found = ask(page, "store", f"m.mergeTopic('drives/x', m.mergeTopic('drives/x', null, {old}, 1), {change}, 7)")
+    hz = "{value: 30, unit: 'Hz', quality: 'good', reason: null, source_time_ms: 2000}"
+    change = f"{{state: 'running', signals: {{hz: {hz}}}}}"
+    found = ask(
+        page, "store", f"m.mergeTopic('drives/x', m.mergeTopic('drives/x', null, {old}, 1, 1000), {change}, 7, 2000)"
+    )
     assert (found["state"], found["bus"]) == ("running", "a")
-    assert (found["signals"]["hz"]["value"], found["signals"]["hz"]["at"]) == (30, 7)
-    assert (found["signals"]["a"]["value"], found["signals"]["a"]["at"]) == (25, 1)
+    assert (found["signals"]["hz"]["value"], found["signals"]["hz"]["readAt"]) == (30, 7)
+    assert (found["signals"]["a"]["value"], found["signals"]["a"]["readAt"]) == (25, -199)
 
 
 def test_a_feed_grows_to_its_newest_five_hundred(page: Any) -> None:
     """I12: nothing in the page grows for ever."""
-    call = "m.mergeTopic('frames/a', {items: [1, 2], dropped: 3}, Array.from({length: 600}, (_, n) => n), 1)"
+    call = "m.mergeTopic('frames/a', {items: [1, 2], missed: 3}, Array.from({length: 600}, (_, n) => n), 1)"
     found = ask(page, "store", call)
-    assert (len(found["items"]), found["items"][-1], found["dropped"]) == (500, 599, 3)
+    assert (len(found["items"]), found["items"][-1], found["missed"]) == (500, 599, 3)
 
 
 def test_a_topic_that_a_snapshot_lacks_is_gone(page: Any) -> None:
@@ -225,8 +228,9 @@ def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> 
         if (vnode.type?.name === 'Tile') found.push(vnode.props.id);
         before?.(vnode);
       };
-      const signals = { output_frequency: { value: 12.34, unit: 'Hz', quality: 'good', reason: null, age_s: 0 } };
-      store.applyDelta({ topics: { 'drives/fan-2': { state: 'running', signals } } });
+      const found_hz = { value: 12.34, unit: 'Hz', quality: 'good', reason: null, source_time_ms: 1 };
+      const signals = { output_frequency: found_hz };
+      store.applyDelta({ time_ms: 1, topics: { 'drives/fan-2': { state: 'running', signals } } });
       await new Promise((resolve) => { setTimeout(resolve, 1200); });
       options.diffed = before;
       return found;

@@ -35,16 +35,20 @@ def _parse_exchange(frame: Json) -> FrameExchange:
 
 def parse_status(view: Json, now: float) -> DriveStatus:
     """A DriveView. A drive that is silent has no state, whatever it was before."""
-    readings = {name: parse_reading(signal, now) for name, signal in view["signals"].items()}
+    readings = {name: parse_reading(signal, view["time_ms"], now) for name, signal in view["signals"].items()}
     direction = None if view["direction"] is None else Direction(view["direction"])
     fault = view["fault"] and parse_fault(view["fault"])
     return DriveStatus(DriveState(view["state"]), direction, fault, readings, view["state_reason"])
 
 
-def parse_reading(found: Json, now: float) -> Reading:
-    """A value as old as the service says."""
-    age_s = found.get("age_s")
-    at = None if age_s is None else now - age_s
+def reading_time(time_ms: int | None, service_now_ms: int, now: float) -> float | None:
+    """Return the local monotonic second of a time on the service's clock, which shows ``service_now_ms`` at ``now``."""
+    return None if time_ms is None else now - (service_now_ms - time_ms) / 1000
+
+
+def parse_reading(found: Json, service_now_ms: int = 0, now: float = 0.0) -> Reading:
+    """Return a signal's value, as old as it is on the service's clock, or a parameter's value, which has no time."""
+    at = reading_time(found.get("source_time_ms"), service_now_ms, now)
     return Reading(found["value"], found["unit"], Quality(found["quality"]), at, found["reason"], found.get("raw"))
 
 

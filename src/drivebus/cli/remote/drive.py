@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.remote.client import RemoteClient
-from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status
+from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
 from drivebus.errors import DrivebusError, OutcomeUnknown, ServiceUnavailable
 
 if TYPE_CHECKING:
@@ -70,12 +70,12 @@ class RemoteDrive:
 
     def _predates_start(self, view: Json, now: float) -> bool:
         """Its state was read before the drive was started: it still tells of the time before."""
-        age_s = view["state_age_s"]
-        return self._started_at is not None and (age_s is None or now - age_s < self._started_at)
+        state_at = reading_time(view["state_time_ms"], view["time_ms"], now)
+        return self._started_at is not None and (state_at is None or state_at < self._started_at)
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         found = await self.call("parameters.read", names=list(names))
-        return {name: parse_reading(one, RemoteBus.now()) for name, one in found["parameters"].items()}
+        return {name: parse_reading(one) for name, one in found["parameters"].items()}
 
     async def comm_loss_behaviour(self) -> Any:
         """As the service has read it from the drive."""

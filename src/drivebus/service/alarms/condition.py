@@ -121,7 +121,11 @@ def _stale(setting: AlarmConfig, view: DriveView) -> Observation:
     """Violated if the signal, or without one any signal that was ever read, has bad quality."""
     named = setting.signal
     wanted = [name for name in view.signals if name == named] if named else [*view.signals]
-    bad = [n for n in wanted if view.signals[n].quality is Quality.BAD and (named or view.signals[n].age_s is not None)]
+    bad = [
+        n
+        for n in wanted
+        if view.signals[n].quality is Quality.BAD and (named or view.signals[n].source_time_ms is not None)
+    ]
     state = LimitState.NORMAL if wanted else LimitState.UNKNOWN
     return Observation(LimitState.VIOLATED if bad else state, None, {"signals": bad})
 

@@ -24,7 +24,8 @@ from drivebus.service.alarms.model import (
     SystemAlarm,
 )
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig
-from drivebus.service.live.views import DriveView, Json
+from drivebus.service.live.views import DriveView
+from drivebus.types import Json
 
 MAX_SHELVED_MS = 86_400_000
 """After a restart an alarm stays shelved for a day at most, even if the wall clock was set in between."""

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from drivebus.service.alarms.model import Alarm
 from drivebus.service.api.paging import page
-from drivebus.service.live.views import Json
 from drivebus.service.storage.append_log import AppendLog, write_durably
 from drivebus.service.storage.batch_writer import BatchWriter
+from drivebus.types import Json
 
 KEPT = 5_000
 """Older alarms are dropped, so that file and memory stay bounded."""

@@ -9,7 +9,8 @@ from typing import Any
 
 from drivebus.profiles.model import Text
 from drivebus.service.config.model import AlarmPriority
-from drivebus.service.live.views import Json, text_json
+from drivebus.service.live.views import text_json
+from drivebus.types import Json
 
 
 class SystemAlarm(StrEnum):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -38,17 +37,6 @@ def frame_json(bus: BusRuntime, frame: TracedFrame) -> Json:
 
 def _error(error: DrivebusError) -> Json:
     return {"code": error.key, "text": localized(error.key, error.params)}
-
-
-@dataclass(frozen=True, slots=True)
-class LazyFrame:
-    """A frame that is decoded when a client of the hub takes it."""
-
-    bus: BusRuntime
-    frame: TracedFrame
-
-    def json(self, now: float) -> Json:
-        return frame_json(self.bus, self.frame)
 
 
 def _frame_text(bus: BusRuntime, frame: TracedFrame) -> Json:

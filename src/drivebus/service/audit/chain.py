@@ -19,9 +19,9 @@ from typing import Final
 from drivebus.atomic_write import fsync_directory
 from drivebus.service.audit import records
 from drivebus.service.audit.records import AuditEntry
-from drivebus.service.live.views import Json
 from drivebus.service.storage import append_log
 from drivebus.service.storage.append_log import AppendLog, write_durably
+from drivebus.types import Json
 
 AUDIT_FILE: Final = "audit.jsonl"
 ROTATED_FILE: Final = re.compile(r"audit-(\d{12})\.jsonl")

@@ -8,7 +8,7 @@ from typing import Any
 from drivebus.service.api.paging import page, page_start
 from drivebus.service.audit import records
 from drivebus.service.audit.chain import AuditPaths, first_number_of, lines_backwards
-from drivebus.service.live.views import Json
+from drivebus.types import Json
 
 
 def query_records(

@@ -20,7 +20,7 @@ from math import isfinite
 from typing import Any, Final
 
 from drivebus.service.auth.actor import Actor
-from drivebus.service.live.views import Json
+from drivebus.types import Json
 
 SERVICE_ACTOR: Final = "drivebus"
 """``who`` of entries that the service makes itself."""

@@ -20,8 +20,8 @@ from drivebus.errors import AuditUnavailable
 from drivebus.service.audit.chain import MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditEntry, entry_json
-from drivebus.service.live.views import Json
 from drivebus.service.storage.batch_writer import BatchWriter
+from drivebus.types import Json
 
 CHECKPOINT_INTERVAL_S = 60.0
 """Records after the last checkpoint can be cut off undetected: at most those of one minute."""

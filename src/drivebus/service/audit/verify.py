@@ -11,7 +11,7 @@ from drivebus.service.api.errors import localized
 from drivebus.service.audit import records
 from drivebus.service.audit.chain import AuditPaths, first_number_of
 from drivebus.service.audit.records import AuditCheckpoint
-from drivebus.service.live.views import Json
+from drivebus.types import Json
 
 MAX_REPORTED_PROBLEMS: Final = 200
 """All problems are counted; only this many are listed."""

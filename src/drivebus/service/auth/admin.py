@@ -16,8 +16,8 @@ from drivebus.service.auth.users import USER_FILE, UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET
-from drivebus.service.live.views import Json
 from drivebus.service.process.lock import single_instance
+from drivebus.types import Json
 
 WriteAuditRecord = Callable[[Json], Awaitable[object]]
 

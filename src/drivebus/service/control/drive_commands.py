@@ -99,7 +99,7 @@ class DriveCommands:
     def _lease_json(self, unit: DriveRuntime) -> Json:
         now = self.plant.now()
         lease = self.plant.leases.get(unit.id, now)
-        return {"lease": None if lease is None else lease.view(now).as_json(), "ttl_s": LEASE_TTL_S}
+        return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
     async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""

@@ -9,6 +9,7 @@ from drivebus.errors import ArmRequired, ControlNotHeld
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.live.views import LeaseView
+from drivebus.service.runtime.utc_clock import UtcClock
 
 LEASE_TTL_S = 10.0
 """A lease that nobody renews for so long is over."""
@@ -26,8 +27,8 @@ class ControlLease:
     actor: Actor
     expires_at: float
 
-    def view(self, now: float) -> LeaseView:
-        return LeaseView(self.actor.name, self.actor.session, max(0.0, self.expires_at - now))
+    def view(self, clock: UtcClock) -> LeaseView:
+        return LeaseView(self.actor.name, self.actor.session, clock.utc_ms(self.expires_at))
 
 
 class ControlLeases:

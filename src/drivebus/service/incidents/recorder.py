@@ -18,7 +18,8 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.config.model import AlarmKind
 from drivebus.service.incidents.store import IncidentStore
-from drivebus.service.live.views import DriveView, Json, Sample
+from drivebus.service.live.views import DriveView, Sample
+from drivebus.types import Json
 from drivebus.values import Quality
 
 

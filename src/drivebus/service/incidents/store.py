@@ -18,8 +18,8 @@ from drivebus.atomic_write import fsync_directory
 from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
 from drivebus.errors import NotFound
 from drivebus.service.api.paging import page
-from drivebus.service.live.views import Json
 from drivebus.service.storage.append_log import write_durably
+from drivebus.types import Json
 
 INCIDENT_ID: Final = re.compile(r"(\d{6,12})-[a-z0-9][a-z0-9_-]{0,63}")
 MAX_INCIDENTS: Final = 200

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 from drivebus.errors import ServiceUnavailable
@@ -14,14 +14,13 @@ from drivebus.service.api.errors import error_from_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, short_socket_path, split_reply
 from drivebus.service.ipc.service_client import ServiceErrorReply
-from drivebus.service.live.topics import closed_message
+from drivebus.service.live.hub import closed_message
 from drivebus.types import Json
 
 Reply = tuple[str, bytes]
 """Kind of a reply and its JSON text."""
 CONNECTION_LOST: Reply = ("lost", b"")
-MAX_QUEUED_LIVE_MESSAGES = 64
-"""A reader that leaves so many live messages lying is closed."""
+MAX_QUEUED_LIVE_MESSAGES = 1000  # a reader that leaves more unread is closed as slow
 
 
 class SocketClient:
@@ -54,9 +53,9 @@ class SocketClient:
         except ServiceErrorReply as error:
             raise error_from_json(json.loads(error.payload)) from None
 
-    async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+    async def live(self, stream: str, actor: Actor) -> AsyncIterator[Json]:
         """See ``ServiceClient.live``. Raises ServiceUnavailable where the plant does not answer, or goes."""
-        asked = {"live": list(patterns), "interval_s": interval_s, "actor": actor.as_json()}
+        asked = {"live": stream, "actor": actor.as_json()}
         number, answers = await self._send(asked, MAX_QUEUED_LIVE_MESSAGES)
         try:
             while True:
@@ -109,7 +108,10 @@ class SocketClient:
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             while line := await reader.readline():
-                self._dispatch(*split_reply(line))
+                number, kind, payload = split_reply(line)
+                self._dispatch(number, kind, payload)
+                if kind == "live":
+                    await asyncio.sleep(0)  # its reader takes it before the next one
         except (OSError, ValueError):
             pass
         finally:

@@ -94,8 +94,7 @@ class _ClientConnection:
             return
         actor = Actor.from_json(found["actor"])
         if "live" in found:
-            patterns, interval_s = [str(one) for one in found["live"]], float(found.get("interval_s", 0.25))
-            task = asyncio.create_task(self._live(id, patterns, actor, interval_s), name=f"live {id}")
+            task = asyncio.create_task(self._live(id, str(found["live"]), actor), name=f"live {id}")
             self._live_tasks[id] = task
             task.add_done_callback(lambda _: self._live_tasks.pop(id, None))
         else:
@@ -130,9 +129,9 @@ class _ClientConnection:
             LOG.exception("a request failed in a way that nobody foresaw")
             await self._send({"id": id, "error": error_to_json(ServiceUnavailable("plant.internal"))})
 
-    async def _live(self, id: Any, patterns: list[str], actor: Actor, interval_s: float) -> None:
+    async def _live(self, id: Any, stream: str, actor: Actor) -> None:
         try:
-            async for message in self._service.live(patterns, actor, interval_s):
+            async for message in self._service.live(stream, actor):
                 await self._send({"id": id, "live": message})
                 await self._writer.drain()
         except DrivebusError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from typing import Protocol
 
 from drivebus.service.auth.actor import Actor
@@ -41,10 +41,12 @@ class ServiceClient(Protocol):
         """
         ...
 
-    def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
-        """Yield a ``snapshot``, then ``delta``s, then ``closed`` with a reason; topics by pattern (``drives/*``).
+    def live(self, stream: str, actor: Actor) -> AsyncIterator[Json]:
+        """Yield the messages of a live stream: ``state`` (every topic but frames) or ``frames/<bus>``.
 
-        ``interval_s``: at most one delta in that time, 0.1 to 10 s; on the wire ``{"live": [...], "interval_s": 0.1}``.
+        A ``snapshot`` comes first, then an ``update`` whenever something changed and at least once a second, last
+        ``closed`` with a reason. Messages hold ``time_ms``, whole ``topics`` (new items, where a topic is a list), and
+        where there are any ``removed`` topics and the number of items ``missed`` of lists.
         """
         ...
 

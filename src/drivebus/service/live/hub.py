@@ -1,111 +1,174 @@
-"""The hub: the newest of everything by topic, told to whoever listens as a snapshot and then as what changed.
+"""Hub of live values: the newest whole object of every topic, pushed to its subscribers when it changes.
 
-A listener gets at most one message per interval, with everything that changed since coalesced; one that does not take
-its messages is closed with the reason, so that it can't hold up or fill anything (I12).
+The service has no patterns, deltas or queues: a subscriber that is busy gets everything that changed meanwhile in its
+next message, and of each topic only the newest. Snapshots, deltas and filters for clients are made by the gateways.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Callable
 
-from drivebus.service.live.subscription import HubSubscription
-from drivebus.service.live.topics import value_json
+from drivebus.service.api.errors import localized
+from drivebus.service.runtime.fairness import iter_cooperatively
+from drivebus.types import Json
 
-Json = dict[str, Any]
-MAX_LIST_ITEMS = 500
-"""So many items of a list (frames, events) are kept for who looks later."""
+STATE_STREAM = "state"
+"""The stream of every topic but frames."""
+FRAMES_PREFIX = "frames/"
+"""Frames are decoded only while somebody subscribes: each bus has a stream of its own, ``frames/<bus>``."""
+MAX_LIST_ITEMS = 500  # of a list (events, frames) kept for the next snapshot
+HEARTBEAT_S = 1.0  # a stream without changes sends an empty update this often
+
+ListItem = Json | Callable[[], Json]
+"""An item, or the function that makes it when it is sent: decoding a frame takes time."""
 
 
 class Hub:
-    """Topics and listeners. Belongs to one loop; nothing here waits for a listener."""
+    """Topics and their subscribers. Belongs to one loop; nothing here waits for a subscriber."""
 
-    def __init__(self, now: Callable[[], float], wall_ms: Callable[[], int]) -> None:
-        self.now, self.wall_ms = now, wall_ms
-        self.contents: dict[str, Json] = {}
-        """Topic → key → value; the key ``signals`` holds one more level."""
-        self.lists: dict[str, deque[tuple[int, Any]]] = {}
-        self._numbers: dict[str, int] = {}
-        self._listeners: set[HubSubscription] = set()
+    def __init__(self, now_ms: Callable[[], int]) -> None:
+        """``now_ms``: UTC milliseconds on the clock of the times in the topics."""
+        self._now_ms = now_ms
+        self.topics: dict[str, Json] = {}
+        self._lists: dict[str, deque[tuple[int, ListItem]]] = {}
+        self._last_numbers: dict[str, int] = {}
+        self._subscribers: set[_Subscriber] = set()
+        self._is_closed = False
 
-    def publish(self, topic: str, content: Mapping[str, Any]) -> None:
-        """This is how it is now; only what differs from before is told."""
-        before = self.contents.get(topic)
-        self.contents[topic] = now = dict(content)
-        changed = set(now) if before is None else {key for key in now if now[key] != before.get(key, _NOTHING)}
-        if not changed:
+    def publish(self, topic: str, content: Json) -> None:
+        """Replace a topic; subscribers are notified only where it differs. ``content`` must not be changed later."""
+        if self.topics.get(topic) == content:
             return
-        signals: set[str] = set()
-        if before is not None and "signals" in changed and "signals" in before:
-            old, new = before["signals"], now["signals"]
-            signals = {name for name in new if new[name] != old.get(name, _NOTHING)}
-        for listener in self._listeners:
-            listener.on_changed(topic, changed, signals)
+        self.topics[topic] = content
+        for subscriber in self._subscribers_of(topic):
+            subscriber.note_changed(topic)
 
-    def append(self, topic: str, item: Any) -> int:
-        """One more item of a list; returns its number, which counts from 1."""
-        number = self._numbers[topic] = self._numbers.get(topic, 0) + 1
-        self.lists.setdefault(topic, deque(maxlen=MAX_LIST_ITEMS)).append((number, item))
-        for listener in self._listeners:
-            listener.on_appended(topic, number)
+    def append(self, topic: str, item: ListItem) -> int:
+        """Add an item to a list topic; return its number, counted from 1."""
+        number = self._last_numbers[topic] = self._last_numbers.get(topic, 0) + 1
+        self._lists.setdefault(topic, deque(maxlen=MAX_LIST_ITEMS)).append((number, item))
+        for subscriber in self._subscribers_of(topic):
+            subscriber.wakeup.set()
         return number
 
     def remove(self, topic: str) -> None:
-        """It is gone."""
-        if self.contents.pop(topic, None) is not None or self.lists.pop(topic, None) is not None:
-            for listener in self._listeners:
-                listener.on_removed(topic)
+        """Remove a topic or list."""
+        if self.topics.pop(topic, None) is not None or self._lists.pop(topic, None) is not None:
+            for subscriber in self._subscribers_of(topic):
+                subscriber.note_removed(topic)
 
-    def topic(self, topic: str) -> Json:
-        """A topic as it is told now. Raises KeyError."""
-        return self.topic_part(topic, set(self.contents[topic]), None)
-
-    def topic_part(self, topic: str, keys: set[str], signals: set[str] | None) -> Json:
-        """Some keys of a topic; of ``signals`` only those named, all where None."""
-        now, content = self.now(), self.contents[topic]
-        found = {key: value_json(content[key], now) for key in keys if key != "signals" and key in content}
-        if "signals" in keys and "signals" in content:
-            chosen = content["signals"]
-            found["signals"] = {
-                name: value_json(value, now) for name, value in chosen.items() if signals is None or name in signals
-            }
-        return found
-
-    def items(self, topic: str, after: int = 0) -> list[tuple[int, Any]]:
-        """What is kept of a list, with numbers above ``after``."""
-        return [(number, item) for number, item in self.lists.get(topic, ()) if number > after]
-
-    def last_number(self, topic: str) -> int:
-        """The number of a list's newest item, 0 where there was none."""
-        return self._numbers.get(topic, 0)
-
-    async def live(self, patterns: Sequence[str], interval_s: float = 0.25) -> AsyncIterator[Json]:
-        """Messages for one listener until it or the hub ends; see ``ServiceClient.live``."""
-        listener = HubSubscription(self, patterns, interval_s)
-        self._listeners.add(listener)
-        try:
-            async for message in listener.messages():
-                yield message
-        finally:
-            self._listeners.discard(listener)
-            listener.end()
+    def items(self, topic: str, after: int = 0) -> list[tuple[int, ListItem]]:
+        """Return the kept items of a list with numbers above ``after``."""
+        return [(number, item) for number, item in self._lists.get(topic, ()) if number > after]
 
     @property
-    def listeners(self) -> int:
-        """How many listen now."""
-        return len(self._listeners)
+    def subscriber_count(self) -> int:
+        return len(self._subscribers)
 
-    def has_listener(self, topic: str) -> bool:
-        """Does anybody listen to it?"""
-        return any(listener.wants(topic) for listener in self._listeners)
+    def has_subscriber(self, topic: str) -> bool:
+        return any(True for _ in self._subscribers_of(topic))
 
-    async def close(self) -> None:
-        """Tell every listener that the plant ends."""
-        for listener in tuple(self._listeners):
-            listener.close("shutdown")
-        await asyncio.sleep(0)
+    def _subscribers_of(self, topic: str) -> list[_Subscriber]:
+        stream = topic if topic.startswith(FRAMES_PREFIX) else STATE_STREAM
+        return [one for one in self._subscribers if one.stream == stream]
+
+    async def subscribe(self, stream: str) -> AsyncIterator[Json]:
+        """Yield the messages of one stream; see ``ServiceClient.live``."""
+        subscriber = _Subscriber(stream)
+        self._subscribers.add(subscriber)
+        try:
+            yield await self._snapshot(subscriber)
+            while not self._is_closed:
+                await subscriber.wait(HEARTBEAT_S)
+                if not self._is_closed:
+                    yield await self._update(subscriber)
+            yield closed_message("shutdown")
+        finally:
+            self._subscribers.discard(subscriber)
+
+    def close(self) -> None:
+        """End every stream with the reason ``shutdown``."""
+        self._is_closed = True
+        for subscriber in self._subscribers:
+            subscriber.wakeup.set()
+
+    async def _snapshot(self, subscriber: _Subscriber) -> Json:
+        topics: Json = {}
+        if subscriber.stream == STATE_STREAM:
+            topics.update(self.topics)
+        items, _ = await self._new_items(subscriber)
+        return self._message("snapshot", topics | items)
+
+    async def _update(self, subscriber: _Subscriber) -> Json:
+        changed, removed = subscriber.take()
+        items, missed = await self._new_items(subscriber)
+        topics = {topic: self.topics[topic] for topic in changed if topic in self.topics}
+        message = self._message("update", topics | items)
+        message |= {"removed": removed} if removed else {}
+        return message | ({"missed": missed} if missed else {})
+
+    async def _new_items(self, subscriber: _Subscriber) -> tuple[dict[str, list[Json]], dict[str, int]]:
+        """Return the items of each list that were not sent yet, and how many were dropped before they could be."""
+        found: dict[str, list[Json]] = {}
+        missed: dict[str, int] = {}
+        for topic, last in tuple(self._last_numbers.items()):
+            sent = subscriber.sent_numbers.get(topic)
+            if sent == last or subscriber not in self._subscribers_of(topic):
+                continue
+            subscriber.sent_numbers[topic] = last
+            if topic not in self._lists:
+                continue
+            items = [item for number, item in self.items(topic, sent or 0) if number <= last]
+            found[topic] = [
+                item() if callable(item) else item async for item in iter_cooperatively(items, internal=True)
+            ]
+            if sent is not None and (dropped := last - sent - len(items)):
+                missed[topic] = dropped
+        return found, missed
+
+    def _message(self, kind: str, topics: Json) -> Json:
+        return {"type": kind, "time_ms": self._now_ms(), "topics": topics}
 
 
-_NOTHING = object()
+class _Subscriber:
+    """Receiver of one stream: the topics that changed since its last message."""
+
+    def __init__(self, stream: str) -> None:
+        self.stream = stream
+        self.wakeup = asyncio.Event()
+        self.sent_numbers: dict[str, int] = {}
+        """List topic → number of the newest item that was sent."""
+        self._changed: dict[str, None] = {}
+        self._removed: set[str] = set()
+
+    def note_changed(self, topic: str) -> None:
+        self._removed.discard(topic)
+        self._changed[topic] = None
+        self.wakeup.set()
+
+    def note_removed(self, topic: str) -> None:
+        self._changed.pop(topic, None)
+        self._removed.add(topic)
+        self.wakeup.set()
+
+    def take(self) -> tuple[list[str], list[str]]:
+        """Return and clear the changed and removed topics."""
+        changed, removed = [*self._changed], sorted(self._removed)
+        self._changed, self._removed = {}, set()
+        return changed, removed
+
+    async def wait(self, timeout_s: float) -> None:
+        """Return when something changed, or after the timeout."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self.wakeup.wait()
+        except TimeoutError:
+            pass
+        self.wakeup.clear()
+
+
+def closed_message(reason: str) -> Json:
+    """Return the last message of a stream."""
+    return {"type": "closed", "reason": reason, "text": localized(f"plant.closed_{reason}")}

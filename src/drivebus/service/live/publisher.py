@@ -10,7 +10,6 @@ from drivebus.service.api.errors import localized
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.permissives import start_blockers_json
-from drivebus.service.live.topics import AgeingValue
 from drivebus.service.live.views import DriveView, SignalView, fault_json, text_json
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
@@ -25,15 +24,25 @@ class LivePublisher:
         self._plant, self._groups = plant, groups
 
     def on_status(self, drive: DriveRuntime, status: DriveStatus) -> None:
-        """Record the new samples of a drive."""
-        self._plant.record_samples(drive.new_samples(status.readings, self._plant.wall_ms()))
+        """Take in a new status of a drive's monitor."""
+        self._record_samples(drive, status)
+        if self._plant.drives.get(drive.id) is drive and self._plant.hub.subscriber_count:
+            self._publish(drive_view(self._plant, drive, status))
 
     def publish_drive(self, drive: DriveRuntime, status: DriveStatus) -> DriveView:
-        """Record the new samples of a drive, publish its topic and return its view."""
-        self.on_status(drive, status)
+        """Publish a drive with what a cycle finds: readings that became old, and all that is not of its monitor."""
+        self._record_samples(drive, status)
         view = drive_view(self._plant, drive, status)
-        self._plant.hub.publish(f"drives/{drive.id}", drive_topic(self._plant, view, status))
+        self._publish(view)
         return view
+
+    def _record_samples(self, drive: DriveRuntime, status: DriveStatus) -> None:
+        self._plant.record_samples(drive.new_samples(status.readings, self._plant.wall_ms()))
+
+    def _publish(self, view: DriveView) -> None:
+        content = view.as_json()
+        del content["time_ms"]
+        self._plant.hub.publish(f"drives/{view.id}", content)
 
     def publish_bus(self, bus: BusRuntime) -> None:
         self._plant.hub.publish(f"buses/{bus.config.id}", bus_view(self._plant, bus))
@@ -70,14 +79,15 @@ def drive_view(plant: Plant, unit: DriveRuntime, status: DriveStatus | None = No
         minimum_hz=minimum,
         maximum_hz=maximum,
         comm_loss=unit.comm_loss,
-        lease=None if lease is None else lease.view(now),
+        lease=None if lease is None else lease.view(plant.clock),
         latched=unit.bus.start_inhibited(setting.address),
         stop_pending=unit.drive.stop_pending,
         start_blockers=tuple(start_blockers_json(plant, unit)),
         alarms=dict(plant.alarms.counts(unit.id)),
-        signals={name: SignalView.of(reading, now) for name, reading in status.readings.items()},
+        signals={name: SignalView.of(reading, plant.clock) for name, reading in status.readings.items()},
         directions=_directions(unit),
-        state_age_s=None if status.at is None else now - status.at,
+        time_ms=plant.clock.now_ms(),
+        state_time_ms=plant.clock.utc_ms(status.at),
         jog_frequency=unit.profile.jog_frequency,
     )
 
@@ -86,24 +96,6 @@ def _directions(unit: DriveRuntime) -> tuple[str, ...]:
     can, limits = unit.profile.capabilities, unit.drive.limits
     allowed = (("forward", limits.forward and "run" in can), ("reverse", limits.reverse and "reverse" in can))
     return tuple(way for way, may in allowed if may)
-
-
-def drive_topic(plant: Plant, view: DriveView, status: DriveStatus) -> Json:
-    """The same for the hub, with everything that only grows older as something that counts by itself."""
-    content = _without(view.as_json(), "state_age_s")
-    lease = plant.leases.get(view.id, plant.now())
-    if lease is not None:
-        owner = {"owner": lease.actor.name, "session": lease.actor.session}
-        content["lease"] = AgeingValue(owner, "expires_in_s", lease.expires_at, left=True)
-    content["signals"] = {
-        name: AgeingValue(_without(content["signals"][name], "age_s"), "age_s", reading.source_time)
-        for name, reading in status.readings.items()
-    }
-    return content
-
-
-def _without(fields: Json, name: str) -> Json:
-    return {key: value for key, value in fields.items() if key != name}
 
 
 def bus_view(plant: Plant, line: BusRuntime) -> Json:

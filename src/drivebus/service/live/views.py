@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from drivebus.drives.state import Fault
 from drivebus.profiles.model import FaultEntry, Text
+from drivebus.service.runtime.utc_clock import UtcClock
+from drivebus.types import Json
 from drivebus.values import Quality, Reading
-
-Json = dict[str, Any]
 
 
 def text_json(text: Text | None) -> Json | None:
@@ -37,26 +36,26 @@ def fault_json(fault: Fault | FaultEntry | None) -> Json | None:
 
 @dataclass(frozen=True, slots=True)
 class SignalView:
-    """One value with its trust. ``age_s`` None: never read. ``reason`` is an i18n key."""
+    """A value with its quality. ``source_time_ms`` is the UTC time of its reply, None: never read."""
 
     value: float | int | str | None
     unit: str
     quality: Quality
     reason: str | None
-    age_s: float | None
+    """i18n key."""
+    source_time_ms: int | None
 
     @classmethod
-    def of(cls, reading: Reading, now: float) -> SignalView:
-        return cls(reading.value, reading.unit, reading.quality, reading.reason, reading.age_s(now))
+    def of(cls, reading: Reading, clock: UtcClock) -> SignalView:
+        return cls(reading.value, reading.unit, reading.quality, reading.reason, clock.utc_ms(reading.source_time))
 
     def as_json(self) -> Json:
-        age = None if self.age_s is None else round(self.age_s, 3)
         return {
             "value": self.value,
             "unit": self.unit,
             "quality": str(self.quality),
             "reason": self.reason,
-            "age_s": age,
+            "source_time_ms": self.source_time_ms,
         }
 
 
@@ -80,10 +79,11 @@ class LeaseView:
 
     owner: str
     session: str
-    expires_in_s: float
+    expires_ms: int
+    """UTC time at which it ends unless it is renewed."""
 
     def as_json(self) -> Json:
-        return {"owner": self.owner, "session": self.session, "expires_in_s": round(self.expires_in_s, 1)}
+        return {"owner": self.owner, "session": self.session, "expires_ms": self.expires_ms}
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,10 @@ class DriveView:
     signals: Mapping[str, SignalView] = field(default_factory=dict)
     directions: tuple[str, ...] = ("forward", "reverse")
     """Ways in which it may be run: what the model can do, within the limits that hold now."""
-    state_age_s: float | None = None
-    """How old the oldest reply is that the state rests on; not in topics, where it would change all the time."""
+    time_ms: int = 0
+    """UTC time of this view; not in topics, which are published only when they change."""
+    state_time_ms: int | None = None
+    """UTC time of the oldest reply on which the state rests."""
     jog_frequency: str | None = None
     """What decides the frequency of a jog: ``drive``, ``asked`` or ``either``; None where the model can't jog."""
 
@@ -145,6 +147,8 @@ class DriveView:
             "latched",
             "stop_pending",
             "jog_frequency",
+            "time_ms",
+            "state_time_ms",
         )
         return {name: getattr(self, name) for name in plain} | {
             "title": text_json(self.title),
@@ -156,7 +160,6 @@ class DriveView:
             "start_blockers": list(self.start_blockers),
             "alarms": dict(self.alarms),
             "signals": {name: signal.as_json() for name, signal in self.signals.items()},
-            "state_age_s": None if self.state_age_s is None else round(self.state_age_s, 3),
         }
 
 

@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
 from drivebus.drives.context import DriveLimits
@@ -14,7 +15,7 @@ from drivebus.drives.store import Store
 from drivebus.errors import NotFound
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
 from drivebus.service.api.errors import localized
-from drivebus.service.api.frames import LazyFrame
+from drivebus.service.api.frames import frame_json
 from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig
@@ -28,6 +29,7 @@ from drivebus.service.process.logging_setup import log_event
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.run_statistics import RunStatisticsStore
+from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.types import Json
 
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
@@ -75,6 +77,7 @@ class Plant:
     config: PlantConfig
     now: Callable[[], float]
     wall_ms: Callable[[], int]
+    clock: UtcClock
     hub: Hub
     audit: AuditTrail
     historian: Historian
@@ -132,8 +135,8 @@ class Plant:
 
     def _on_frame(self, bus: BusRuntime, frame: TracedFrame) -> None:
         topic = f"frames/{bus.config.id}"
-        if self.hub.has_listener(topic):
-            self.hub.append(topic, LazyFrame(bus, frame))
+        if self.hub.has_subscriber(topic):
+            self.hub.append(topic, partial(frame_json, bus, frame))
 
     def put_view(self, view: DriveView) -> None:
         """Take in the view of a drive that a supervision cycle has made."""

@@ -85,6 +85,7 @@ class SupervisionCycle:
 
     def _steps(self) -> Iterator[Step]:
         plant, now_ms = self._plant, self._plant.wall_ms()
+        plant.clock.follow_wall_clock()
         for unit in tuple(plant.drives.values()):
             yield partial(self._supervise_drive, unit)
         yield lambda: self._policies.enforce_interlocks(plant.views, plant.now())

@@ -1,49 +1,44 @@
-"""The address ``/api/v1/live``."""
+"""WebSocket endpoint ``/api/v1/live``."""
 
 from __future__ import annotations
 
 from starlette.websockets import WebSocket
 
+from drivebus.gateways.upstream import UpstreamFeed
+from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
-from drivebus.web.live.messages import (
-    DEFAULT_INTERVAL_S,
-    DEFAULT_PATTERNS,
-    MIN_INTERVAL_S,
-    parse_interval,
-    parse_patterns,
-)
-from drivebus.web.live.session import WebSocketSession
-from drivebus.web.live.upstream import UpstreamFeed
+from drivebus.web.live.messages import DEFAULT_PATTERNS, parse_interval, parse_patterns
+from drivebus.web.live.session import CLOSE_CODES, WebSocketSession
 from drivebus.web.route import WEBSOCKET, AccessRouter
 
-MAX_WEBSOCKETS = 300
-"""WebSockets at a time; each costs memory, and nobody looks at so many pages."""
+MAX_WEBSOCKETS = 300  # each costs memory
+TRY_AGAIN_LATER = 1013  # close code
+LIVE_ACTOR = Actor("web", frozenset({Right.VIEW}), "web-live", address="local")
 
 
 class LiveEndpoint:
-    """All WebSockets of one process, over one subscription to the plant; a second, faster one while somebody asks."""
+    """All WebSockets of one process, over one subscription to the service."""
 
-    def __init__(self, plant: ServiceClient) -> None:
-        self._service = plant
-        self._usual, self._fast = UpstreamFeed(plant, DEFAULT_INTERVAL_S), UpstreamFeed(plant, MIN_INTERVAL_S)
+    def __init__(self, service: ServiceClient) -> None:
+        self._service = service
+        self._feed = UpstreamFeed(service, LIVE_ACTOR)
         self.open = 0
 
     async def serve(self, socket: WebSocket) -> None:
-        """One client from its first byte to its last. Whether it may come in, the door has decided."""
+        """Serve one client to its end. The authentication middleware has admitted it."""
         await socket.accept()
         query = socket.query_params
         try:
-            chosen = parse_patterns(query["topics"].split(",")) if "topics" in query else DEFAULT_PATTERNS
+            patterns = parse_patterns(query["topics"].split(",")) if "topics" in query else DEFAULT_PATTERNS
             interval_s = parse_interval(query.get("interval"))
         except ValueError:
-            return await socket.close(4400, "message")
+            return await socket.close(CLOSE_CODES["bad_message"], "bad_message")
         if self.open >= MAX_WEBSOCKETS:
-            return await socket.close(1013, "many")
+            return await socket.close(TRY_AGAIN_LATER, "many")
         self.open += 1
         try:
-            feed = self._usual if interval_s >= DEFAULT_INTERVAL_S else self._fast
-            await WebSocketSession(socket, self._service, feed, interval_s).run(chosen)
+            await WebSocketSession(socket, self._service, self._feed, interval_s).run(patterns)
         finally:
             self.open -= 1
         return None

@@ -1,108 +1,92 @@
-"""One WebSocket: a bounded queue towards it, what it may say, and the many ways in which it ends."""
+"""One WebSocket of the live gateway: its subscription, the messages of its client, and its end."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivebus.errors import DrivebusError
+from drivebus.gateways.fanout import FanoutGroup, Subscriber, encode_message
+from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.service.api.errors import error_to_json, localized
 from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.types import Json
 from drivebus.web.context import credential_of
-from drivebus.web.live.fanout import FanoutGroup, encode_message
 from drivebus.web.live.messages import ClientMessage, MessageRateLimit, parse_message
-from drivebus.web.live.upstream import UpstreamFeed
 
-Json = dict[str, Any]
-
-CLOSE_CODES = {"slow": 4008, "message": 4400, "often": 4029, "plant": 1012, "shutdown": 1012}
-"""Reason → close code. A logout or a role that is lost is the door's to tell (``web.watch``)."""
-MAX_QUEUED_MESSAGES = 32
-"""Who leaves so many messages lying (8 s at the usual four a second) is closed."""
-CLOSE_TIMEOUT_S = 1.0
-"""So long the last message may take; then the line is cut."""
+CLOSE_CODES = {"slow": 4008, "bad_message": 4400, "rate_limited": 4029, "upstream_lost": 1012, "shutdown": 1012}
+"""Reason → close code. The end of the login session closes the socket too, with codes of its own."""
+CLOSE_TIMEOUT_S = 1.0  # a client that does not take the last message is disconnected
 
 
 class WebSocketSession:
-    """Lives as long as its WebSocket."""
+    """Session of one WebSocket; ``run`` ends with it."""
 
-    def __init__(self, socket: WebSocket, plant: ServiceClient, feed: UpstreamFeed, interval_s: float) -> None:
-        self._socket, self._service, self._feed, self._interval_s = socket, plant, feed, interval_s
+    def __init__(self, socket: WebSocket, service: ServiceClient, feed: UpstreamFeed, interval_s: float) -> None:
+        self._socket, self._service, self._feed, self._interval_s = socket, service, feed, interval_s
         self._credential = credential_of(socket)
-        self._queue: asyncio.Queue[str] = asyncio.Queue(MAX_QUEUED_MESSAGES)
+        self._subscriber = Subscriber()
         self._group: FanoutGroup | None = None
-        self._reason: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._budget = MessageRateLimit()
-
-    def offer(self, text: str) -> None:
-        if self._queue.full():
-            self.close("slow")
-        else:
-            self._queue.put_nowait(text)
-
-    def close(self, reason: str) -> None:
-        if not self._reason.done():
-            self._reason.set_result(reason)
+        self._rate_limit = MessageRateLimit()
 
     async def run(self, patterns: tuple[str, ...]) -> None:
-        """Until the client goes, or has to."""
+        """Serve the client until it leaves or is closed."""
         self._subscribe(patterns)
         works = [asyncio.ensure_future(work) for work in (self._send(), self._receive())]
         try:
-            await asyncio.wait({self._reason, *works}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({self._subscriber.reason, *works}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._unsubscribe()
             for work in works:
                 work.cancel()
             await asyncio.gather(*works, return_exceptions=True)
-        if self._reason.done():
-            await self._close_socket(self._reason.result())
+        if self._subscriber.reason.done():
+            await self._close_socket(self._subscriber.reason.result())
 
     def _subscribe(self, patterns: tuple[str, ...]) -> None:
-        before, self._group = self._group, self._feed.join(self, patterns, self._interval_s)
+        before, self._group = self._group, self._feed.join(self._subscriber, patterns, self._interval_s)
         if before is not None and before is not self._group:
-            self._feed.leave(self, before)
+            self._feed.leave(self._subscriber, before)
 
     def _unsubscribe(self) -> None:
         if self._group is not None:
-            self._feed.leave(self, self._group)
+            self._feed.leave(self._subscriber, self._group)
 
     async def _send(self) -> None:
         while True:
-            await self._socket.send_text(await self._queue.get())
+            await self._socket.send_text(await self._subscriber.next())
 
     async def _receive(self) -> None:
         clock = asyncio.get_running_loop().time
         while True:
             try:
                 text = await self._socket.receive_text()
-                wish = parse_message(text)
+                message = parse_message(text)
             except WebSocketDisconnect:
                 return None
-            except (KeyError, ValueError):  # bytes instead of text, or what nobody understands
-                return self.close("message")
-            if not self._budget.spend(clock()):
-                return self.close("often")
-            await self._handle(wish)
+            except (KeyError, ValueError):  # bytes instead of text, or not a message of the protocol
+                return self._subscriber.close("bad_message")
+            if not self._rate_limit.spend(clock()):
+                return self._subscriber.close("rate_limited")
+            await self._handle(message)
 
-    async def _handle(self, wish: ClientMessage) -> None:
-        if wish.subscribe is not None:
-            self._subscribe(wish.subscribe)
-        for drive in wish.renew:
-            self.offer(encode_message(await self._renew_lease(drive)))
+    async def _handle(self, message: ClientMessage) -> None:
+        if message.subscribe is not None:
+            self._subscribe(message.subscribe)
+        for drive in message.renew:
+            self._subscriber.offer(encode_message(await self._renew_lease(drive)))
 
     async def _renew_lease(self, drive: str) -> Json:
-        """Each ask renews once: no lease outlives the hand of its owner by more than its own time (6.6)."""
-        told: Json = {"type": "lease", "drive": drive}
+        """Renew once: a lease never outlives its owner's last message by more than its own time."""
+        answer: Json = {"type": "lease", "drive": drive}
         try:
-            return told | await self._service.call("lease.renew", {"drive": drive}, self._credential.actor)
+            return answer | await self._service.call("lease.renew", {"drive": drive}, self._credential.actor)
         except DrivebusError as error:
-            return told | {"error": error_to_json(error)}
+            return answer | {"error": error_to_json(error)}
 
     async def _close_socket(self, reason: str) -> None:
-        """Why, then the end; a client that takes nothing is not waited for."""
+        """Send the reason and close; a client that reads nothing is not waited for."""
         last = encode_message({"type": "closed", "reason": reason, "text": localized(f"api.closed_{reason}")})
         try:
             async with asyncio.timeout(CLOSE_TIMEOUT_S):

@@ -143,7 +143,7 @@ class SignalObject(ApiObject):
     unit: str
     quality: Literal["good", "uncertain", "bad"]
     reason: str | None
-    age_s: float | None
+    source_time_ms: int | None
 
 
 class CommLossObject(ApiObject):
@@ -160,7 +160,7 @@ class LeaseObject(ApiObject):
 
     owner: str
     session: str
-    expires_in_s: float
+    expires_ms: int
 
 
 class DriveObject(ApiObject):
@@ -190,7 +190,8 @@ class DriveObject(ApiObject):
     start_blockers: list[dict[str, Any]]
     alarms: dict[str, int]
     signals: dict[str, SignalObject]
-    state_age_s: float | None
+    time_ms: int
+    state_time_ms: int | None
     jog_frequency: Literal["drive", "asked", "either"] | None
 
 

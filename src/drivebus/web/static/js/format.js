@@ -57,7 +57,8 @@ export const clock = (ms) => (ms === null || ms === undefined ? NO_VALUE : forma
 export const moment = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, { ...DAY, ...TIME }));
 
 /** A value of a drive's view as it may be shown now: its age has grown since it came, and without a live line it is
- * bad whatever it was. `{value, unit, quality, reason, age_s}`; null where the drive has no such signal. */
+ * bad whatever it was. `{value, unit, quality, reason, source_time_ms, age_s}`; null where the drive has no such
+ * signal. */
 export const reading = (view, name) => readingWithAge(view, name, ageOf);
 
 /** The same without its age, for hundreds of tiles that must not be redrawn at every tick. */
@@ -72,7 +73,7 @@ function readingWithAge(view, name, age) {
 
 /** Seconds since a value was true on the drive. Follows the page's tick. */
 export function ageOf(found) {
-  return found.age_s === null ? null : found.age_s + Math.max(0, now.value - found.at) / 1000;
+  return found.readAt === null ? null : Math.max(0, now.value - found.readAt) / 1000;
 }
 
 const STALE_PRESENCES = new Set(["offline", "never_seen"]);

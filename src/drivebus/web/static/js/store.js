@@ -54,23 +54,26 @@ let serviceOffset_ms = null;
 /** The plant's UTC milliseconds now, by its last message: for the right edge of charts and for labels only. */
 export const serviceNow = () => Math.round(serviceOffset_ms === null ? Date.now() : nowMs() + serviceOffset_ms);
 
-const withArrivalTime = (signals, at) => Object.fromEntries(
-  Object.entries(signals).map(([name, found]) => [name, { ...found, at }]),
+/** `signals` with `readAt`: the moment of each reply on this page's clock, by the service's clock in its message. */
+const withReadTime = (signals, at, time_ms) => Object.fromEntries(
+  Object.entries(signals).map(([name, found]) => [name, {
+    ...found, readAt: found.source_time_ms === null ? null : at - Math.max(0, time_ms - found.source_time_ms),
+  }]),
 );
 
-/** A feed's signal holds {items, dropped}: the newest items, and how many were left out on the way. */
+/** A feed's signal holds {items, missed}: the newest items, and how many were left out on the way. */
 function appendItems(old, news) {
   const items = [...(old?.items ?? []), ...news].slice(-MAX_FEED_ITEMS);
-  return { items, dropped: old?.dropped ?? 0 };
+  return { items, missed: old?.missed ?? 0 };
 }
 
 const isFeed = (name) => name === "events" || name.startsWith("frames/");
 
 /** `change` laid over `old`: top-level keys whole, signals one by one, feeds appended. */
-export function mergeTopic(name, old, change, at) {
+export function mergeTopic(name, old, change, at, time_ms) {
   if (isFeed(name)) return appendItems(old, change);
-  const now = { ...old, ...change, at };
-  if (change.signals) now.signals = { ...old?.signals, ...withArrivalTime(change.signals, at) };
+  const now = { ...old, ...change };
+  if (change.signals) now.signals = { ...old?.signals, ...withReadTime(change.signals, at, time_ms) };
   return now;
 }
 
@@ -125,14 +128,16 @@ export function applySnapshot(message) {
 /** A later message. */
 export function applyDelta(message) {
   addTopics(message, newest);
-  for (const [name, n] of Object.entries(message.dropped ?? {})) {
-    queueTopic(name, { items: [], ...newest(name), dropped: (newest(name)?.dropped ?? 0) + n });
+  for (const [name, n] of Object.entries(message.missed ?? {})) {
+    queueTopic(name, { items: [], ...newest(name), missed: (newest(name)?.missed ?? 0) + n });
   }
-  for (const name of message.gone ?? []) queueTopic(name, null);
+  for (const name of message.removed ?? []) queueTopic(name, null);
 }
 
 function addTopics(message, oldOf) {
   const at = nowMs();
   if (typeof message.time_ms === "number") serviceOffset_ms = message.time_ms - at;
-  for (const [name, change] of Object.entries(message.topics)) queueTopic(name, mergeTopic(name, oldOf(name), change, at));
+  for (const [name, change] of Object.entries(message.topics)) {
+    queueTopic(name, mergeTopic(name, oldOf(name), change, at, message.time_ms));
+  }
 }

@@ -26,10 +26,10 @@ function useFrames(bus) {
     api.get(`/buses/${encodeURIComponent(bus)}/frames`, { limit: INITIAL_ROWS }).then((found) => setBefore(found.frames),
       () => {});
   }, [bus]);
-  const feed = topic(`frames/${bus}`).value ?? { items: [], dropped: 0 };
+  const feed = topic(`frames/${bus}`).value ?? { items: [], missed: 0 };
   const seen = new Map([...before, ...feed.items].map((frame) => [frame.n, frame]));
   const frames = [...seen.values()].sort((one, other) => one.n - other.n);
-  return { frames, dropped: feed.dropped };
+  return { frames, missed: feed.missed };
 }
 
 /** Does a frame pass the filter? Text is sought in the bytes, with or without blanks, and in what they say. */
@@ -43,7 +43,7 @@ function matchesFilter(frame, { kind, station, sought }) {
 }
 
 export function FrameLog({ bus, stations }) {
-  const { frames, dropped } = useFrames(bus);
+  const { frames, missed } = useFrames(bus);
   const [filter, setFilter] = useState({ kind: "all", station: null, sought: "" });
   const [held, setHeld] = useState(null);
   const base = held ?? frames;
@@ -57,7 +57,7 @@ export function FrameLog({ bus, stations }) {
         asText(shown))}>
         ${t("page.save_shown")}<//>
       <span class="help" role="status">${held ? t("page.paused", { n: newer }) : ""}
-        ${dropped > 0 ? ` ${t("page.dropped", { n: dropped })}` : ""}</span></div>
+        ${missed > 0 ? ` ${t("page.dropped", { n: missed })}` : ""}</span></div>
     <${Rows} frames=${shown} following=${held === null} /></div>`;
 }
 

@@ -23,7 +23,7 @@ function coarseAge(seconds) {
 /** Age of the frequency, else of the first signal that the drive reports. */
 function ageText(view) {
   const all = view?.signals ?? {};
-  const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.age_s !== null);
+  const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.readAt !== null);
   return found ? coarseAge(ageOf(found)) : t("page.never_read");
 }
 

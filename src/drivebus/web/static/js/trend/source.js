@@ -1,7 +1,7 @@
 // Where a trend's samples come from: the historian in windows, and what came live since.
 import { api } from "../api.js";
 import { signal } from "../lib.js";
-import { nowMs, serviceNow, drive as driveTopic, topic } from "../store.js";
+import { serviceNow, drive as driveTopic, topic } from "../store.js";
 import { subscribe, isLive } from "../live.js";
 import { BAD, GOOD, UNCERTAIN, extended } from "./columns.js";
 import { covers, padded } from "./window.js";
@@ -92,8 +92,7 @@ export class Source {
     const samples = this.live.get(tag) ?? [];
     const isKnown = isLive.peek() && found && typeof found.value === "number";
     const sample = isKnown
-      ? { t: Math.round(serviceNow() - (nowMs() - found.at) - found.age_s * 1000), v: found.value,
-        q: QUALITIES[found.quality] }
+      ? { t: found.source_time_ms, v: found.value, q: QUALITIES[found.quality] }
       : { t: Math.round(serviceNow()), v: null, q: BAD };
     const last = samples.at(-1);
     // A value that was not read anew keeps its moment within the jitter of the line, unless its quality changed.

@@ -1,0 +1,108 @@
+"""Subscription of a gateway to the service: the state stream once for all clients, and frames only while watched."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from fnmatch import fnmatchcase
+
+from drivebus.errors import DrivebusError
+from drivebus.gateways.cache import TopicCache
+from drivebus.gateways.fanout import FanoutGroup, Patterns, Subscriber
+from drivebus.service.auth.actor import Actor
+from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.service.live.hub import FRAMES_PREFIX, STATE_STREAM
+from drivebus.types import Json
+
+_log = logging.getLogger(__name__)
+
+
+class UpstreamFeed:
+    """The cache of one gateway and its groups of subscribers. Connected to the service while there is a subscriber."""
+
+    def __init__(self, service: ServiceClient, actor: Actor) -> None:
+        self._service, self._actor = service, actor
+        self._cache = TopicCache()
+        self._has_snapshot = False
+        self._groups: dict[tuple[Patterns, float], FanoutGroup] = {}
+        self._streams: dict[str, asyncio.Task[None]] = {}
+
+    def join(self, subscriber: Subscriber, patterns: Patterns, interval_s: float) -> FanoutGroup:
+        """Send the subscriber a snapshot as soon as there is one, then deltas."""
+        key = patterns, interval_s
+        group = self._groups.get(key)
+        if group is None:
+            group = self._groups[key] = FanoutGroup(self._cache, patterns, interval_s)
+        group.join(subscriber, send_snapshot=self._has_snapshot)
+        self._update_streams()
+        return group
+
+    def leave(self, subscriber: Subscriber, group: FanoutGroup) -> None:
+        """Idempotent."""
+        group.leave(subscriber)
+        self._groups = {key: one for key, one in self._groups.items() if one.subscribers}
+        self._update_streams()
+
+    def close(self, reason: str) -> None:
+        """Close every subscriber with the reason, and the connection to the service."""
+        for group in self._groups.values():
+            group.cancel_timer()
+            for subscriber in group.subscribers:
+                subscriber.close(reason)
+        self._groups = {}
+        self._update_streams()
+
+    def _update_streams(self) -> None:
+        """Start and end streams as the subscribers' patterns want them."""
+        wanted = self._wanted_streams()
+        for stream in wanted - self._streams.keys():
+            self._streams[stream] = asyncio.create_task(self._read(stream), name=f"live {stream}")
+        for stream in self._streams.keys() - wanted:
+            self._streams.pop(stream).cancel()
+            if stream == STATE_STREAM:
+                self._cache.clear()
+                self._has_snapshot = False
+            else:
+                self._cache.remove(stream)
+
+    def _wanted_streams(self) -> set[str]:
+        """A pattern of frames stands for the buses that are known, or for the one that it names."""
+        if not self._groups:
+            return set()
+        patterns = {pattern for group in self._groups.values() for pattern in group.patterns}
+        buses = [
+            topic.replace("buses/", FRAMES_PREFIX, 1) for topic in self._cache.topics if topic.startswith("buses/")
+        ]
+        named = {pattern for pattern in patterns if pattern.startswith(FRAMES_PREFIX) and "*" not in pattern}
+        streams = [f"{FRAMES_PREFIX}{bus}" for bus in buses]
+        known = {stream for stream in streams if any(fnmatchcase(stream, pattern) for pattern in patterns)}
+        return {STATE_STREAM} | named | known
+
+    async def _read(self, stream: str) -> None:
+        """Read one stream to its end, which ends everything."""
+        reason = "upstream_lost"
+        try:
+            async for message in self._service.live(stream, self._actor):
+                if message["type"] == "closed":
+                    reason = "shutdown" if message["reason"] == "shutdown" else reason
+                    break
+                self._on_message(stream, message)
+        except DrivebusError as error:
+            _log.warning("live: %s", error)
+        except Exception:
+            _log.exception("live: a message of the service can't be read")
+        self.close(reason)
+
+    def _on_message(self, stream: str, message: Json) -> None:
+        starts = stream == STATE_STREAM and message["type"] == "snapshot"
+        if starts:
+            self._cache.clear()
+        change = self._cache.apply(message, asyncio.get_running_loop().time())
+        self._has_snapshot = self._has_snapshot or starts
+        for group in tuple(self._groups.values()):
+            if starts:
+                group.restart()
+            elif self._has_snapshot:
+                group.on_change(change)
+        if starts or any(topic.startswith("buses/") for topic in change.removed | change.keys.keys()):
+            self._update_streams()
