@@ -52,19 +52,17 @@ class TiledFleet(web.SyntheticService):
         return {"tags": []}
 
     async def publish(self) -> None:
-        from drivebus.service.live.topics import AgeingValue
-
         plain = {"title": {"en": "Benchmark", "zh": "基准"}, "state": "running", "audit_ok": True, "history_ok": True}
         self.hub.publish("plant", {"id": "bench", **plain})
         begun, turn = time.monotonic(), 0
         while True:
-            now = time.monotonic()
+            time_ms = time.time_ns() // 1_000_000
             hertz = round(25 + math.sin(turn / 100), 2)
             values = {"output_frequency": (hertz, "Hz"), "output_current": (round(hertz / 10, 2), "A")}
             values |= {f"signal_{number}": (turn % 100, "") for number in range(8)}
             name = self.names[turn % len(self.names)]
             signals = {
-                signal: AgeingValue({"value": value, "unit": unit, "quality": "good", "reason": None}, "age_s", now)
+                signal: {"value": value, "unit": unit, "quality": "good", "reason": None, "source_time_ms": time_ms}
                 for signal, (value, unit) in values.items()
             }
             self.hub.publish(f"drives/{name}", {**web._constant_fields(name), "signals": signals})

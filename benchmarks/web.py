@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -41,31 +41,30 @@ class SyntheticService:
     def __init__(self, drives: int) -> None:
         from drivebus.service.live.hub import Hub
 
-        self.hub = Hub(time.monotonic, lambda: time.time_ns() // 1_000_000)
+        self.hub = Hub(lambda: time.time_ns() // 1_000_000)
         self.names = [f"drive-{number}" for number in range(drives)]
 
     async def call(self, operation: str, params: Json, actor: Any) -> Json:
-        return self.hub.topic(f"drives/{params['drive']}")
+        return self.hub.topics[f"drives/{params['drive']}"]
 
     async def call_json(self, operation: str, params: Json, actor: Any) -> bytes:
         return json.dumps(await self.call(operation, params, actor)).encode()
 
-    def live(self, patterns: Sequence[str], actor: Any, interval_s: float = 0.25) -> AsyncIterator[Json]:
-        return self.hub.live(patterns, interval_s)
+    def live(self, stream: str, actor: Any) -> AsyncIterator[Json]:
+        return self.hub.subscribe(stream)
 
     async def record(self, entry: Json, actor: Any) -> None:
         return
 
     async def publish(self) -> None:
         """Each drive once a second."""
-        from drivebus.service.live.topics import AgeingValue
-
         begun, turn = time.monotonic(), 0
         while True:
             now = time.monotonic()
-            signal = {"value": now, "unit": "Hz", "quality": "good", "reason": None}
+            time_ms = time.time_ns() // 1_000_000
+            signal = {"value": now, "unit": "Hz", "quality": "good", "reason": None, "source_time_ms": time_ms}
             name = self.names[turn % len(self.names)]
-            signals = {f"signal_{number}": AgeingValue(signal, "age_s", now) for number in range(SIGNALS)}
+            signals = {f"signal_{number}": signal for number in range(SIGNALS)}
             self.hub.publish(f"drives/{name}", {**_constant_fields(name), "signals": signals})
             turn += 1
             await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import stat
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ class Paper:
             raise LimitError("drives.above_maximum", frequency_hz=99.0, limit_hz=50.0)
         return {"operation": operation, "buses": {}, "outcomes": {}}
 
-    async def live(self, patterns: Sequence[str], actor: Actor, interval_s: float = 0.25) -> AsyncIterator[Json]:
+    async def live(self, stream: str, actor: Actor) -> AsyncIterator[Json]:
         try:
             while True:
                 yield await self.messages.get()
@@ -110,7 +110,7 @@ def test_a_client_that_goes_takes_no_command_back_and_ends_its_live_values(tmp_p
         paper = Paper()
         server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
-        listening = asyncio.create_task(anext(client.live(["*"], LOCAL)))  # type: ignore[arg-type]
+        listening = asyncio.create_task(anext(client.live("state", LOCAL)))  # type: ignore[arg-type]
         paper.messages.put_nowait({"type": "snapshot"})
         assert (await listening)["type"] == "snapshot"
         asked = asyncio.create_task(client.call("drives.list", {}, LOCAL))
@@ -130,11 +130,11 @@ def test_a_reader_of_live_values_that_hangs_is_closed_and_keeps_nobody_waiting(t
         paper = Paper()
         server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
-        live = client.live(["*"], LOCAL)
+        live = client.live("state", LOCAL)
         paper.messages.put_nowait({"type": "snapshot"})
         assert (await anext(live))["type"] == "snapshot"
         for number in range(MAX_QUEUED_LIVE_MESSAGES + 10):
-            paper.messages.put_nowait({"type": "delta", "seq": number})
+            paper.messages.put_nowait({"type": "update", "number": number})
         while not paper.ended:
             assert await client.call("buses.list", {}, LOCAL)
         assert [message["reason"] async for message in live] == ["slow"]
@@ -153,7 +153,7 @@ def test_a_plant_that_is_not_there_or_goes_is_said_so_and_found_again(tmp_path: 
             server = SocketServer(Paper(), tmp_path / "plant.sock")
             await server.open()
             assert await client.call("buses.list", {}, LOCAL)
-            live = client.live(["*"], LOCAL)
+            live = client.live("state", LOCAL)
             waiting = asyncio.create_task(anext(live))  # type: ignore[arg-type]
             await asyncio.sleep(0.05)
             await server.close()
