@@ -1,4 +1,7 @@
-"""What every family's dialect offers: intents become requests, replies become readings. Shapes and small parts."""
+"""Interface of the dialects, and the parts that they share.
+
+A dialect turns the intents of an operation into requests of one protocol family, and replies into readings.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from drivebus.values import Quality, Reading
 
 
 class StopMode(StrEnum):
-    """Ways to take motion away; the value is the capability that a profile must have."""
+    """Way to stop; the value is the capability that a profile must have."""
 
     STOP = "stop"
     COAST = "coast"
@@ -27,7 +30,7 @@ class StopMode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CommandFrame:
-    """One frame of a command and how it may be repeated."""
+    """One frame of a command and its retry policy."""
 
     request: Any
     retry_policy: RetryPolicy
@@ -35,14 +38,14 @@ class CommandFrame:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """The drive's own no: an i18n key, and its code where it gives one."""
+    """Rejection by the drive: an i18n key, and the drive's code where it gives one."""
 
     key: str
     code: int | None
 
 
 class Dialect(Protocol):
-    """One drive's language. Pure but for counters and shadows of what was sent; no clock."""
+    """Protocol of one drive, without clock: it keeps only counters and the levels that were sent last."""
 
     profile: DriveProfile
     address: int
@@ -50,108 +53,108 @@ class Dialect(Protocol):
     codec: Codec
     station_config: StationConfig
     state_names: tuple[str, ...]
-    """Readings that the state rests on."""
+    """Readings that the derived state depends on."""
 
     @property
     def reports_run_state(self) -> bool:
-        """The drive reports whether it runs."""
+        """Whether the drive reports that it runs."""
         ...
 
     @property
     def start_includes_setpoint(self) -> bool:
-        """The start frame itself carries the frequency."""
+        """Whether the start frame carries the frequency."""
         ...
 
     def sync_request(self, avoid: Any = None) -> Any:
-        """The next fence of our own conversations (ruling 2); never one that the bus uses, nor like ``avoid``."""
+        """Return the next sync probe of an operation: not one that the bus uses, nor one like ``avoid``."""
         ...
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
-        """This reply to a fence echoes enough to be nobody else's."""
+        """Return whether a reply to a sync probe echoes enough to belong to it."""
         ...
 
     def needs_sync(self, request: Any) -> bool:
-        """A reply to this request looks like one to another class (T04): put a fence before it."""
+        """Return whether the reply to a request looks like that to another class: it needs a sync probe before it."""
         ...
 
     def state_reads(self) -> tuple[Any, ...]:
-        """The smallest set of reads that shows state, direction and fault."""
+        """Return the smallest set of reads that shows state, direction and fault."""
         ...
 
     def echo_test_read(self) -> Any:
-        """A read whose reply differs from it: shows that a port has no echo."""
+        """Return a read whose reply differs from it, which shows that a port has no echo."""
         ...
 
     def fault_reads(self) -> tuple[Any, ...]:
-        """Further reads that name a fault; empty where the state itself carries its code."""
+        """Return further reads that name a fault; empty where the state carries its code."""
         ...
 
     def setpoint_reads(self) -> tuple[Any, ...]:
-        """Reads that show the set frequency; empty where nothing does."""
+        """Return reads that show the set frequency; empty where none does."""
         ...
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
-        """The last two reads of the set frequency agree with what was sent; None where they can't tell."""
+        """Return whether the last two reads of the set frequency match what was sent; None where they can't show it."""
         ...
 
     def can_confirm_speed(self) -> bool:
-        """Running at the set frequency can be seen."""
+        """Return whether the drive shows that it runs at the set frequency."""
         ...
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        """Requests and periods that keep these signals (and the state) current; nothing that nobody asked for (F22)."""
+        """Return requests and periods that keep these signals and the state current, and read nothing else."""
         ...
 
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
-        """What a reply says; empty for the reply of a command."""
+        """Return the readings of a reply; none for the reply to a command."""
         ...
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """State, direction and fault from the last two readings; None where they do not agree (yet)."""
+        """Derive state, direction and fault from the last two readings; None where they do not agree."""
         ...
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """Whatever else the family shows of a stop command, the last two readings show it (DZB100: Q03's A)."""
+        """Return whether the last two readings confirm a stop by the family's own sign (DZB100: Q03's A)."""
         ...
 
     def confirms_start(self, readings: ReadingPairs) -> bool:
-        """The last two readings show that a start was the last command the drive took (DZB100: Q03's A)."""
+        """Return whether the last two readings show that a start was the last command (DZB100: Q03's A)."""
         ...
 
     def rejection(self, reply: Any) -> Rejection | None:
-        """Whether this reply is the drive's own no."""
+        """Return the rejection that a reply carries, or None."""
         ...
 
     def setpoint_word(self, frequency_hz: float) -> int:
-        """The raw word of a frequency. Raises LimitError where the coding forbids it."""
+        """Return the raw word of a frequency. Raises LimitError where the coding forbids it."""
         ...
 
     def setpoint_frequency(self, word: int) -> float:
-        """What a setpoint word means, in Hz (DZB100: under the coding in force)."""
+        """Return the frequency of a setpoint word in Hz (DZB100: under the coding in force)."""
         ...
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
-        """The start, then what must follow it. Raises CapabilityError or StartInhibited for a direction."""
+        """Return the start frame and the frames that must follow it. Raises CapabilityError or StartInhibited."""
         ...
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
-        """Change the frequency. Raises CapabilityError or StartInhibited."""
+        """Return the frames that change the frequency. Raises CapabilityError or StartInhibited."""
         ...
 
     def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
-        """Begin to jog; ``word`` None is the drive's own jog frequency."""
+        """Return the frames that begin a jog; ``word`` None is the drive's own jog frequency."""
         ...
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
-        """Requests that take motion away, then what must follow. Raises CapabilityError."""
+        """Return the requests of a stop and those that must follow it. Raises CapabilityError."""
         ...
 
     def broadcast_stop(self) -> tuple[Any, ...]:
-        """The family's broadcast stop; empty where it has none."""
+        """Return the family's broadcast stop; empty where it has none."""
         ...
 
     def reset(self) -> tuple[CommandFrame, ...]:
-        """Fault reset, then what must follow."""
+        """Return the frames of a fault reset."""
         ...
 
     def identity_reads(self) -> tuple[Any, ...]:
@@ -159,40 +162,40 @@ class Dialect(Protocol):
         ...
 
     def read_parameter(self, parameter: Parameter) -> Any:
-        """The request that reads it."""
+        """Return the request that reads a parameter."""
         ...
 
     def parameter_raw(self, reply: Any) -> int | None:
-        """The raw word in the reply of a parameter read; None where it carries none."""
+        """Return the raw word in the reply of a parameter read; None where it carries none."""
         ...
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
-        """A parameter's raw word in its unit."""
+        """Return the reading of a parameter's raw word."""
         ...
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
-        """The raw word of a parameter's value. Raises ValueError where it fits none."""
+        """Return the raw word of a parameter's value. Raises ValueError where none fits."""
         ...
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
-        """The request that writes it, to RAM or EEPROM."""
+        """Return the frame that writes a parameter to RAM or EEPROM."""
         ...
 
     def is_allowed(self, frame: bytes) -> bool:
-        """The encoded request is on the family's allow-list (I7, T12): else no permit is asked for."""
+        """Return whether an encoded request is on the family's allow-list; otherwise it never gets a permit."""
         ...
 
     def set_option(self, setting: str, value: Any) -> None:
-        """An open question of the family is answered for this drive."""
+        """Set an undocumented option of the family for this drive."""
         ...
 
     def on_sent(self, request: Any) -> None:
-        """This request has left: shadows follow."""
+        """Update what the dialect knows of the drive: this request was sent."""
         ...
 
 
 def decode_whole_request(codec: Codec, frame: bytes) -> Any | None:
-    """The message of bytes that are exactly one whole request; None for all other bytes, which may move."""
+    """Return the message of bytes that are exactly one request; None for all other bytes, which may move the motor."""
     try:
         verdict = codec.decode_request(frame)
     except ProtocolError:
@@ -201,7 +204,7 @@ def decode_whole_request(codec: Codec, frame: bytes) -> Any | None:
 
 
 def signal_reading(signal: Signal, raw: int, at: float | None) -> Reading:
-    """A raw word as the profile scales it, checked for its coding and plausible range (RELIABILITY 4)."""
+    """Return the reading of a signal's raw word, checked for its coding and plausible range."""
     try:
         value = signal.scale.value(raw)
     except ValueError:
@@ -210,7 +213,7 @@ def signal_reading(signal: Signal, raw: int, at: float | None) -> Reading:
 
 
 def parameter_reading(parameter: Parameter, raw: int, at: float | None) -> Reading:
-    """A parameter's raw word as the profile scales it."""
+    """Return the reading of a parameter's raw word by the profile's scale."""
     try:
         value = parameter.scale.value(raw)
     except ValueError:
@@ -219,7 +222,7 @@ def parameter_reading(parameter: Parameter, raw: int, at: float | None) -> Readi
 
 
 def with_plausibility(signal: Signal, reading: Reading) -> Reading:
-    """The reading, uncertain where the profile's range or its unpublished scale says so."""
+    """Return the reading, as uncertain where it is outside the profile's range or its scale is not published."""
     value = reading.value
     if isinstance(value, (int, float)) and _is_out_of_range(signal, value):
         return replace(reading, quality=Quality.UNCERTAIN, reason="drives.implausible")
@@ -234,7 +237,7 @@ def _is_out_of_range(signal: Signal, value: float) -> bool:
 
 
 def frequency_word(profile: DriveProfile, frequency_hz: float) -> int:
-    """The setpoint's raw word by the profile's scale. Raises LimitError where it fits no word."""
+    """Return the raw word of a frequency by the profile's scale. Raises LimitError where none fits."""
     try:
         return profile.setpoint_scale.raw(frequency_hz)
     except ValueError as error:
@@ -242,11 +245,11 @@ def frequency_word(profile: DriveProfile, frequency_hz: float) -> int:
 
 
 UNNAMED_FAULT_CODE = -1
-"""Fault code where the drive says that there is a fault and not which."""
+"""Fault code of a drive that reports a fault without naming it."""
 
 
 def setpoint_matches(readings: ReadingPairs, profile: DriveProfile, frequency_hz: float) -> bool | None:
-    """Two agreeing reads of the set frequency, against what was asked for, to one step of the setpoint."""
+    """Return whether two reads of the set frequency match a frequency, to one step of the setpoint."""
     pair = readings.pair("set_frequency")
     if pair is None or "set_frequency" not in profile.signals:
         return None
@@ -255,7 +258,7 @@ def setpoint_matches(readings: ReadingPairs, profile: DriveProfile, frequency_hz
 
 
 def fault_from_code(profile: DriveProfile, code: int) -> Fault:
-    """The fault of a code, with the maker's words where published."""
+    """Return the fault of a code, with the maker's text where published."""
     if code == UNNAMED_FAULT_CODE:
         words = {language: i18n.text("drives.unnamed_fault", language) for language in i18n.LANGUAGES}
         return Fault(code, "", Text(words["en"], words["zh"]))
@@ -264,7 +267,7 @@ def fault_from_code(profile: DriveProfile, code: int) -> Fault:
 
 
 def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal]]:
-    """Signals of one address space by index."""
+    """Return the signals of one address space by index."""
     found: dict[int, list[Signal]] = {}
     for signal in profile.signals.values():
         if signal.locator[0] == space:
@@ -273,5 +276,5 @@ def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal
 
 
 def shortest_period_s(profile: DriveProfile, names: tuple[str, ...], default_s: float = 0.5) -> float:
-    """The shortest period of these signals."""
+    """Return the shortest period of these signals."""
     return min((profile.signals[name].period_s for name in names if name in profile.signals), default=default_s)

@@ -20,7 +20,7 @@ def create_dialect(
     settings: Mapping[str, Any] | None = None,
     timing: StationTiming | None = None,
 ) -> Dialect:
-    """The dialect that speaks to this drive. Raises ConfigurationError: an address, encoding or setting it has not."""
+    """Return the dialect of a drive. Raises ConfigurationError for an unknown address, encoding or setting."""
     low, high = profile.addresses
     if address == profile.broadcast or not low <= address <= high:
         key = "drives.address_broadcast" if address == profile.broadcast else "drives.address"

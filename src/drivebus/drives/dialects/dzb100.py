@@ -1,6 +1,7 @@
-"""The DZB100's dialect: 11-byte frames without a checksum, a state that is derived, and the tenfold trap (T08).
+"""Dialect of the DZB100: 11-byte frames without checksum, a derived state, undocumented frequency codings.
 
-Nothing on the wire detects a flipped bit, so every value that drives logic needs two agreeing readings.
+No check on the wire detects a flipped bit, so every value that drives logic needs two agreeing readings. Four codings
+of frequencies are possible, which differ by a factor of ten: until one is determined, ``UNCALIBRATED_CAP_HZ`` holds.
 """
 
 from __future__ import annotations
@@ -45,20 +46,18 @@ from drivebus.values import Quality, Reading, missing_reading
 
 CODINGS = FREQUENCY_CODINGS
 DEFAULT_CODING = CODINGS[0]
-MAX_SETPOINT_WORD = 4000
-"""Manual 2 (5): setpoints are 0000 to 4000."""
-UNCALIBRATED_CAP_HZ = 5.0
-"""Until one coding is left, no coding that is left may make more of a raw word than this."""
+MAX_SETPOINT_WORD = 4000  # setpoints are 0000 to 4000 (manual 2 (5))
+UNCALIBRATED_CAP_HZ = 5.0  # until one coding is left, no raw word may mean more than this under any of them
 
 
 def possible_codings(settings: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
-    """Setpoint codings that are not excluded: one where it is settled."""
+    """Return the setpoint codings that are not excluded; one where it is determined."""
     coding = settings.get("setpoint_coding", "unknown")
     return (coding,) if coding in CODINGS else CODINGS
 
 
 def is_within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
-    """Every coding reads this word as at most 5 Hz, and as a number at all."""
+    """Return whether every coding decodes this word as at most 5 Hz."""
     try:
         return all(decode_frequency(word, coding) <= UNCALIBRATED_CAP_HZ for coding in codings)
     except ValueError:
@@ -66,7 +65,7 @@ def is_within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
 
 
 def decode_or_none(word: int, coding: str) -> float | None:
-    """Hertz of a word under a coding; None where it is no number of it."""
+    """Return a word in Hz; None where the coding can't decode it."""
     known = next((c for c in CODINGS if c == coding), None)
     try:
         return None if known is None else decode_frequency(word, known)
@@ -75,19 +74,18 @@ def decode_or_none(word: int, coding: str) -> float | None:
 
 
 def highest_safe_word(codings: tuple[FrequencyCoding, ...]) -> int:
-    """The largest raw word that every one of these codings reads as at most 5 Hz."""
+    """Return the largest raw word that every coding decodes as at most 5 Hz."""
     return max(word for word in range(MAX_SETPOINT_WORD + 1) if is_within_cap(word, codings))
 
 
 FREQUENCY_ITEMS = (0, 1)
 STATE_ITEM = 3
 STOP_COMMANDS = frozenset({Dzb100Command.STOP, Dzb100Command.STOP_2})
-PARAMETER_COUNT = 81
-"""00 to 80."""
+PARAMETER_COUNT = 81  # 00 to 80
 
 
 class Dzb100Dialect:
-    """DZB100 (see ``dialect.Dialect``)."""
+    """Dialect of one DZB100."""
 
     reports_run_state = True
     state_names: tuple[str, ...] = ("output_frequency", "fault")
@@ -111,7 +109,7 @@ class Dzb100Dialect:
         )
 
     def effect(self, frame: bytes) -> Effect:
-        """What these bytes do; a stop with a frequency, an unknown number or a frame that is none may move (T11)."""
+        """Return the effect of a frame; a stop with a frequency or an invalid frame may move the motor."""
         heard = decode_whole_request(self.codec, frame)
         return Effect.MOTION if heard is None else _request_effect(heard)
 
@@ -120,7 +118,7 @@ class Dzb100Dialect:
         return request if request != self._last_read else self._bus_sync_request(n + 1)
 
     def sync_request(self, avoid: Any = None) -> Dzb100ReadParameter:
-        """Odd numbers; the bus uses the even ones. 40 tags at two frames each outlast the longest lateness."""
+        """Return a read of an odd parameter; the bus uses the even ones. 40 tags outlast the longest reply lateness."""
         self._sync_count += 1
         request = Dzb100ReadParameter(self.address, (2 * self._sync_count + 1) % (PARAMETER_COUNT - 1))
         return self.sync_request(None) if request == avoid else request
@@ -132,7 +130,7 @@ class Dzb100Dialect:
         return False
 
     def state_reads(self) -> tuple[Any, ...]:
-        """Output frequency and the state word; two rounds of them put a different item between equal ones."""
+        """Return output frequency and state word: two rounds put another item between equal ones."""
         return Dzb100Query(self.address, 1), Dzb100Query(self.address, STATE_ITEM)
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
@@ -141,7 +139,7 @@ class Dzb100Dialect:
         return tuple((Dzb100Query(self.address, item), self._period(item)) for item in items)
 
     def query(self, item: int) -> Dzb100Query:
-        """The query of an item, for proofs."""
+        """Return the query of an item."""
         return Dzb100Query(self.address, item)
 
     def _period(self, item: int) -> float:
@@ -181,7 +179,7 @@ class Dzb100Dialect:
         return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Q01 > 0 twice is turning; a fault is a fault; stopped only when Q01 reads 0 twice; else not decided."""
+        """Running where Q01 is above 0 twice; stopped or in fault where it is 0 twice."""
         output, code = readings.raw_pair("output_frequency"), readings.agreed_raw("fault")
         if output is None or code is None or (output[0] > 0) is not (output[1] > 0):
             return None
@@ -200,7 +198,7 @@ class Dzb100Dialect:
         return (Dzb100Query(self.address, 0),)
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
-        """By value where both codings are settled; else by the word: it proves that it was taken, not what it means."""
+        """Compare by value where both codings are determined, else by word, which shows only acceptance."""
         raw = readings.agreed_raw("set_frequency")
         if raw is None:
             return None
@@ -209,15 +207,15 @@ class Dzb100Dialect:
         return True if raw == word else None
 
     def can_confirm_speed(self) -> bool:
-        """The output frequency means something only once the query coding is settled."""
+        """Return whether the query coding is determined."""
         return self.settings.get("query_coding", "unknown") in CODINGS
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """Q03's A echoes the last command: stop, twice (RELIABILITY 6.4)."""
+        """Q03's A is the last command that the drive executed."""
         return readings.agreed_raw("command") in STOP_COMMANDS
 
     def confirms_start(self, readings: ReadingPairs) -> bool:
-        """Also where it stands by now: then somebody has stopped it at the keypad (ruling 6)."""
+        """True also where the drive stands by now, stopped at its keypad."""
         return readings.agreed_raw("command") in (Dzb100Command.FORWARD, Dzb100Command.REVERSE)
 
     def rejection(self, reply: Dzb100Reply) -> Rejection | None:
@@ -244,7 +242,7 @@ class Dzb100Dialect:
         return decode_frequency(word, self._setpoint_coding())
 
     def _setpoint_coding(self) -> FrequencyCoding:
-        """The settled coding; hex-0.1 until then."""
+        """Return the determined coding, hex-0.1 until then."""
         codings = possible_codings(self.settings)
         return codings[0] if len(codings) == 1 else DEFAULT_CODING
 
@@ -254,7 +252,7 @@ class Dzb100Dialect:
         )
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
-        """The frequency is part of the run command: only a drive that runs as it was told can take it."""
+        """The frequency is part of the run command, so only a drive that reports a run command can get a new one."""
         command = readings.agreed_raw("command")
         if command not in (Dzb100Command.FORWARD, Dzb100Command.REVERSE):
             raise StartInhibited("drives.frequency_with_run", model=self.profile.model)
@@ -271,7 +269,7 @@ class Dzb100Dialect:
         return (CommandFrame(Dzb100Control(self.address, command, word), RetryPolicy.EDGE_TRIGGERED),)
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
-        """STOP always carries 0000, so that a flipped bit commands 0 Hz (T11)."""
+        """Send 0000 with every stop, so that a flipped bit commands 0 Hz."""
         if mode not in (StopMode.STOP, StopMode.JOG_STOP):
             raise CapabilityError("drives.cannot", model=self.profile.model, what=mode.value)
         return (Dzb100Control(self.address, Dzb100Command.STOP, 0),)
@@ -293,7 +291,7 @@ class Dzb100Dialect:
         return reply.data if reply.accepted is True else None
 
     def _scaled_parameter(self, parameter: Parameter) -> Parameter:
-        """The parameter under the coding of parameters: whole numbers are the same in all of them."""
+        """Return the parameter under the coding of parameters; whole numbers are the same in all codings."""
         scale, coding = parameter.scale, self.settings.get("parameter_coding", "unknown")
         if scale.factor >= 1.0 or coding not in CODINGS or coding == DEFAULT_CODING:
             return parameter
@@ -314,7 +312,7 @@ class Dzb100Dialect:
         return CommandFrame(Dzb100WriteParameter(self.address, parameter.locator[1], raw), RetryPolicy.EEPROM)
 
     def is_allowed(self, frame: bytes) -> bool:
-        """Every frame that the codec reads is in the manual's tables; numbers beyond them are not (I7)."""
+        """Allow every frame that the codec decodes, up to the last parameter number."""
         request = decode_whole_request(self.codec, frame)
         return request is not None and (
             not isinstance(request, Dzb100WriteParameter) or request.parameter < PARAMETER_COUNT
@@ -324,7 +322,7 @@ class Dzb100Dialect:
         self.settings[setting] = value
 
     def on_sent(self, request: Any) -> None:
-        """The last parameter read, so that the bus's next fence is not like it."""
+        """Remember the last parameter read, so that the next sync probe of the bus differs from it."""
         if isinstance(request, Dzb100ReadParameter):
             self._last_read = request
 

@@ -1,6 +1,6 @@
-"""The Modbus dialect: VC660, DF800 and every inverter that a profile describes. No model has Python of its own.
+"""Dialect of Modbus drives: VC660, DF800 and every inverter that a profile describes.
 
-What a frame does is told from its bytes and the profile's command map; what the map does not name is never sent.
+The effect of a frame follows from its bytes and the profile's command map; what the map does not name is never sent.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from drivebus.values import Quality, Reading, missing_reading
 
 
 def state_from_bits(status: StatusMap, raw: int) -> DriveState:
-    """What the bits say, motion first: a drive that still turns is not "in fault" but turning, with a fault."""
+    """Return the state of a status word, motion first: a drive that still turns in a fault is turning."""
     for name, state in STATE_BITS:
         if raw & status.bits.get(name, 0):
             return state
@@ -78,9 +78,9 @@ MAX_MERGE_PERIOD_RATIO = 4.0
 def merge_reads(
     address: int, wanted: dict[int, float], max_read: int, *, reserve_sync_count: bool
 ) -> tuple[tuple[ReadRegisters, float], ...]:
-    """Runs of touching registers within the model's limit, at the shortest period of the run.
+    """Merge touching registers into reads within the model's limit, at the shortest period of each run.
 
-    ``keep_fence_count``: fences are told by their count, so no other read may have it.
+    ``reserve_sync_count``: sync probes are recognised by their count, so no other read may have it.
     """
     runs: list[tuple[ReadRegisters, float]] = []
     for register, period in sorted(wanted.items()):
@@ -95,7 +95,7 @@ def merge_reads(
 
 
 def _can_merge(run: tuple[ReadRegisters, float], register: int, period: float, max_read: int) -> bool:
-    """Two more bytes cost less than a frame of their own, unless they are wanted far less often."""
+    """Return whether a register joins a run: two more bytes cost less than a frame, unless read far less often."""
     request, shortest = run
     touches = register == request.register + request.count and request.count < max_read
     return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
@@ -108,7 +108,7 @@ def _split_sync_count(request: ReadRegisters) -> tuple[ReadRegisters, ...]:
 
 
 def sync_register_pairs(profile: DriveProfile) -> tuple[int, ...]:
-    """First registers of touching pairs that are read anyway: around preconditions and ramps (ruling 2)."""
+    """Return the first registers of touching pairs that are read anyway, around preconditions and ramp times."""
     named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
     wanted = {profile.parameters[n].locator[1] for n in named if n in profile.parameters}
     wanted |= set(signals_by_index(profile, "holding"))
@@ -129,7 +129,10 @@ DIRECTION_BITS = frozenset({"forward", "reverse"})
 
 
 class CommandWord:
-    """Composes and reads command words by a profile's map."""
+    """Command word of a drive, composed and decoded by the profile's map.
+
+    On a VC660 every write sets all levels, so a stop word 0002H also means "forward": ``levels`` keeps what was sent.
+    """
 
     def __init__(self, commands: CommandMap) -> None:
         self.map = commands
@@ -140,18 +143,18 @@ class CommandWord:
         """The last word that left began something: what follows it completes that, and takes nothing away."""
 
     def active_names(self, word: int) -> frozenset[str]:
-        """Bits and field values that stand in a word; those whose value is 0 are its absence and not counted."""
+        """Return the bits and field values in a word; those whose value is 0 are not counted."""
         return frozenset(n for n, b in self.map.bits.items() if b.value and word & b.mask == b.value)
 
     def is_mapped(self, word: int) -> bool:
-        """Nothing but mapped bits and field values: a toggle (T16) or a reserved bit is not known."""
+        """Return whether a word has mapped bits only: no direction toggle and no reserved bit."""
         covered = 0
         for name in self.active_names(word):
             covered |= self.map.bits[name].mask
         return word & ~covered & 0xFFFF == 0
 
     def effect(self, word: int) -> Effect:
-        """What a write of this word does. A word that only takes motion away, or repeats the held levels, is a STOP."""
+        """Return the effect of a word. One that only stops, or repeats the held levels, is a stop."""
         names = self.active_names(word)
         if not self.is_mapped(word) or names & MOTION_BITS or not names <= STOP_BITS | DIRECTION_BITS | {"reset"}:
             return Effect.MOTION
@@ -172,27 +175,27 @@ class CommandWord:
         return mask
 
     def on_sent(self, word: int) -> None:
-        """A word has left."""
+        """Record that a word was sent."""
         self._last_was_edge = bool(self.active_names(word) & {"start", "reset"})
         if self._rewrites_levels:
             self.levels = word & self._direction_mask()
 
     def learn_direction(self, reverse: bool) -> None:
-        """The drive reports its set direction: taken only where nothing was sent yet."""
+        """Adopt the set direction that the drive reports, unless one was sent."""
         if self._rewrites_levels and self.levels is None:
             self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
-        """Raises CapabilityError for a direction that the map lacks."""
+        """Return the words of a start. Raises CapabilityError for a direction that the map lacks."""
         level = 0 if direction is None else self._direction_level(direction)
         return self._pulse_and_levels(self._bit("start"), level)
 
     def jog(self, direction: Direction) -> tuple[int, ...]:
-        """A level or field value: it stands until jog_stop."""
+        """Return the words of a jog, a level that stands until jog_stop."""
         return (self._bit(f"jog_{direction.value}") | (self.levels or 0),)
 
     def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
-        """The pulse with the held levels, then the levels; jog_stop is the held levels alone where jog is a level."""
+        """Return the pulse with the held levels, then the levels alone."""
         name = "jog_stop" if how is StopMode.JOG_STOP else how.value
         if name not in self.map.bits:
             raise CapabilityError("drives.cannot", model=model, what=how.value)
@@ -225,7 +228,7 @@ LOOPBACK_NONCE_STEP, LOOPBACK_NONCE_START = 0x9E37, 0x5AA5
 
 
 class ModbusDialect:
-    """One Modbus inverter (see ``dialect.Dialect``)."""
+    """Dialect of one Modbus drive."""
 
     def __init__(
         self, profile: DriveProfile, address: int, encoding: str, settings: dict[str, Any], timing: StationTiming
@@ -252,7 +255,7 @@ class ModbusDialect:
 
     @property
     def reports_run_state(self) -> bool:
-        """Only where the profile names a status register: DF800 has none (T17), and a state is never guessed."""
+        """Whether the profile names a status register; DF800 has none, and a state is never guessed."""
         return self.status_map is not None
 
     start_includes_setpoint = False
@@ -263,7 +266,7 @@ class ModbusDialect:
         return self._require_command_word().map
 
     def effect(self, frame: bytes) -> Effect:
-        """What these bytes do; bytes that are no request, and registers that no table has, may move (T12)."""
+        """Return the effect of a frame; no valid request, or a register outside the tables, may move the motor."""
         try:
             changes = registers_written(frame, self.codec.encoding)
         except (ProtocolError, KeyError):
@@ -283,8 +286,11 @@ class ModbusDialect:
         return Effect.SETTING if self._writable_parameter(register) is not None else Effect.MOTION
 
     def _writable_parameter(self, register: int) -> Parameter | None:
-        """The listed parameter of a register, its EEPROM form too. A write-only register without a stated range may
-        be a terminal that somebody wired to "run" (VC660 2002H to 2005H): it counts as motion."""
+        """Return the writable parameter of a register, also by its EEPROM address.
+
+        A write-only register without a stated range may drive a terminal that is wired to "run" (VC660 2002H to 2005H):
+        it counts as motion.
+        """
         bit = self.profile.write_support.eeprom_address_bit or 0
         for parameter in self.profile.parameters.values():
             space, index = parameter.locator
@@ -293,7 +299,7 @@ class ModbusDialect:
         return None
 
     def is_allowed(self, frame: bytes) -> bool:
-        """Only registers of the profile's tables, and only command words made of its own bits (T12, T16)."""
+        """Allow registers of the profile's tables, and command words of mapped bits."""
         try:
             changes = registers_written(frame, self.codec.encoding)
         except (ProtocolError, KeyError):
@@ -303,7 +309,7 @@ class ModbusDialect:
         return all(self._is_allowed_change(*change) for change in changes)
 
     def _is_addressed_here(self, frame: bytes) -> bool:
-        """Nothing but a stop is ever sent to everybody (matrix: broadcast X), and stops ask for no leave."""
+        """Only a stop is ever broadcast, and a stop needs no permit."""
         address = int(frame[1:3], 16) if self.codec.encoding == "ascii" else frame[0]
         return address == self.address
 
@@ -325,11 +331,11 @@ class ModbusDialect:
         return ReadRegisters(self.address, self._sync_registers[n // 2 % len(self._sync_registers)], SYNC_READ_COUNT)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
-        """A loop-back that came back whole, or a read with the fence's count; an error echoes only its function."""
+        """Accept a complete loop-back or a read with the count of a sync probe; an error echoes only its function."""
         return isinstance(reply, (DiagnosticsReply, RegisterValues))
 
     def needs_sync(self, request: Any) -> bool:
-        """A read's reply names neither register nor value (F01): a read of settings goes behind a fence."""
+        """A read's reply names neither register nor value."""
         return isinstance(request, ReadRegisters)
 
     def state_reads(self) -> tuple[Any, ...]:
@@ -343,12 +349,12 @@ class ModbusDialect:
         return ReadRegisters(self.address, self.status_map.register if self.status_map else indexes[0], 1)
 
     def fault_reads(self) -> tuple[Any, ...]:
-        """Reads that name the fault once the status word says that there is one."""
+        """Return the reads that name the fault once the status word reports one."""
         registers = self.status_map.fault_registers if self.status_map else ()
         return tuple(request for request, _ in self._merged_reads(dict.fromkeys(registers, 1.0)))
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        """Signals of one period share a read where their registers touch; no register that nobody asked for (F22)."""
+        """Merge signals of similar periods into one read where their registers touch."""
         wanted: dict[int, float] = {}
         if self.status_map is not None:
             wanted[self.status_map.register] = 0.5
@@ -393,7 +399,7 @@ class ModbusDialect:
         return found
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Two status words that mean the same state; of two different turning states the newer one."""
+        """Two status words of the same state; of two different turning states the newer one counts."""
         pair = readings.raw_pair("state")
         if self.status_map is None or pair is None:
             return None
@@ -404,7 +410,7 @@ class ModbusDialect:
         return DerivedState(newer, direction_from_bits(self.status_map, pair[1]) if newer.turning else None, fault)
 
     def _fault_code(self, book: ReadingPairs) -> int:
-        """The lowest bit that is set in the fault words; ``UNNAMED`` where the drive names none (yet)."""
+        """Return the lowest bit of the fault words, UNNAMED_FAULT_CODE where the drive names none."""
         assert self.status_map is not None
         for place, _ in enumerate(self.status_map.fault_registers):
             word = book.agreed_raw(f"fault_{place}")
@@ -444,7 +450,7 @@ class ModbusDialect:
         return self._command_frames(self._require_command_word().start(direction))
 
     def _check_direction(self, direction: Direction | None) -> None:
-        """DF800: which way round the direction field is, is open until a watched jog has settled it."""
+        """The order of the direction bits of a DF800 is undocumented until it is calibrated."""
         if direction is not None and self.settings.get("direction_proved") is False:
             raise StartInhibited("drives.direction_unproved", direction=direction, model=self.profile.model)
 
@@ -454,7 +460,7 @@ class ModbusDialect:
         return self.command_word
 
     def _command_frames(self, words: tuple[int, ...]) -> tuple[CommandFrame, ...]:
-        """The pulse, an edge; then the levels without it (VC660: whether a pulse must return to 0 is open)."""
+        """Return the pulse, which is edge-triggered, then the levels alone."""
         requests = [WriteRegister(self.address, self._command_map.register, word) for word in words]
         classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
         return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
@@ -473,7 +479,7 @@ class ModbusDialect:
         return self._command_frames(self._require_command_word().jog(direction))
 
     def calibration_jog(self) -> tuple[CommandFrame, ...]:
-        """The one jog before the direction field is proved: "forward" as b3b2 reads it, whatever the setting says."""
+        """Return the jog that determines the direction field: "forward" in the order b3 b2."""
         commands = self.profile.commands
         bits = {} if commands is None else commands.variants.get("direction_field", {}).get("b3b2", {})
         if "jog_forward" not in bits:
@@ -520,14 +526,14 @@ class ModbusDialect:
         )
 
     def on_sent(self, request: Any) -> None:
-        """A command word has left: its levels are what the drive holds now."""
+        """Record the levels that the drive holds now."""
         ours = self.command_word is not None and isinstance(request, WriteRegister) and request.address == self.address
         if ours and self.command_word is not None and request.register == self.command_word.map.register:
             self.command_word.on_sent(request.value)
 
 
 def _with_end_silence(timing: StationTiming, encoding: str) -> StationTiming:
-    """An RTU station knows that a request has ended by 3.5 characters of silence: only then its delay begins."""
+    """An RTU station recognises the end of a request by 3.5 characters of silence, after which its delay begins."""
     if encoding != "rtu":
         return timing
     return replace(timing, reply_delay_characters=max(timing.reply_delay_characters, RTU_END_SILENCE_CHARACTERS))

@@ -1,6 +1,6 @@
-"""The C320 family's dialect: profile data in, requests and readings out. Source: C320 manual 2.3 and 2.4.
+"""Dialect of the C320 and its sisters (C320 manual 2.3 and 2.4).
 
-A reply does not say which class it answers, so nothing here takes a command's own reply for its confirmation.
+A reply does not name the class that it answers, so a command is never confirmed by its own reply.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def operation_effect(request: Any, operation: SunfarOperation) -> Effect:
 
 
 def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
-    """Readable parameters of groups other than 0, neighbours in different groups: a fault hides the item (ruling 2)."""
+    """Return readable parameters outside group 0, neighbours in different groups: a fault hides the item."""
     groups: dict[int, list[tuple[int, int]]] = {}
     for parameter in profile.parameters.values():
         group, item = parameter.locator[1] >> 8, parameter.locator[1] & 0xFF
@@ -118,7 +118,7 @@ MIN_TAGS_TO_SHARE = 4
 
 
 class SunfarDialect:
-    """C320 and its sisters (see ``dialect.Dialect``)."""
+    """Dialect of one C320 or one of its sisters."""
 
     reports_run_state = True
     state_names: tuple[str, ...] = ("state",)
@@ -146,7 +146,7 @@ class SunfarDialect:
         )
 
     def effect(self, frame: bytes) -> Effect:
-        """What these bytes do: the operation counts in every class (T01); what can't be read may move."""
+        """Return the effect of a frame; the operation acts in every class, and no valid frame may move the motor."""
         heard = decode_whole_request(self.codec, frame)
         return Effect.MOTION if heard is None else operation_effect(heard.request, heard.operation)
 
@@ -162,7 +162,7 @@ class SunfarDialect:
 
     @staticmethod
     def _outside_group(tags: list[tuple[int, int]], request: Any) -> list[tuple[int, int]]:
-        """Tags whose reply can't be that of ``request``: in a fault only the group is echoed."""
+        """Return the tags whose reply can't be that of ``request``: in a fault only the group is echoed."""
         return [tag for tag in tags if not isinstance(request, SunfarReadParameter) or tag[0] != request.group]
 
     def _tag_read(self, tags: list[tuple[int, int]], n: int) -> SunfarReadParameter:
@@ -170,15 +170,15 @@ class SunfarDialect:
         return SunfarReadParameter(self.address, group, item)
 
     def is_valid_sync_reply(self, reply: SunfarReply) -> bool:
-        """A short reply (6, 7, 8) echoes nothing but the address."""
+        """A short reply (6, 7, 8) echoes only the address."""
         return reply.state is not None
 
     def needs_sync(self, request: Any) -> bool:
-        """Parameter F0.n and monitor d.n share their echo, so do write and read; in a fault the item is gone (T04)."""
+        """Parameter F0.n and monitor d.n share their echo, as do write and read; in a fault the item is missing."""
         return isinstance(request, SunfarReadParameter)
 
     def state_reads(self) -> tuple[Any, ...]:
-        """Every full reply carries the state; the output frequency is wanted with it."""
+        """Every full reply carries the state; the output frequency is read with it."""
         return tuple(request for request, _ in self.polls(("output_frequency",))[:1])
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
@@ -226,7 +226,7 @@ class SunfarDialect:
         return {name: _without_item_echo(reading) for name, reading in found.items()}
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Two agreeing states; of two different turning states (a ramp between them) the newer one."""
+        """Two agreeing states; of two different turning states the newer one counts."""
         pair = readings.raw_pair("state")
         if pair is None or any(raw not in DRIVE_STATES for raw in pair):
             return None
@@ -248,7 +248,7 @@ class SunfarDialect:
         return self.monitor_reads("set_frequency")
 
     def monitor_reads(self, name: str) -> tuple[Any, ...]:
-        """The request of one monitor; empty where the profile does not name it."""
+        """Return the request of one monitor; empty where the profile does not name it."""
         return (self._monitor_read(self.profile.signals[name].locator[1]),) if self._is_monitor(name) else ()
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
@@ -258,7 +258,7 @@ class SunfarDialect:
         return self._is_monitor("output_frequency")
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """An emergency stop stands until it is reset (2.4.6); a frequency that is shown with it says otherwise."""
+        """An emergency stop stands until it is reset (2.4.6), but a frequency shown with it contradicts a stop."""
         pair = readings.raw_pair("output_frequency")
         return readings.agreed_raw("state") != SunfarState.EMERGENCY_STOP or pair is None or not pair[1]
 
@@ -266,7 +266,7 @@ class SunfarDialect:
         return False
 
     def rejection(self, reply: SunfarReply) -> Rejection | None:
-        """Response codes 1 to 8 (manual 2.4.3)."""
+        """Return the rejection of response codes 1 to 8 (manual 2.4.3)."""
         key = REJECTION_KEYS.get(int(reply.response))
         return None if key is None else Rejection(key, int(reply.response))
 
@@ -330,7 +330,7 @@ class SunfarDialect:
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
 
     def is_allowed(self, frame: bytes) -> bool:
-        """An operation only in a control frame (T07), and nothing but a stop to everybody (matrix: broadcast X)."""
+        """Allow an operation only in a control frame, and no broadcast."""
         heard = decode_whole_request(self.codec, frame)
         if heard is None or heard.request.address == self.profile.broadcast:
             return False
@@ -340,17 +340,17 @@ class SunfarDialect:
         self.settings[setting] = value
 
     def on_sent(self, request: Any) -> None:
-        """The last parameter read, so that the bus's next fence is not like it."""
+        """Remember the last parameter read, so that the next sync probe of the bus differs from it."""
         if isinstance(request, SunfarReadParameter):
             self._last_read = request
 
     def identity_reads(self) -> tuple[ReadIdentity, ...]:
-        """Class 0, groups 0 to 3."""
+        """Return the reads of class 0, groups 0 to 3."""
         return tuple(ReadIdentity(self.address, group) for group in range(4))
 
 
 def _without_item_echo(reading: Reading) -> Reading:
-    """In a fault the reply does not say which monitor it carries (T05)."""
+    """Mark a reading as uncertain: in a fault the reply does not name its monitor."""
     return Reading(
         reading.value, reading.unit, Quality.UNCERTAIN, reading.source_time, "drives.item_not_echoed", reading.raw
     )

@@ -1,6 +1,6 @@
-"""Bench proofs: open questions of a family that only the drive itself, with a person watching, can answer. Pure.
+"""Calibration: determine on the bench what the manual leaves open, with a person watching the drive.
 
-DZB100: which coding (T08). DF800: which way round the direction field is. What is proved is stored per drive.
+DZB100: the coding of frequencies. DF800: the order of the bits in the direction field.
 """
 
 from __future__ import annotations
@@ -28,18 +28,15 @@ from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, Outcome, OutcomeStatus
 from drivebus.errors import CapabilityError, LimitError, StartInhibited, TargetNotReached
 
-DEFAULT_KEYPAD_HZ = 12.3
-"""All four codings of it differ: 007B, 04CE, 0123, 000C."""
-CALIBRATION_RUN_S = 3.0
-"""A run at the cap lasts this long: time to reach 5 Hz and to be looked at."""
+DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C
+CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
 MAX_CALIBRATION_JOG_HZ = 5.0
-CALIBRATION_JOG_S = 0.5
-"""T13: no jog without a lease longer than this."""
+CALIBRATION_JOG_S = 0.5  # as long as a jog may turn without renewal
 
 
 @dataclass(frozen=True, slots=True)
 class ScalingResult:
-    """What a proof leaves: the words read and the codings that are still possible. One: settled."""
+    """Result of a calibration: the words that were read and the codings that are still possible."""
 
     words: tuple[int, ...]
     codings: tuple[str, ...]
@@ -50,7 +47,7 @@ class ScalingResult:
 
 
 def calibrate_query_coding(op: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> DriveOperation[ScalingResult]:
-    """Somebody has set ``keypad_hz`` on the keypad; Q00 names the query coding. Nothing moves."""
+    """Determine the query coding from Q00 while the keypad is set to ``keypad_hz``. Nothing moves."""
     dialect = _require_dzb100(op)
     word = yield from _read_agreed_word(op, dialect, 0)
     step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
@@ -63,9 +60,9 @@ def calibrate_query_coding(op: OperationContext, keypad_hz: float = DEFAULT_KEYP
 def calibrate_setpoint_coding(
     op: OperationContext, direction: Direction | None = None
 ) -> DriveOperation[ScalingResult]:
-    """Run at the cap with a person watching, read Q00 and Q01 back, exclude codings until one is left. Always stops.
+    """Run at 5 Hz or less, read Q00 and Q01 back and exclude codings until one is left. Always stops.
 
-    Needs the query coding. Raises StartInhibited without it, and whatever ``run`` raises.
+    Raises StartInhibited without the query coding, and every error of ``run``.
     """
     dialect = _require_dzb100(op)
     if not dialect.can_confirm_speed():
@@ -90,7 +87,7 @@ def calibrate_setpoint_coding(
 def _measure_at_word(
     op: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
 ) -> DriveOperation[float]:
-    """One run at a raw word; what Q00 and Q01 agree on, in Hz. Stops whatever happens."""
+    """Run once at a raw word and return the frequency on which Q00 and Q01 agree. Always stops."""
     op.drive.require_capability("run")
     op.drive.check_direction(direction)
     if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
@@ -123,7 +120,7 @@ def _measure_at_word(
 
 
 def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:
-    """Q00 and Q01, each read twice behind fences; None where they do not agree."""
+    """Read Q00 and Q01, each verified; None where they do not agree."""
     command = yield from _read_agreed_word(op, dialect, 0)
     output = yield from _read_agreed_word(op, dialect, 1)
     coding = str(dialect.settings["query_coding"])
@@ -132,7 +129,7 @@ def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOper
 
 
 def _read_agreed_word(op: OperationContext, dialect: Dzb100Dialect, item: int) -> DriveOperation[int]:
-    """The raw word of Q00 or Q01, two fenced reads that agree. Raises the bus's error, or TargetNotReached."""
+    """Read the raw word of Q00 or Q01, verified. Raises the error of the bus or TargetNotReached."""
     requests = (dialect.query(item),)
     name = ("set_frequency", "output_frequency")[item]
     op.reading_pairs.clear(name)
@@ -147,18 +144,18 @@ def _read_agreed_word(op: OperationContext, dialect: Dzb100Dialect, item: int) -
 
 
 def _decode_hz(word: int, coding: str) -> float:
-    """Hertz of a word; infinitely wrong where the coding can't read it."""
+    """Return a word in Hz, infinity where the coding can't decode it."""
     value = decode_or_none(word, coding)
     return float("inf") if value is None else value
 
 
 def _half_resolution_hz(coding: str) -> float:
-    """12.3 Hz shows as 12 Hz under hex-1."""
+    """Return half the step of a coding in Hz: under hex-1, 12.3 Hz shows as 12 Hz."""
     return {"hex-1": 0.5, "hex-0.01": 0.005}.get(coding, 0.05)
 
 
 def _query_resolution_hz(dialect: Dzb100Dialect) -> float:
-    """What one digit of Q00 can hide."""
+    """Return the step of the query coding in Hz."""
     return 2 * _half_resolution_hz(str(dialect.settings["query_coding"]))
 
 
@@ -169,7 +166,7 @@ def _require_dzb100(op: OperationContext) -> Dzb100Dialect:
 
 
 def calibration_jog(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
-    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2; then a person says which way it turned.
+    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2.
 
     The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first.
     """
@@ -195,5 +192,5 @@ def calibration_jog(op: OperationContext, frequency_hz: float) -> DriveOperation
 
 
 def direction_field_for(seen: Direction) -> str:
-    """Which reading of the field the watched jog proves."""
+    """Return the bit order of the direction field that an observed direction proves."""
     return "b3b2" if seen is Direction.FORWARD else "b2b3"

@@ -1,6 +1,6 @@
-"""Jog: the frame that begins it and the end of it. The lease around them is the shell's (``lease``). Pure.
+"""Begin and end a jog.
 
-A jog has no dead-man on these drives (T13): whoever begins one has to keep its lease alive, 500 ms at most.
+These drives have no dead-man function of their own: a jog goes on until it is stopped, so ``JogSession`` limits it.
 """
 
 from __future__ import annotations
@@ -14,24 +14,23 @@ from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, Outcome, OutcomeStatus
 from drivebus.errors import LimitError
 
-MAX_JOG_LEASE_S = 0.5
-"""T13: no motion outlives the hand on the key by more."""
+MAX_JOG_LEASE_S = 0.5  # longest time that the motor turns after the last renewal
 
 
 def check_jog_lease(lease_s: float) -> float:
-    """Raises LimitError for a lease that is none."""
+    """Return the lease. Raises LimitError unless it is above 0 and at most 0.5 s."""
     if not 0.0 < lease_s <= MAX_JOG_LEASE_S:
         raise LimitError("drives.lease_too_long", lease_s=lease_s, limit_s=MAX_JOG_LEASE_S)
     return lease_s
 
 
 def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direction) -> DriveOperation[Outcome]:
-    """Begin to jog from standstill; sent once. An unanswered jog is stopped at once: nobody knows whether it turns."""
+    """Begin to jog from standstill. The frame is sent once; an unanswered jog is stopped at once."""
     memory, dialect = op.drive, op.dialect
     memory.require_capability("jog")
     memory.check_direction(direction)
     word = None if frequency_hz is None else op.check_frequency(frequency_hz)[0]
-    op.limits_checked = True  # without a frequency it is the drive's own, set on its keypad
+    op.limits_checked = True  # without a frequency the drive uses its own, set on its keypad
     frames = dialect.jog(direction, word)
     yield from op.start_clock()
     yield from check_readiness(op)
@@ -40,7 +39,7 @@ def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direc
 
 
 def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:
-    """The jog frame, once; whatever does not end in a yes is stopped."""
+    """Send the jog frame once; stop the drive unless it acknowledges the frame or rejects it."""
     conditions = yield from get_bus_conditions()
     command = op.create_command(CommandKind.JOG, conditions)
     answer = yield from send_frames(op, command, frames)
@@ -55,7 +54,7 @@ def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOpe
 
 
 def end_jog(op: OperationContext) -> DriveOperation[Outcome]:
-    """End the jog: the family's jog stop, then an ordinary stop until the drive reports standstill."""
+    """End the jog by the family's jog stop, then by an ordinary stop until the drive reports standstill."""
     if op.dialect.reports_run_state:
         yield from send_stop(op, StopMode.JOG_STOP)
     return (yield from stop(op, StopMode.STOP))

@@ -1,4 +1,4 @@
-"""``read`` and ``write``: the manual's own notation or signal names; every write is read back (ruling 8, T04). Pure."""
+"""Read and write parameters by the manual's notation; every write is read back."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ from drivebus.profiles.notation import find_entry
 from drivebus.values import Reading, missing_reading
 
 READ_BACK_TRIES = 3
-READ_BACK_PAUSE_S = 0.05
-"""An EEPROM takes a moment: the read-back is repeated after this pause."""
+READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated read-back
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ class _ParameterWrite:
 
 
 def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
-    """Parameters and signals by any of their names. Raises ProfileError for a name nobody knows, before sending."""
+    """Read parameters and signals by any of their names. Raises ProfileError for an unknown name, before sending."""
     op.drive.require_capability("read")
     entries = {name: find_entry(op.dialect.profile, name) for name in names}
     found: dict[str, Reading] = {}
@@ -74,10 +73,10 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
 
 
 def write_values(op: OperationContext, values: Mapping[str, float], save: bool) -> DriveOperation[Outcome]:
-    """Write parameters one after the other; the first that does not end well ends it.
+    """Write parameters one after the other, up to the first that does not succeed.
 
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
-    WearBudget, Expired, ConfigurationError (the store of counts fails). The outcome's notes name every parameter.
+    EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every parameter.
     """
     op.drive.require_capability("write")
     rule = op.dialect.profile.write_support
@@ -105,7 +104,7 @@ def write_values(op: OperationContext, values: Mapping[str, float], save: bool) 
 
 
 def _check_write(op: OperationContext, name: str, value: float) -> _ParameterWrite:
-    """Raises where this parameter can't be written, or not with this value."""
+    """Return a checked write. Raises where the parameter can't be written or not with this value."""
     model = op.dialect.profile.model
     parameter = find_entry(op.dialect.profile, name)
     if isinstance(parameter, Signal):
@@ -126,7 +125,7 @@ def _check_write(op: OperationContext, name: str, value: float) -> _ParameterWri
 
 
 def _message_params(wanted: _ParameterWrite) -> dict[str, object]:
-    """What a sentence says of it: whole numbers where the drive's own display shows them, no blank without a unit."""
+    """Return the message parameters of a write; whole numbers where the drive's own display shows them."""
     parameter, value = wanted.parameter, wanted.value
     whole = parameter.scale.decimals == 0 and float(value).is_integer()
     unit = f" {parameter.unit}" if parameter.unit else ""
@@ -152,12 +151,12 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
         return refused
     outcome = yield from _read_back(op, wanted, answer.error is None, said)
     if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
-        # RAM held the value before it was saved: reading it back proves nothing of the EEPROM (rulings 1 and 8)
+        # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
             answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **said
         )
     if save and outcome.succeeded:
-        with suppress(ConfigurationError):  # not noted, the next save of this value is not skipped: safe
+        with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe
             yield from wear.mark_saved(notation)
     return outcome
 
@@ -165,7 +164,7 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
 def _read_back(
     op: OperationContext, wanted: _ParameterWrite, answered: bool, said: dict[str, object]
 ) -> DriveOperation[Outcome]:
-    """Through a different request, behind a fence (RELIABILITY 4: removes echo forgery)."""
+    """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not wanted.parameter.readable:
         return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **said)
     raw: int | None = None

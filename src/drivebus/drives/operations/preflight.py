@@ -1,4 +1,4 @@
-"""Does this drive listen to the bus at all (ruling 4)? Read before the first run; what is missing is named. Pure."""
+"""Pre-flight check: read whether a drive accepts commands from the bus, and name each parameter that forbids it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from drivebus.values import Quality
 
 
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
-    """Read every precondition of the profile, and the ramp times where it knows them.
+    """Read every precondition of the profile, and the ramp times where the profile names them.
 
-    Raises PreflightError where the drive does not answer: silence proves nothing.
+    Raises PreflightError where the drive does not answer.
     """
     holds: list[str] = []
     missing: list[UnmetPrecondition] = []
@@ -35,9 +35,9 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
 
 
 def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
-    """The pre-flight, read where it was not yet. Where a drive reports no status this *is* its status: read each time.
+    """Return a passed pre-flight check; read it unless that was done. A drive without a run status is read each time.
 
-    Raises PreflightError naming each missing parameter with its keypad step.
+    Raises PreflightError naming each unmet parameter with its keypad step.
     """
     known = op.drive.preflight
     fresh = known is not None and known.passed and op.dialect.reports_run_state
@@ -54,7 +54,7 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
 
 
 def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
-    """The raw word of a parameter; None where the drive refuses it. Raises PreflightError where it does not answer."""
+    """Return the raw word of a parameter, None where it is rejected. Raises PreflightError without a reply."""
     request = op.dialect.read_parameter(parameter)
     error: DrivebusError | None = None
     if op.dialect.needs_sync(request):
@@ -71,7 +71,7 @@ def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOpera
 
 
 def _read_ramp_times(op: OperationContext) -> DriveOperation[None]:
-    """Ramp times give deadlines; a drive that does not tell them costs patience, nothing else."""
+    """Read the ramp times, from which deadlines are computed; without them default deadlines hold."""
     notations = op.dialect.profile.ramp_notations
     if notations is None:
         return
@@ -90,7 +90,7 @@ def _unmet(condition: Precondition, raw: int | None) -> UnmetPrecondition:
 
 
 def _keypad_steps(missing: tuple[UnmetPrecondition, ...]) -> Text:
-    """What reads what, and the keypad step that mends it, in both languages."""
+    """Return the value of each unmet parameter and the keypad step that corrects it, in both languages."""
     en = " ".join(f"{m.notation} reads {_raw_text(m.found)}: {m.keypad.en}" for m in missing)
     zh = "".join(f"{m.notation} 当前为 {_raw_text(m.found)}：{m.keypad.zh}" for m in missing)
     return Text(en, zh)

@@ -1,4 +1,4 @@
-"""``reset_fault``: an edge, sent only while two fenced reads show a fault, resent only while they still do. Pure."""
+"""Reset a fault: an edge-triggered command, sent and resent only while a verified state shows a fault."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
 from drivebus.errors import StartInhibited
 
 FAULT_STATES = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})
-RESET_CONFIRM_TIMEOUT_S = 2.0
-"""A drive that still shows its fault after this was not reset, or fell into it again."""
+RESET_CONFIRM_TIMEOUT_S = 2.0  # a fault that is still reported after this was not reset, or came back
 
 
 def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
-    """Reset a fault, where there is one. Raises CapabilityError, StartInhibited, Expired or the bus's error."""
+    """Reset a fault if there is one. Raises CapabilityError, StartInhibited, Expired or the error of the bus."""
     op.drive.require_capability("reset_fault")
     yield from op.start_clock()
     if not (yield from _has_fault(op)):
@@ -37,7 +36,7 @@ def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
 def _has_fault(op: OperationContext) -> DriveOperation[bool]:
     """Read the fault twice, each behind a sync probe; a drive that reports no state may have one."""
     can_tell = op.dialect.reports_run_state
-    # where it can't tell, it must answer at all; and a first reply that equals its request is not believed (F03)
+    # without a run status the drive must at least answer a sync probe
     error = (yield from op.read_verified_state()) if can_tell else (yield from op.sync())
     if error is not None:
         raise error
@@ -49,7 +48,7 @@ def _has_fault(op: OperationContext) -> DriveOperation[bool]:
 def _wait_until_cleared(
     op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...], answered: bool
 ) -> DriveOperation[Outcome]:
-    """Look until the fault is gone, or has stayed too long; an unanswered reset is sent again while it still stands."""
+    """Read the state until the fault is gone or has stayed too long; resend an unanswered reset while it stays."""
     sent_again = 0
     while True:
         yield from wait(COMMAND_SETTLE_S)

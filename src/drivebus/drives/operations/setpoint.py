@@ -1,4 +1,4 @@
-"""``set_frequency``: absolute, read back where the model shows it, acknowledged where nothing does (ruling 1). Pure."""
+"""Change the set frequency: confirmed by reading it back where the model shows it, otherwise acknowledged."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, StartInhibited
 
-SETPOINT_READ_TRIES = 4
-"""A drive may take a moment to show a new set frequency …"""
-SETPOINT_READ_PAUSE_S = 0.05
-"""… so it is looked at again after this."""
+SETPOINT_READ_TRIES = 4  # a drive may take a moment to show a new set frequency
+SETPOINT_READ_PAUSE_S = 0.05  # pause before each further try
 
 
 def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
@@ -53,7 +51,7 @@ def write_setpoint(
 
 
 def read_back_setpoint(op: OperationContext, word: int, frequency_hz: float, answered: bool) -> DriveOperation[Outcome]:
-    """What the drive shows of the set frequency after a fence."""
+    """Compare the set frequency that the drive shows with the one that was sent."""
     requests = op.dialect.setpoint_reads()
     error: DrivebusError | None = None
     verdict: bool | None = None

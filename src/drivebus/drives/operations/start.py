@@ -1,4 +1,7 @@
-"""``run``: checked, permitted, sent once, confirmed by fenced reads; never resent blindly (rulings 4 and 6). Pure."""
+"""Run a drive: check, get a permit, send once, confirm by verified reads.
+
+A start that was not answered is resent only after a verified state shows standstill.
+"""
 
 from __future__ import annotations
 
@@ -15,83 +18,14 @@ from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeStatus
 from drivebus.errors import CapabilityError, DrivebusError, Expired, StartInhibited, Superseded, TargetNotReached
 
-SPEED_POLL_INTERVAL_S = 0.1
-"""Between two looks."""
-RAMP_SLACK_S = 2.0
-RAMP_FACTOR = 1.5
-"""RELIABILITY 4, effect check: within t_acc x 1.5 + 2 s."""
-DEFAULT_RAMP_TIMEOUT_S = 60.0
-"""Deadline where the model does not tell its ramp; ``timeout_s`` overrides it."""
-SPEED_TOLERANCE = 0.005
-"""Of the set frequency: a half percent, but never less than two steps of what the drive reports."""
-
-
-def speed_tolerance_hz(op: OperationContext, frequency_hz: float) -> float:
-    """How near is "at" the set frequency."""
-    step = op.dialect.profile.signals["output_frequency"].scale.factor
-    return max(2.0 * step, SPEED_TOLERANCE * frequency_hz)
-
-
-def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> float:
-    """How long a ramp may take."""
-    if timeout_s is not None:
-        return timeout_s
-    return DEFAULT_RAMP_TIMEOUT_S if acceleration_s is None else acceleration_s * RAMP_FACTOR + RAMP_SLACK_S
-
-
-def wait_at_speed(
-    op: OperationContext, frequency_hz: float, outcome: Outcome, timeout_s: float | None
-) -> DriveOperation[Outcome]:
-    """The outcome once the drive runs at ``frequency_hz``. Raises TargetNotReached with what it reports instead."""
-    conditions = yield from get_bus_conditions()
-    generation = conditions.stop_epoch
-    limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
-    until = conditions.now + limit_s
-    near_hz = speed_tolerance_hz(op, frequency_hz)
-    while True:
-        error = yield from op.read_verified_state()
-        conditions = yield from get_bus_conditions()
-        if conditions.stop_epoch != generation:
-            raise op.superseded_error()
-        state, output = op.derived.state, _output_hz(op)
-        if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
-            key = "drives.running_at"
-            done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
-            notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
-            return replace(done, notes=notes)  # running at it shows it
-        if state.output_off or conditions.now > until:
-            raise _not_reached_error(op, frequency_hz, output, limit_s, error)
-        yield from wait(SPEED_POLL_INTERVAL_S)
-
-
-def _output_hz(op: OperationContext) -> float | None:
-    """Both of the last two reads must be there; the newer one counts."""
-    pair = op.reading_pairs.pair("output_frequency")
-    value = None if pair is None else pair[1].value
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _not_reached_error(
-    op: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
-) -> TargetNotReached:
-    state = op.derived.state
-    key = "drives.not_reached" if error is None else "drives.not_reached_silent"
-    failure = TargetNotReached(
-        key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
-    )
-    word = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
-    failure.outcome = op.outcome(word, key, **failure.params)
-    return failure
-
-
-COMMAND_SETTLE_S = 0.15
-"""Between a start and the first look: the reply to a start may still show "stopped" (C320 2.4.6)."""
-START_CONFIRM_TIMEOUT_S = 3.0
-"""A drive that accepted a start and still stands after this did not obey it."""
-WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)
-"""Why a frame is not sent: no such error may hide that another one has left before."""
-MAX_RESENDS = 2
-"""6.5, class A and B alike: at most twice, while the command lives."""
+SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
+RAMP_FACTOR, RAMP_SLACK_S = 1.5, 2.0  # a ramp may take 1.5 times its set time and 2 s
+DEFAULT_RAMP_TIMEOUT_S = 60.0  # where the model does not report its ramp
+SPEED_TOLERANCE = 0.005  # of the set frequency, but never less than two steps of what the drive reports
+COMMAND_SETTLE_S = 0.15  # pause before the first read: right after a start a C320 may still report "stopped" (2.4.6)
+START_CONFIRM_TIMEOUT_S = 3.0  # a drive that still stands after this did not execute the start
+WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
+MAX_RESENDS = 2  # of an unanswered command, while it has not expired
 
 
 def run(
@@ -99,13 +33,13 @@ def run(
 ) -> DriveOperation[Outcome]:
     """Run at a frequency. Raises before sending: CapabilityError, LimitError, PreflightError, StartInhibited, Expired.
 
-    ``will_wait``: ``reach`` is to follow, so a model that can't show the frequency is refused now.
+    ``will_wait``: ``wait_at_speed`` follows, so a model that can't show its speed is rejected now.
     """
     memory, dialect = op.drive, op.dialect
     memory.require_capability("run")
     memory.check_direction(direction)
     word, actual_hz = op.check_frequency(frequency_hz)
-    dialect.start(direction, word)  # refused here, before anything is sent, where the model or a proof forbids it
+    dialect.start(direction, word)  # raises now where the model or a missing calibration forbids it
     if will_wait and not dialect.can_confirm_speed():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
     yield from op.start_clock()
@@ -118,8 +52,11 @@ def run(
 
 
 def check_readiness(op: OperationContext) -> DriveOperation[None]:
-    """Status, pre-flight, and the status again where the pre-flight took time. A drive in fault is told first: its
-    parameters can't be read then (C320). Raises StartInhibited, PreflightError, or the bus's error."""
+    """Read the state and the pre-flight check, and the state again where the check took time.
+
+    A fault is reported first: parameters can't be read then (C320). Raises StartInhibited, PreflightError or the
+    error of the bus.
+    """
     yield from _require_state(op)
     state = op.derived.state
     if op.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
@@ -130,7 +67,7 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
 
 
 def _require_state(op: OperationContext) -> DriveOperation[None]:
-    """Two agreeing reads, or the bus's error: a drive that does not answer is not started."""
+    """Read the verified state. Raises the error of the bus."""
     error = yield from op.read_verified_state()
     if error is not None:
         raise error
@@ -139,7 +76,7 @@ def _require_state(op: OperationContext) -> DriveOperation[None]:
 def _change_running_speed(
     op: OperationContext, frequency_hz: float, direction: Direction | None
 ) -> DriveOperation[Outcome]:
-    """A run that goes on: only its frequency changes. Turning the other way round begins at standstill."""
+    """Change the frequency of a running drive. Reversing begins at standstill."""
     verdict = op.derived
     wanted = direction or Direction.FORWARD
     runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
@@ -158,7 +95,7 @@ def _start_from_standstill(
         return (yield from _send_start(op, frequency_hz, direction, word))
     conditions = yield from op.check_deadline()
     start = op.create_command(CommandKind.START, conditions)
-    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # else no frequency is written
+    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
     if not outcome.succeeded:
@@ -168,7 +105,7 @@ def _start_from_standstill(
         if op.dialect.reports_run_state:
             yield from _require_state(op)
         return (yield from _send_start(op, frequency_hz, direction, word))
-    except (StartInhibited, Expired) as withheld:  # they promise that nothing was sent, and the frequency has left
+    except (StartInhibited, Expired) as withheld:  # these errors mean that nothing was sent, but the frequency was
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 
@@ -189,16 +126,16 @@ def _send_start(
 
 
 def _not_started_outcome(outcome: Outcome) -> Outcome:
-    """The frequency is not known to have been taken, so the start never left."""
+    """Return the outcome of a start that was not sent because its frequency is not known to be set."""
     return replace(outcome, status=OutcomeStatus.FAILED, key="drives.not_started", params={"why": outcome})
 
 
 def send_frames(
     op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
 ) -> DriveOperation[BusResult]:
-    """The acting frame, then what must follow it. Returns the answer to the acting one.
+    """Send the acting frame and the frames that must follow it. Return the result of the acting one.
 
-    Raises StartInhibited, Expired, Superseded only before the acting frame has left; whoever looks next sees the rest.
+    Raises StartInhibited, Expired or Superseded only before the acting frame was sent.
     """
     first: BusResult = yield from op.send_command(command, frames[0])
     if first.sent:
@@ -213,7 +150,7 @@ def send_frames(
 def resend_frames(
     op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...]
 ) -> DriveOperation[bool | None]:
-    """Was it answered? None where it may not be sent any more: what became of the first one is still to be seen."""
+    """Send the frames again. Return whether the drive answered, None where they may not be sent any more."""
     try:
         answer = yield from send_frames(op, command, frames)
     except WITHHELD_ERRORS:
@@ -228,7 +165,7 @@ def confirm_start(
     direction: Direction | None,
     answered: bool,
 ) -> DriveOperation[Outcome]:
-    """Was it executed? An unanswered start is sent again only after two fenced reads show standstill (ruling 6)."""
+    """Confirm the start by verified states; resend an unanswered one only while they show standstill."""
     if not op.dialect.reports_run_state:
         return op.unverifiable_outcome(answered, "drives.start_acknowledged", "drives.start_unknown")
     sent_again = 0
@@ -262,21 +199,19 @@ def _running_outcome(op: OperationContext, direction: Direction | None) -> Outco
 
 
 def _unconfirmed_outcome(op: OperationContext, state: DriveState, silent: bool) -> Outcome:
-    if silent or state is DriveState.UNKNOWN or state.turning:  # jogged, braked or ramped down by somebody else
+    if silent or state is DriveState.UNKNOWN or state.turning:  # jogging, braking or decelerating by another command
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
-    op.drive.preflight = None  # whoever starts it again reads first whether it still listens to the bus
+    op.drive.preflight = None  # the next start checks again whether the drive accepts commands
     return op.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
 
 
 def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency_hz: float) -> DriveOperation[Outcome]:
-    """The start is confirmed; is its frequency?"""
+    """Check the frequency of a confirmed start."""
     if not op.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
     found = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
     if found.status is OutcomeStatus.FAILED:
-        return raise_for_status(
-            found
-        )  # raises: it runs, but not at what was asked for (a wrong scale or a wrong drive)
+        return raise_for_status(found)  # raises: the drive runs at another frequency
     merged = replace(outcome, exchanges=found.exchanges)
     if found.status is OutcomeStatus.CONFIRMED:
         return merged
@@ -284,8 +219,66 @@ def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency
 
 
 def _note_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcome:
-    """Preconditions that the host could not read are named, never assumed to hold."""
+    """Name the preconditions that could not be read; none is assumed to be met."""
     preflight = op.drive.preflight
     for notation, why in preflight.unreadable if preflight else ():
         outcome = with_note(outcome, "drives.precondition_unread", notation=notation, why=why)
     return outcome
+
+
+def speed_tolerance_hz(op: OperationContext, frequency_hz: float) -> float:
+    """Return the tolerance of "at the set frequency"."""
+    step = op.dialect.profile.signals["output_frequency"].scale.factor
+    return max(2.0 * step, SPEED_TOLERANCE * frequency_hz)
+
+
+def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> float:
+    """Return the longest time that a ramp may take."""
+    if timeout_s is not None:
+        return timeout_s
+    return DEFAULT_RAMP_TIMEOUT_S if acceleration_s is None else acceleration_s * RAMP_FACTOR + RAMP_SLACK_S
+
+
+def wait_at_speed(
+    op: OperationContext, frequency_hz: float, outcome: Outcome, timeout_s: float | None
+) -> DriveOperation[Outcome]:
+    """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports."""
+    conditions = yield from get_bus_conditions()
+    generation = conditions.stop_epoch
+    limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
+    until = conditions.now + limit_s
+    near_hz = speed_tolerance_hz(op, frequency_hz)
+    while True:
+        error = yield from op.read_verified_state()
+        conditions = yield from get_bus_conditions()
+        if conditions.stop_epoch != generation:
+            raise op.superseded_error()
+        state, output = op.derived.state, _output_hz(op)
+        if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
+            key = "drives.running_at"
+            done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
+            notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
+            return replace(done, notes=notes)
+        if state.output_off or conditions.now > until:
+            raise _not_reached_error(op, frequency_hz, output, limit_s, error)
+        yield from wait(SPEED_POLL_INTERVAL_S)
+
+
+def _output_hz(op: OperationContext) -> float | None:
+    """Return the newer of two readings, None unless both exist."""
+    pair = op.reading_pairs.pair("output_frequency")
+    value = None if pair is None else pair[1].value
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _not_reached_error(
+    op: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
+) -> TargetNotReached:
+    state = op.derived.state
+    key = "drives.not_reached" if error is None else "drives.not_reached_silent"
+    failure = TargetNotReached(
+        key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
+    )
+    word = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
+    failure.outcome = op.outcome(word, key, **failure.params)
+    return failure

@@ -1,4 +1,4 @@
-"""``status``: what a drive reports now, and what it does not, with the reason. Pure."""
+"""Read what a drive reports: status, identity and behaviour on communication loss."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Quality, Reading, missing_reading
 
-VOLTAGE_CLASSES = {"2": 220, "4": 380}
-"""C320 manual 3 (1), first digit of group 0."""
+VOLTAGE_CLASSES = {"2": 220, "4": 380}  # first digit of group 0 (C320 manual 3 (1))
 IDENTITY_PARTS = ("model", "series", "version", "control")
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers at an address. ``reported`` False: the model has no identity to read, it only answers."""
+    """Identity of a drive. ``reported`` False: the model has none that can be read, it only answers."""
 
     model: str
     reported: bool
@@ -36,7 +35,7 @@ class Identity:
 
 
 def identify(op: OperationContext) -> DriveOperation[Identity]:
-    """Ask the drive who it is. Raises the bus's error where it does not answer."""
+    """Read the identity. Raises the error of the bus where the drive does not answer."""
     dialect = op.dialect
     error = yield from op.sync()
     if error is not None:
@@ -54,7 +53,7 @@ def identify(op: OperationContext) -> DriveOperation[Identity]:
 
 
 def _from_digits(model: str, digits: tuple[tuple[str, str], ...]) -> Identity:
-    """Manual 3 (1): group 0 voltage class and power in decimal digits, group 3 who controls."""
+    """Decode the identity digits: voltage class and power in group 0, control source in group 3 (C320 manual 3 (1))."""
     found = dict(digits)
     first, control = found.get("model", "------"), found.get("control", "--")
     power = int(first[2:]) / 10 if first[2:].isdecimal() else None
@@ -69,7 +68,10 @@ def _flag(digit: str) -> bool | None:
 
 @dataclass(frozen=True, slots=True)
 class CommLossReport:
-    """``trips`` True: it stops by itself after ``time``; False: it runs on; None: nobody published what it does."""
+    """Behaviour of a drive on communication loss.
+
+    ``stops_on_comm_loss``: True where it stops after ``time``, False where it keeps running, None where unknown.
+    """
 
     stops_on_comm_loss: bool | None
     key: str
@@ -78,12 +80,12 @@ class CommLossReport:
     action: Reading | None = None
 
     def text(self, language: str = "en") -> str:
-        """One sentence for the person who is about to leave."""
+        """Return one sentence for the operator."""
         return i18n.text(self.key, language, **self.params)
 
 
 def comm_loss_behaviour(op: OperationContext) -> DriveOperation[CommLossReport]:
-    """Read the timer and its action. An unknown answer is to be treated as "it keeps running"."""
+    """Read the communication-loss timer and its action. Unknown must be treated as "it keeps running"."""
     rule, model = op.dialect.profile.comm_loss, op.dialect.profile.model
     notations = tuple(n for n in (rule.time_notation, rule.action_notation) if n is not None)
     if not notations:
@@ -116,11 +118,11 @@ CANONICAL_SIGNALS = {
     "output_voltage": "V",
     "dc_bus_voltage": "V",
 }
-"""What every drive is asked about: present in each status, None with a reason where the model does not report it."""
+"""Signals that are in every status, without a value and with a reason where the model does not report them."""
 
 
 def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
-    """State and readings. Raises the bus's error where the drive does not answer at all."""
+    """Read state and signals. Raises the error of the bus where the drive does not answer at all."""
     wanted = tuple(op.dialect.profile.signals) if names is None else names
     error = yield from op.read_verified_state()
     answered = error is None and bool(op.dialect.state_reads())
@@ -143,7 +145,7 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
 
 
 def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None = None) -> DriveStatus:
-    """The status with every signal of the profile in it, and the canonical ones, missing ones with their reason."""
+    """Return the status with all signals of the profile and all canonical ones, missing ones with their reason."""
     profile = dialect.profile
     readings: dict[str, Reading] = {}
     for name, unit in CANONICAL_SIGNALS.items():

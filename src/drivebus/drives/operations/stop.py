@@ -1,6 +1,6 @@
-"""``stop``, ``coast``, ``quick_stop``: sent before anything else, resent until the drive reports it (ruling 5). Pure.
+"""Stop, coast and quick stop: sent before anything else and resent until the drive reports standstill.
 
-No check of the host ever withholds a stop: nothing here asks the gate.
+A stop needs no permit: no check of the host ever withholds it.
 """
 
 from __future__ import annotations
@@ -13,34 +13,29 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
 
-STOP_PROGRESS_TIMEOUT_S = 2.0
-"""G07: a stop that shows no progress for this long is declared unconfirmed …"""
-STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16
-"""… or for as long as two looks and two stops take on this line (300 baud: 10 s)."""
-MAX_DECELERATION_S = 120.0
-"""A drive that keeps slowing down is believed this long, or as long as its own ramp takes."""
-STOP_RESEND_INTERVAL_S = 0.5
-"""A drive that is slowing down is told again this often: harmless, and a lost stop costs no more than this."""
-STOP_POLL_INTERVAL_S = 0.05
-UNVERIFIABLE_STOP_SENDS = 3
-"""DF800 shows nothing: three times, then "acknowledged, not confirmable" (matrix 6.4)."""
+STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
+STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # or for two verified states and two stops, on a slow bus (300 baud: 10 s)
+MAX_DECELERATION_S = 120.0  # longest deceleration that counts as progress, unless the drive's own ramp is longer
+STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again: harmless, and bounds the cost of a lost one
+STOP_POLL_INTERVAL_S = 0.05  # pause between two verified states
+UNVERIFIABLE_STOP_SENDS = 3  # repetitions for a drive that reports no run status (DF800)
 
 
 class StopProgress:
-    """How a stop gets on, and when it is overdue (G07)."""
+    """Progress of a stop and its deadline."""
 
     def __init__(self, op: OperationContext, begun: float, drives: int = 1) -> None:
-        """``drives``: so many are stopped at once and looked at in turns."""
+        """``drives``: number of drives that are stopped at once and read in turns."""
         self._op, self._begun, self._drives = op, begun, drives
         self._decelerating_at = self._checked_progress_at = begun
 
     @property
     def _last_progress_at(self) -> float:
-        """When the drive was last seen to slow down."""
+        """Time of the last reading that showed deceleration."""
         return max(self._decelerating_at, self._op.last_deceleration_at or self._begun)
 
     def update(self, now: float) -> bool:
-        """Is it slowing down? A lower frequency than ever seen in this stop since the last look, or such a state."""
+        """Return whether the drive has decelerated since the last update, by its frequency or its state."""
         if self._op.derived.state in (DriveState.DECELERATING, DriveState.BRAKING):
             self._decelerating_at = now
         before, self._checked_progress_at = self._checked_progress_at, self._last_progress_at
@@ -48,7 +43,7 @@ class StopProgress:
 
     @property
     def deadline(self) -> float:
-        """Without progress for its patience, or without standstill after its ramp where that is known: unconfirmed."""
+        """Time at which the stop is unconfirmed: without progress, or beyond the drive's ramp where that is known."""
         ramp, pace = self._op.drive.deceleration_s or 0.0, self._op.age.fastest_transaction_s
         patience = max(
             STOP_PROGRESS_TIMEOUT_S, STOP_PROGRESS_TIMEOUT_TRANSACTIONS * self._drives * pace if isfinite(pace) else 0.0
@@ -66,9 +61,9 @@ def stop(
     wait_confirmed: bool = True,
     progress: StopProgress | None = None,
 ) -> DriveOperation[Outcome]:
-    """Stop, and say how far that is known. Never raises for what the bus or the drive does.
+    """Stop and return how far that is confirmed. Never raises for what the bus or the drive does.
 
-    ``wait_for_it`` False returns once the drive has answered the stop (or after its resends): unconfirmed, and so said.
+    ``wait_confirmed`` False returns once the drive has answered the stop, with an unconfirmed outcome.
     """
     outcome = yield from _send_and_confirm(
         op, mode, wait_confirmed, progress or StopProgress(op, (yield from get_bus_conditions()).now)
@@ -91,7 +86,7 @@ def _send_and_confirm(
 
 
 def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
-    """One stop and what must follow it, after the other drives' stops. True where the drive answered and agreed."""
+    """Send one stop and what must follow it. Return whether the drive accepted it."""
     answered = False
     for place, request in enumerate(op.dialect.stop(mode)):
         answer: BusResult = yield from op.transact(
@@ -104,10 +99,10 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
 
 
 def _repeat_unverifiable(op: OperationContext, how: StopMode, answered: bool) -> DriveOperation[Outcome]:
-    """A drive without a run status: repeated, then said to be unconfirmable (ruling 1, T17)."""
+    """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
         if not answered:
-            yield from op.sync()  # the answer mirrors the stop: a read settles whether the adapter echoes (F03)
+            yield from op.sync()  # the reply mirrors the stop: a read shows whether the adapter echoes
         yield from wait(STOP_POLL_INTERVAL_S)
         answered = (yield from send_stop(op, how)) or answered
     if answered:
@@ -118,7 +113,7 @@ def _repeat_unverifiable(op: OperationContext, how: StopMode, answered: bool) ->
 def _until_confirmed(
     op: OperationContext, how: StopMode, last_sent: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
-    """Look, and send again, until two fenced reads show the output off or patience ends."""
+    """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
     while True:
         yield from op.read_verified_state(allowed_failures=0)
         now = (yield from get_bus_conditions()).now
@@ -134,12 +129,12 @@ def _until_confirmed(
 
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:
-    """What a user is told who must go and look."""
+    """Return the outcome of a stop that must be checked at the drive."""
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state=op.derived.state)
 
 
 def _is_stop_confirmed(op: OperationContext) -> bool:
-    """A fault or an uncharged bus ends a stop by itself; else the family's own sign of it counts too."""
+    """A fault or an uncharged DC bus ends a stop by itself; otherwise the dialect must confirm it too."""
     state = op.derived.state
     return state in (DriveState.FAULT, DriveState.NOT_READY) or op.dialect.confirms_stop(op.reading_pairs)
 
