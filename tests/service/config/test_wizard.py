@@ -22,13 +22,13 @@ from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers,
 
 ANSWERS = """
 title = "Boiler house 锅炉房"
-[[line]]
+[[bus]]
 link = "/dev/ttyUSB0"
 model = "c320"
 addresses = "1-2,7"
 names = ["Supply fan", "Supply fan"]
 baud = 19200
-[[line]]
+[[bus]]
 link = "tcp://127.0.0.1:4001"
 model = "vc660"
 addresses = "1"
@@ -104,7 +104,7 @@ def test_it_can_go_to_standard_output(answers: Path) -> None:
         ('"c320"', '"c999"', "c999"),
         ('addresses = "1"', 'addresses = "300"', "<= 255"),
         ('link = "/dev/ttyUSB0"', "", "link"),
-        ("[[line]]", "[[lines]]", "lines"),
+        ("[[bus]]", "[[buses]]", "buses"),
         ('"1-2,7"', '"1-2,7', "TOML"),
     ],
 )

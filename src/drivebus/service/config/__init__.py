@@ -1,4 +1,4 @@
-"""``plant.toml``: read, judged, costed and compared. Opens no port and sends nothing."""
+"""Configuration of a plant: loading, checking, comparing and load estimates of ``plant.toml``. Opens no port."""
 
 from drivebus.service.config.bus_load import bus_loads, dialect_of, polls_of, profile_of, serial_settings_in
 from drivebus.service.config.diff import ConfigDiff, ReloadAction, apply_diff, config_diff

@@ -1,7 +1,4 @@
-"""A file on its way to a ``PlantConfig``: what of it is well-formed, and what else it names.
-
-A checked file → the values that the plant works with.
-"""
+"""Parsed plant file and the configuration built from it."""
 
 from __future__ import annotations
 
@@ -41,31 +38,31 @@ from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable,
 
 @dataclass(slots=True)
 class ParsedPlant:
-    """The well-formed part of a file; checks fill in what they find out."""
+    """Well-formed part of a plant file. The checks fill in profiles, ports and dialects."""
 
     file: PlantFile
     raw: Mapping[str, Any]
-    """The whole of it: a table with a fault in it is still known by name."""
+    """The whole file: a table with a fault is still known by its id."""
     base: Path
-    """Folder from which relative paths count."""
+    """Folder that relative paths start from."""
     profiles: dict[str, DriveProfile] = field(default_factory=dict)
-    """Drive → profile, where it could be read."""
+    """Drive → profile, where it could be loaded."""
     profile_errors: dict[str, ProfileError] = field(default_factory=dict)
-    """Drive → why its profile could not."""
+    """Drive → error of loading its profile."""
     links: dict[str, PortUrl] = field(default_factory=dict)
     dialects: dict[str, Dialect] = field(default_factory=dict)
 
     def known_ids(self, table: str) -> list[str]:
-        """The ids of ``[bus.…]``, ``[drive.…]``, with faults in them or not."""
+        """Return the ids of ``[bus.…]`` or ``[drive.…]``, including those of faulty tables."""
         found = self.raw.get(table)
         return [str(name) for name in found] if isinstance(found, Mapping) else []
 
     def drives_on(self, bus: str) -> Iterator[tuple[str, DriveTable]]:
-        """The drives of a bus, in the order of the file, which is the order of the cable."""
+        """Yield the drives of a bus in the order of the file, which is the order of the cable."""
         return ((name, drive) for name, drive in self.file.drive.items() if drive.bus == bus)
 
     def model_of(self, drive: DriveTable) -> str:
-        """A model's name, or the absolute path of a file."""
+        """Return a model's name, or the absolute path of a profile file."""
         if not is_model_path(drive.model):
             return drive.model
         return str((self.base / Path(drive.model).expanduser()).resolve())
@@ -74,7 +71,7 @@ class ParsedPlant:
         return (self.base / Path(text).expanduser()).resolve()
 
     def read_profiles(self) -> None:
-        """Load every drive's profile; one model is read once."""
+        """Load the profile of every drive; each model is read once."""
         read: dict[str, DriveProfile | ProfileError] = {}
         for name, drive in self.file.drive.items():
             model = self.model_of(drive)
@@ -95,7 +92,7 @@ def is_model_path(model: str) -> bool:
 
 
 def plant_config(draft: ParsedPlant, source: str) -> PlantConfig:
-    """The whole plant; every check has passed."""
+    """Build the configuration of a plant that has passed every check."""
     file = draft.file
     buses = tuple(bus_config(file, id) for id in file.bus)
     return PlantConfig(
@@ -116,7 +113,7 @@ def plant_config(draft: ParsedPlant, source: str) -> PlantConfig:
 
 
 def state_directory(id: str) -> Path:
-    """Where a plant keeps its state unless the file says otherwise."""
+    """Return the default state directory of a plant."""
     base = os.environ.get("XDG_STATE_HOME")
     return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "plants" / id
 
@@ -145,12 +142,12 @@ def drive_config(draft: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
 
 
 def unpaced_drives(draft: ParsedPlant) -> frozenset[str]:
-    """Drives that ask for no periods: they take what their line has left."""
+    """Return the drives without configured periods: they share what their bus has left."""
     return frozenset(id for id, one in draft.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
 
 
 def drives_on_bus(draft: ParsedPlant, of: BusConfig) -> list[DriveConfig]:
-    """The drives of a bus that can be spoken to, paced to their line."""
+    """Return the drives of a bus with a dialect, with poll intervals that the bus can carry."""
     drives = [
         (drive_config(draft, id, one), draft.dialects[id]) for id, one in draft.drives_on(of.id) if id in draft.dialects
     ]
@@ -205,14 +202,14 @@ def _alarm(draft: ParsedPlant, id: str, one: AlarmTable) -> AlarmConfig:
 
 
 def alarm_drives(draft: ParsedPlant, alarm: AlarmTable) -> list[str]:
-    """The drives of an alarm; where it names a signal and no drives, every drive that is asked for that signal."""
+    """Return the drives of an alarm: those named, else every drive that polls its signal."""
     if alarm.drives or alarm.signal is None:
         return alarm.drives
     return [id for id, one in draft.file.drive.items() if alarm.signal in polled_signals(draft, id, one)]
 
 
 def polled_signals(draft: ParsedPlant, id: str, one: DriveTable) -> list[str]:
-    """The signals that a drive is asked for."""
+    """Return the signals that a drive polls."""
     profile = draft.profiles.get(id)
     return list(one.signals) or ([] if profile is None else list(profile.signals))
 

@@ -1,8 +1,6 @@
-"""What a drive of a ``plant.toml`` is on its line: its profile with the periods asked for, its dialect, its polls.
+"""Load of a plant's buses, estimated before anything is wired or sent: polls, load, refresh, stop bound. Pure.
 
-What a plant costs its lines, before anything is wired or sent: load, refresh of each signal, stop bound. Pure.
-
-``stop<250ms``, ``refresh<2s``, ``load<80%``: what a plant must keep, and who does not keep it. Pure.
+It includes the requirements of ``drivebus check --assert``: ``stop<250ms``, ``refresh<2s``, ``load<80%``.
 """
 
 from __future__ import annotations
@@ -25,16 +23,16 @@ from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 
 FULL_LOAD_PERCENT = 100.0
 CANDIDATE_INTERVALS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 60.0)
-"""Floors that are tried for drives that ask for no periods; few, so that one more drive seldom changes the others'."""
+"""Intervals tried for drives without periods; few, so that one more drive seldom changes those of the others."""
 
 
 def profile_of(drive: DriveConfig) -> DriveProfile:
-    """Its profile with the periods of ``signals``. Raises ProfileError."""
+    """Return a drive's profile with its configured periods. Raises ProfileError."""
     return with_periods(profiles.load(drive.model), drive.signals)
 
 
 def with_periods(profile: DriveProfile, periods: Mapping[str, float]) -> DriveProfile:
-    """Periods of signals that the profile does not know are passed over."""
+    """Return the profile with other periods; unknown signals are ignored."""
     asked = {
         name: replace(profile.signals[name], period_s=period)
         for name, period in periods.items()
@@ -44,23 +42,26 @@ def with_periods(profile: DriveProfile, periods: Mapping[str, float]) -> DrivePr
 
 
 def polled_names(drive: DriveConfig, profile: DriveProfile) -> tuple[str, ...]:
-    """The signals that are polled: those asked for, else every one."""
+    """Return the polled signals: the configured ones, else all."""
     return tuple(name for name in drive.signals or profile.signals if name in profile.signals)
 
 
 def dialect_of(drive: DriveConfig) -> Dialect:
-    """Raises ProfileError, ConfigurationError."""
+    """Return the dialect of a drive. Raises ProfileError, ConfigurationError."""
     settings = dict(drive.settings)
     return create_dialect(profile_of(drive), drive.address, encoding=drive.encoding, settings=settings)
 
 
 def polls_of(drive: DriveConfig, dialect: Dialect) -> list[Poll]:
-    """What ``Monitor(bus, dialect, drive.signals or None, period_s=drive.min_poll_interval_s)`` asks for."""
+    """Return the polls of the drive's ``Monitor``."""
     return status_polls(dialect, polled_names(drive, dialect.profile), drive.min_poll_interval_s)
 
 
 def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSettings:
-    """The bus's own line, else the LINK's, else the factory's of a drive on it. Raises PortUrlError, ValueError."""
+    """Return the settings of the bus table, else of the port URL, else the factory settings of a drive on the bus.
+
+    Raises PortUrlError, ValueError.
+    """
     link = parse_port_url(bus.link, baud=bus.baud, format=bus.format)
     if profile is None:
         return link.settings
@@ -69,7 +70,7 @@ def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSe
 
 
 def serial_settings_in(plant: PlantConfig, bus: str) -> SerialSettings:
-    """The line of a bus of the plant. Raises KeyError."""
+    """Return the serial settings of a bus. Raises KeyError."""
     setting = next((one for one in plant.buses if one.id == bus), None)
     if setting is None:
         raise KeyError(bus)
@@ -88,14 +89,14 @@ def signal_labels(plant: PlantConfig) -> dict[str, tuple[str, Text]]:
 
 
 def polling_load(drives: Iterable[tuple[DriveConfig, Dialect]], line: SerialSettings) -> BusLoad:
-    """What these drives' polls cost their line if each takes its whole time to answer."""
+    """Return the load of these drives' polls if every reply takes its longest time."""
     return estimate_bus_load([(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in drives], line)
 
 
 def with_sufficient_interval(
     drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings, free: frozenset[str]
 ) -> list[DriveConfig]:
-    """The drives, those in ``free`` (which ask for no periods) polled no oftener than the line can do."""
+    """Return the drives; those in ``free``, which have no periods, get the shortest interval that the bus can carry."""
     for pace_s in (0.0, *CANDIDATE_INTERVALS_S):
         tried = [
             (replace(drive, min_poll_interval_s=pace_s) if drive.id in free else drive, way) for drive, way in drives
@@ -107,49 +108,48 @@ def with_sufficient_interval(
 
 @dataclass(frozen=True, slots=True)
 class DriveLoadEstimate:
-    """One drive on its line. Seconds, percent of bus time."""
+    """Load of one drive: seconds, percent of bus time."""
 
     drive: str
     address: int
     model: str
     load_percent: float
     stop_bound_s: float
-    """From asking for a stop to its last bit on the wire, everybody else alive or not (5.1)."""
+    """Longest time from the request of a stop to its last bit on the wire, whether or not other stations answer."""
     periods: Mapping[str, float]
-    """Signal → how often it is asked for."""
+    """Signal → poll period."""
     refresh: Mapping[str, float]
-    """Signal → longest time between two of its values while everybody answers at its limit: its period, and once
-    everybody else's question before its own (each waits in the plan at most once)."""
+    """Signal → longest time between two values, if every station answers at its limit: period plus one bus cycle."""
     min_poll_interval_s: float
-    """No poll of it more often; 0 where nothing holds it back."""
+    """Shortest interval of its polls; 0 without a limit."""
 
     @property
     def slowest(self) -> tuple[str, float]:
-        """The signal that is refreshed least often, and how often."""
+        """Signal with the longest refresh, and that time."""
         return max(self.refresh.items(), key=lambda item: item[1], default=("-", 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class BusLoadEstimate:
-    """One line."""
+    """Load of one bus."""
 
     bus: str
     link: str
     serial_settings: SerialSettings
     load_percent: float
-    """If every station takes its whole time to answer; what remains is for commands."""
+    """Load if every station takes its longest time to answer; the rest is left for commands."""
     cycle_s: float
-    """Every poll once, back to back."""
+    """Time of every poll once, back to back."""
     drives: tuple[DriveLoadEstimate, ...]
 
     @property
     def stop_bound_s(self) -> float:
-        """The longest of its drives'."""
+        """Longest stop bound of its drives."""
         return max((one.stop_bound_s for one in self.drives), default=0.0)
 
 
 def bus_loads(plant: PlantConfig) -> tuple[BusLoadEstimate, ...]:
-    """Every line of the plant, in the order of the file."""
+    """Return the load of every bus, in the order of the file."""
     return tuple(_bus_load(plant, bus) for bus in plant.buses)
 
 
@@ -186,7 +186,7 @@ _COMPARISONS: dict[str, Callable[[float, float], bool]] = {"<": operator.lt, "<=
 
 @dataclass(frozen=True, slots=True)
 class LoadRequirement:
-    """One of them. ``limit`` in seconds, or percent for ``load``."""
+    """Requirement on the load. ``limit`` in seconds, for ``load`` in percent."""
 
     quantity: str
     sign: str
@@ -196,7 +196,7 @@ class LoadRequirement:
 
 @dataclass(frozen=True, slots=True)
 class RequirementViolation:
-    """A drive (or, for ``load``, a bus) that does not keep a demand. ``found`` is in the unit of the demand's limit."""
+    """Drive (for ``load``: bus) that misses a requirement. ``found`` has the unit of the requirement's limit."""
 
     requirement: LoadRequirement
     name: str
@@ -205,7 +205,7 @@ class RequirementViolation:
 
 
 def parse_requirement(text: str) -> LoadRequirement:
-    """Raises ValueError for anything else, a load in seconds included."""
+    """Parse a requirement. Raises ValueError, also for a load in seconds."""
     match = _REQUIREMENT.fullmatch(text)
     if match is None or (match[1] == "load") != (match[4] == "%"):
         raise ValueError(text)
@@ -213,7 +213,7 @@ def parse_requirement(text: str) -> LoadRequirement:
 
 
 def violations(demand: LoadRequirement, buses: Iterable[BusLoadEstimate]) -> Iterator[RequirementViolation]:
-    """Everybody who does not keep it."""
+    """Return everything that misses a requirement."""
     below = _COMPARISONS[demand.sign]
     return (one for bus in buses for one in _measurements(demand, bus) if not below(one.found, demand.limit))
 

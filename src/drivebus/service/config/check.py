@@ -1,9 +1,4 @@
-"""What a well-formed ``plant.toml`` must still satisfy: names that exist, drives that fit, rules that can hold.
-
-Texts of the file that would write more than themselves into a log, a terminal or a page (S13).
-
-Files, folders, addresses of the network: what the service will need at its start.
-"""
+"""Checks of a well-formed ``plant.toml``: all of them together, and those of texts, paths, web and history."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from drivebus.service.config.loopback import is_loopback
 
 
 def all_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
-    """Everything that does not fit together. Fills in the draft's profiles, links and dialects on the way."""
+    """Yield every issue of a plant file. Fills in the profiles, port URLs and dialects of ``draft``."""
     draft.read_profiles()
     yield from text_problems(draft.raw)
     yield from path_problems(draft)
@@ -31,11 +26,11 @@ def all_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
 
 
 _ALLOWED_IN_EXPRESSIONS = re.compile(r"[\n\t]")
-"""An expression may stand on several lines."""
+"""An expression may be written on several lines."""
 
 
 def text_problems(raw: Mapping[str, Any]) -> Iterator[Issue]:
-    """Every text of the file, wherever it stands."""
+    """Yield control characters in texts: they would corrupt logs, terminals and pages."""
     yield from _check_value(raw, ())
 
 
@@ -125,5 +120,5 @@ def _is_postgres(url: str) -> bool:
 
 
 def redact_url(url: str) -> str:
-    """The URL without its password: complaints are shown, logged and sent."""
+    """Return a URL without its password, because issues are shown and logged."""
     return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:…@", url)

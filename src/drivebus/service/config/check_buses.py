@@ -1,8 +1,6 @@
-"""Buses: LINKs that can be understood, and no device twice. Opens nothing.
+"""Checks of buses and drives: port URLs, models, addresses, settings, limits, signals, and the load of each bus.
 
-Drives, each for itself: its bus, model, address, settings, limits, signals; and no two at one address.
-
-A line and all that is on it: one setting that everybody can have, one family, and polls that it can carry.
+Nothing is opened.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ from drivebus.service.config.model import DriveConfig
 from drivebus.service.config.schema import BusTable, DriveTable
 
 _UNOPENED_SCHEMES = ("memory", "replay")
-"""To make a port of these takes one end of a wire, or reads a file; one with a name is shared with whoever has it."""
+"""Ports of these schemes cannot be created for a check: they take one end of a connection or read a file."""
 
 
 def bus_problems(draft: ParsedPlant) -> Iterator[Issue]:
@@ -61,7 +59,7 @@ def bus_problems(draft: ParsedPlant) -> Iterator[Issue]:
 
 
 def is_format(text: str) -> bool:
-    """Data bits, parity, stop bits."""
+    """Return whether ``text`` names data bits, parity and stop bits, such as 8E1."""
     try:
         SerialSettings.parse(9600, text)
     except ValueError:
@@ -70,7 +68,7 @@ def is_format(text: str) -> bool:
 
 
 def _parse_bus_link(bus: BusTable) -> PortUrl:
-    """Raises PortUrlError, ConfigurationError: also for an option that the scheme does not have."""
+    """Parse the port URL of a bus. Raises PortUrlError, ConfigurationError, also for an unknown option."""
     link = parse_port_url(bus.link, baud=bus.baud, format=bus.format)
     if link.scheme not in _UNOPENED_SCHEMES and "name" not in link.options:
         ports.open_port(bus.link, baud=bus.baud, format=bus.format)
@@ -78,12 +76,12 @@ def _parse_bus_link(bus: BusTable) -> PortUrl:
 
 
 def error_text(error: DrivebusError) -> Text:
-    """An error's sentence in both languages."""
+    """Return an error's message in both languages."""
     return Text(*(error.text(language) for language in i18n.LANGUAGES))
 
 
 def device_of(link: PortUrl) -> tuple[str, ...]:
-    """What a LINK stands for: two that are equal are one pair of wires."""
+    """Return the identity of a port: equal ones are the same pair of wires."""
     if link.scheme in NETWORK_SCHEMES:
         return ("network", f"{link.host}:{link.port}")
     if link.scheme == "serial":
@@ -109,13 +107,13 @@ def drive_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
 
 
 def suggestions(name: str, known: list[str]) -> dict[str, Any]:
-    """Places of a sentence about a name that nobody knows."""
+    """Return the parameters of an issue about an unknown name: known names and similar ones."""
     close = nearest_names(name, known) or get_close_matches(name, known, 1, 0.0)
     return {"known": ", ".join(known) or "-", "near": ", ".join(close) or "-"}
 
 
 def _check_profile(draft: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
-    """Its profile: no such model, or the faults of its file."""
+    """Yield the issues of a profile that could not be loaded."""
     found = draft.profile_errors[id].params
     path = ("drive", id, "model")
     kinds = [one.kind for one in found["complaints"]]
@@ -170,7 +168,7 @@ def _check_settings(id: str, drive: DriveTable, profile: DriveProfile) -> Iterat
 
 
 def _is_choice(profile: DriveProfile, name: str, value: Any) -> bool:
-    """This value is one that the open question can have."""
+    """Return whether an option of the model may have this value."""
     question = next((one for one in profile.open_questions if one.setting == name), None)
     if question is None or not (question.choices or question.span):
         return type(value) is type(profile.settings[name])
@@ -189,7 +187,7 @@ def _choices(profile: DriveProfile, name: str) -> str:
 
 
 def _check_limits(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
-    """Nothing wider than the model's own: what a profile does not allow, its file must be changed for."""
+    """Yield limits wider than the model's own."""
     limits, own = drive.limits, profile.limits
     path = ("drive", id, "limits")
     highest = own.maximum_hz if limits.maximum_hz is None else limits.maximum_hz
@@ -225,7 +223,7 @@ def bus_load_problems(draft: ParsedPlant) -> Iterator[Issue]:
 
 
 def _check_families(draft: ParsedPlant, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
-    """T18: bytes of one protocol may look like a frame of another."""
+    """Yield drives of different protocols: bytes of one may look like a frame of another."""
     spoken = [(id, draft.dialects[id]) for id, _ in drives if id in draft.dialects]
     for id, dialect in spoken[1:]:
         first, other = spoken[0]
@@ -235,7 +233,7 @@ def _check_families(draft: ParsedPlant, drives: list[tuple[str, DriveTable]]) ->
 
 
 def _check_serial_settings(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
-    """The line's baud rate and format: known, and offered by every model on it."""
+    """Yield serial settings that are unknown or that a model on the bus does not have."""
     link = draft.links.get(bus)
     if link is None:
         return
@@ -252,7 +250,7 @@ def _check_serial_settings(draft: ParsedPlant, bus: str, drives: list[tuple[str,
 
 
 def _setting_path(draft: ParsedPlant, bus: str, name: str) -> SettingPath:
-    """Where the value stands: a key of its own, else in the LINK."""
+    """Return the key that holds the setting: its own, else the port URL."""
     own = getattr(draft.file.bus[bus], name) is not None
     return ("bus", bus, name) if own else ("bus", bus, "link")
 
@@ -285,7 +283,7 @@ def _check_load(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable
 
 
 def _check_periods(draft: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
-    """One question and its answer take longer than the period that was asked for."""
+    """Yield signals whose period is shorter than one request with its reply."""
     for id, drive in drives:
         for name, period_s in drive.signals.items():
             least_s = _poll_time_s(draft.dialects[id], name, line)
@@ -295,13 +293,13 @@ def _check_periods(draft: ParsedPlant, drives: list[tuple[str, DriveTable]], lin
 
 
 def _poll_time_s(dialect: Dialect, name: str, line: SerialSettings) -> float:
-    """The longest that one of the questions for this signal may take."""
+    """Return the longest time of one request for this signal, in seconds."""
     polls = [Poll(request, 1.0) for request, _ in dialect.polls((name,))]
     return max((estimate_bus_load([(dialect.station_config, [poll])], line).cycle_s for poll in polls), default=0.0)
 
 
 def sufficient_interval(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> str:
-    """The ``min_poll_interval_s`` with which the line could carry all these drives."""
+    """Return the ``min_poll_interval_s`` with which the bus could carry all these drives."""
     for pace_s in CANDIDATE_INTERVALS_S:
         paced = [
             (replace(drive, min_poll_interval_s=max(pace_s, drive.min_poll_interval_s)), dialect)

@@ -1,9 +1,4 @@
-"""Groups, interlocks and alarms: what they name exists, and what they ask for can happen.
-
-Interlocks before they run: expressions that can be read, names, units, and no drive that waits for itself.
-
-Alarms: what each kind needs, signals that its drives have, thresholds that can be reached and left again.
-"""
+"""Checks of groups, interlocks and alarms: names, expressions, units, thresholds, and cycles of drives."""
 
 from __future__ import annotations
 
@@ -46,7 +41,7 @@ def rule_problems(draft: ParsedPlant) -> Iterator[Issue]:
 
 
 def check_drive_names(draft: ParsedPlant, drives: Sequence[str], path: KeyPath) -> Iterator[Issue]:
-    """A list of drives: each exists, none stands twice."""
+    """Yield drives that do not exist or are listed twice."""
     known = draft.known_ids("drive")
     for index, drive in enumerate(drives):
         if drive not in known:
@@ -93,7 +88,7 @@ def _check_names(draft: ParsedPlant, expression: Expression, path: KeyPath) -> I
 
 
 def _check_signal(draft: ParsedPlant, one: SignalReference, path: KeyPath) -> Iterator[Issue]:
-    """It is asked for, and its values can be good."""
+    """Yield a reference to a signal that is not polled or never has good quality."""
     profile = draft.profiles[one.drive]
     if one.name == STATE_NAME:
         if "status" not in profile.capabilities:
@@ -108,7 +103,7 @@ def _check_signal(draft: ParsedPlant, one: SignalReference, path: KeyPath) -> It
 
 
 def _check_sides(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
-    """Both sides measure the same; states are compared with their words."""
+    """Yield comparisons whose sides differ in quantity, and states compared with anything but their words."""
     left, right = comparison.left, comparison.right
     if not any(isinstance(side, SignalReference) for side in (left, right)):
         yield issue("expression_constant", path, str(comparison), column=left.column)
@@ -147,7 +142,7 @@ def _is_state(side: Operand) -> bool:
 
 
 def quantity_of(draft: ParsedPlant, side: Operand) -> str | None:
-    """What a side measures; None where that is not known (and has been complained about)."""
+    """Return the quantity of an operand; None if it is unknown and already reported."""
     if _is_state(side):
         return STATE_NAME
     unit = _unit(draft, side)
@@ -166,7 +161,7 @@ def _unit(draft: ParsedPlant, side: Operand) -> str | None:
 
 
 def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, Expression]) -> Iterator[Issue]:
-    """Drives that could only start after each other: none of them ever would."""
+    """Yield drives that must run before each other, so that none of them could ever start."""
     first: dict[str, list[tuple[str, str]]] = {}
     for id, expression in read.items():
         wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
@@ -182,7 +177,7 @@ def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, E
 
 
 def _shortest_cycle(start: str, first: Mapping[str, list[tuple[str, str]]]) -> list[str] | None:
-    """The shortest way from a drive over those that must run before it back to itself."""
+    """Return the shortest cycle of required drives from ``start`` back to itself."""
     ways = [[start]]
     seen = {start}
     while ways:
@@ -209,7 +204,7 @@ def alarm_problems(draft: ParsedPlant) -> Iterator[Issue]:
 
 
 def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
-    """What a kind needs and what means nothing to it."""
+    """Yield keys that a kind of alarm needs, and keys that it does not use."""
     for name in ("signal", "threshold") if alarm.kind in _THRESHOLD_KINDS else ():
         if getattr(alarm, name) is None:
             yield issue("alarm_needs", (*path, "kind"), alarm.kind, name=name)
@@ -247,7 +242,7 @@ def _check_alarm_signal(draft: ParsedPlant, alarm: AlarmTable, name: str, path: 
 
 
 def _check_threshold(alarm: AlarmTable, threshold: float, signals: dict[str, Signal], path: KeyPath) -> Iterator[Issue]:
-    """It can be crossed, and left again by the hysteresis."""
+    """Yield a threshold that can never be crossed, and a hysteresis that never clears."""
     for drive, signal in signals.items():
         low, high = signal.minimum, signal.maximum
         bounds = f"{_bound_text(low)} … {_bound_text(high)} {signal.unit}".rstrip()

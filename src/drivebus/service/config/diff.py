@@ -1,4 +1,4 @@
-"""What a changed ``plant.toml`` asks for: only this is done by a reload, everything else goes on. Pure."""
+"""Difference of two plant configurations. A reload does only what it names; everything else keeps running. Pure."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from drivebus.service.config.model import AlarmConfig, BusConfig, DriveConfig, G
 
 
 class ReloadAction(StrEnum):
-    """What a reload does to a drive that was there before and still is."""
+    """Action of a reload for a drive that exists before and after it."""
 
     UNCHANGED = "unchanged"
-    """Nothing: it misses no poll."""
+    """No change; the drive misses no poll."""
     UPDATE = "update"
-    """Title, limits, policies: taken over as they are; it misses no poll either."""
+    """New title, limits or policies are taken over; the drive misses no poll."""
     REPOLL = "repoll"
-    """Its polls are replaced; it stays on its bus with its fences, permits and stops."""
+    """Its polls are replaced; it stays on its bus with its permits and stops."""
     RECREATE = "recreate"
-    """It is another drive, or on another line: taken off its bus and added again."""
+    """Another drive or another bus: removed from the bus and added again."""
 
 
 UPDATE_FIELDS = frozenset({"title", "limits", "on_client_lost", "on_service_stop", "on_restart"})
 REPOLL_FIELDS = frozenset({"signals", "min_poll_interval_s"})
 UPDATE_BUS_FIELDS = frozenset({"title"})
-"""All other settings of a bus mean that its port is closed and another one opened."""
+"""A change of any other field of a bus closes its port and opens another one."""
 _CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms")
 
 
@@ -40,7 +40,7 @@ T = TypeVar("T", bound=_HasId)
 
 @dataclass(frozen=True, slots=True)
 class PartDiff(Generic[T]):
-    """One kind of thing: what came, what went, what is different; ``order`` is all of them as they are now."""
+    """Difference of one kind of items. ``order`` lists all ids of the new configuration."""
 
     added: Mapping[str, T]
     removed: tuple[str, ...]
@@ -48,7 +48,7 @@ class PartDiff(Generic[T]):
     order: tuple[str, ...]
 
     def __bool__(self) -> bool:
-        """Is there anything to do? Another order alone is not."""
+        """Whether anything is added, removed or changed; another order alone does not count."""
         return bool(self.added or self.removed or self.changed)
 
     def applied(self, old: Sequence[T]) -> tuple[T, ...]:
@@ -58,7 +58,7 @@ class PartDiff(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ConfigDiff:
-    """From one plant to another."""
+    """Difference of two plants."""
 
     buses: PartDiff[BusConfig]
     drives: PartDiff[DriveConfig]
@@ -66,24 +66,24 @@ class ConfigDiff:
     interlocks: PartDiff[InterlockConfig]
     alarms: PartDiff[AlarmConfig]
     actions: Mapping[str, ReloadAction]
-    """Every drive that is in both."""
+    """Action for every drive that is in both."""
     reopened: tuple[str, ...]
-    """Buses in both whose port must be closed and opened anew; their drives' fate is ``anew``."""
+    """Buses in both whose port is closed and opened again; the action of their drives is RECREATE."""
     others: Mapping[str, Any]
-    """Further settings of the plant that changed (``title``, ``history``, ``web`` …), with their new values."""
+    """Changed fields of the plant itself (``title``, ``history``, ``web`` …) with their new values."""
 
     def __bool__(self) -> bool:
-        """Does anything change?"""
+        """Whether anything changes."""
         return bool(any(getattr(self, name) for name in _CONFIG_PARTS) or self.others)
 
     @property
     def unchanged(self) -> tuple[str, ...]:
-        """Drives that miss no poll and change nothing, in the order of the new file."""
+        """Drives with the action UNCHANGED, in the order of the new file."""
         return tuple(id for id in self.drives.order if self.actions.get(id) is ReloadAction.UNCHANGED)
 
 
 def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
-    """What must be done to get from ``old`` to ``new``."""
+    """Return the difference from ``old`` to ``new``."""
     parts: dict[str, Any] = {name: _part_diff(getattr(old, name), getattr(new, name)) for name in _CONFIG_PARTS}
     before = {bus.id: bus for bus in old.buses}
     reopened = tuple(
@@ -96,7 +96,7 @@ def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
 
 
 def apply_diff(change: ConfigDiff, old: PlantConfig) -> PlantConfig:
-    """``apply(difference(a, b), a) == b``."""
+    """Apply a difference: ``apply_diff(config_diff(a, b), a) == b``."""
     parts: dict[str, Any] = {name: getattr(change, name).applied(getattr(old, name)) for name in _CONFIG_PARTS}
     return replace(old, **parts, **change.others)
 
@@ -121,5 +121,5 @@ def _reload_action(old: DriveConfig, new: DriveConfig, reopened: Sequence[str]) 
 
 
 def _changed_fields(old: Any, new: Any) -> set[str]:
-    """Names of the fields that are different."""
+    """Return the names of the fields that differ."""
     return {one.name for one in fields(old) if getattr(old, one.name) != getattr(new, one.name)}

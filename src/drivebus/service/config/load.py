@@ -1,6 +1,6 @@
-"""TOML → ``PlantConfig``, or a refusal that names every mistake: file, line, key, found, expected, remedy.
+"""Loading of a ``plant.toml``: its configuration, or an error that names every issue with line, key and remedy.
 
-Where a plant keeps its state, from a file that may be full of mistakes: whoever stops everything needs no more.
+The state directory can be found even in a faulty file, because a stop of the whole plant needs nothing else.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 
 CATALOGUE = "plant_config"
 MAX_COMPLAINTS = 100
-"""So many complaints of one file are told: nobody reads more, and a file from afar must not cost more."""
+"""Issues reported for one file, so that a hostile file cannot cost more."""
 MAX_VALIDATION_ROUNDS = 8
-"""A table without the key it needs is put aside, then what held it: a file is no deeper."""
+"""Rounds of removing faulty keys: a table without a required key is removed, then the table that held it."""
 PLACEHOLDER_PLANT = {"id": "plant"}
-"""For a ``[plant]`` or its id that is put aside: no file is without them, and the rest can still be checked."""
+"""Stands for a faulty ``[plant]`` or its id, so that the rest can be checked."""
 
 
 def load(path: str | Path) -> PlantConfig:
-    """The plant of a file. Raises ConfigurationError; its params carry every fault as ``complaints``."""
+    """Load a plant file. Raises ConfigurationError with every issue in its parameter ``complaints``."""
     where = Path(path)
     try:
         with where.open("rb") as file:
@@ -50,12 +50,12 @@ def load(path: str | Path) -> PlantConfig:
 
 
 def loads(text: str, source: str = "plant.toml", base: Path | None = None) -> PlantConfig:
-    """The plant of a text; relative paths count from ``base`` (else from here). Raises as ``load`` does."""
+    """Load a plant from a text. Relative paths start from ``base``, else from here. Raises like ``load``."""
     return _parse(text.encode(), source, (base or Path()).resolve())
 
 
 def unreadable_complaint(path: str, error: OSError) -> Diagnostic:
-    """Of a file that the system does not give."""
+    """Return the diagnostic of a file that cannot be read."""
     missing = isinstance(error, FileNotFoundError)
     found = issue("no_file", (), path) if missing else issue("unreadable", (), error.strerror or str(error))
     return to_diagnostic(found, path, None, CATALOGUE)
@@ -95,7 +95,7 @@ def toml_complaint(source: str, error: tomllib.TOMLDecodeError, text: str) -> Di
 
 
 def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
-    """What is well-formed, and all that is not: faulty keys are put aside, so that the rest can still be checked."""
+    """Validate a file and return its model and the issues. Faulty keys are removed, so that the rest can be checked."""
     rest: dict[str, Any] = copy.deepcopy(dict(raw))
     faults: list[Issue] = []
     for _ in range(MAX_VALIDATION_ROUNDS):
@@ -114,13 +114,13 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
 
 
 def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:
-    """A key is missing now because a faulty one of its table was put aside before."""
+    """Return whether a missing key is the consequence of a faulty key of its table that was removed."""
     table = one.path[:-1]
     return one.kind == "missing_key" and any(told.path[: len(table)] == table for told in tuple(faults))
 
 
 def _remove_key(data: Any, path: Sequence[str | int]) -> None:
-    """Take a key away; an entry of a list takes its whole list with it, so that no index shifts."""
+    """Remove a key. An entry of a list removes its whole list, so that no index shifts."""
     for depth, part in enumerate(path):
         inner = data.get(part) if isinstance(data, dict) else None
         if depth == len(path) - 1 or not isinstance(inner, dict):
@@ -131,7 +131,7 @@ def _remove_key(data: Any, path: Sequence[str | int]) -> None:
 
 
 def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> list[Diagnostic]:
-    """Each with the line of its key, or of the nearest table above it."""
+    """Return diagnostics with the line of their key, or of the nearest table above it."""
     lines: dict[tuple[str, ...], int] = {}
     for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
@@ -147,14 +147,14 @@ def _complaint_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: st
 
 
 _PLANT_TABLE = re.compile(r"^[ \t]*\[[ \t]*plant[ \t]*\][^\n]*\n(.*?)(?=^[ \t]*\[|\Z)", re.MULTILINE | re.DOTALL)
-"""The table, in a file whose rest may be no TOML."""
+"""Finds the table in a file whose rest may be invalid TOML."""
 _PLANT_ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
 def state_directory_of(plant: str) -> Path:
-    """The state directory that ``[plant]`` names, whatever else is wrong (ruling 5: no check drops a stop).
+    """Return the state directory named in ``[plant]``, whatever else is wrong: no faulty file may prevent a stop.
 
-    Raises ConfigurationError, with every mistake, where not even that can be read.
+    Raises ConfigurationError with every issue if not even that can be read.
     """
     table = _plant_table(Path(plant))
     directory, id = table.get("directory"), table.get("id")
@@ -166,7 +166,7 @@ def state_directory_of(plant: str) -> Path:
 
 
 def _plant_table(file: Path) -> dict[str, Any]:
-    """``[plant]``; empty where it can't be read."""
+    """Return the table ``[plant]``; empty if it cannot be read."""
     try:
         found = _PLANT_TABLE.search(file.read_text(encoding="utf-8", errors="replace"))
         return {} if found is None else tomllib.loads(found[1])

@@ -1,4 +1,4 @@
-"""Which hosts are this machine itself: what is said to them passes nobody on the way (S15)."""
+"""Addresses of this machine itself, over which traffic cannot be intercepted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ipaddress
 
 
 def is_loopback(host: str) -> bool:
-    """Reached from this machine only."""
+    """Return whether a host is reachable from this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

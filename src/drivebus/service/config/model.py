@@ -1,4 +1,4 @@
-"""What a ``plant.toml`` says: values only; ``plant.config`` makes them from the file and refuses what can't be."""
+"""Configuration of a plant: the values of a checked ``plant.toml``."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from drivebus.profiles.model import Text
 
 
 class OnClientLost(StrEnum):
-    """What becomes of a drive whose owner is gone (6.6)."""
+    """Policy for a drive whose control lease has ended without release."""
 
     HOLD = "hold"
-    """It goes on as it is; an alarm tells so."""
+    """It keeps running, with an alarm."""
     STOP = "stop"
 
 
 class OnServiceStop(StrEnum):
-    """What becomes of a drive that this service started, when it ends in an orderly way (6.6)."""
+    """Policy for a drive started by this service when the service stops in an orderly way."""
 
     STOP = "stop"
     HOLD = "hold"
 
 
 class OnRestart(StrEnum):
-    """What a restarted service does about a drive that runs; it never starts anything (ruling 7)."""
+    """Policy for a drive that runs when the service starts. The service never starts anything by itself."""
 
     ADOPT = "adopt"
-    """Watch it; an alarm tells that it runs without an owner."""
+    """Observe it, with an alarm that it runs without control lease."""
     STOP = "stop"
 
 
 class AlarmPriority(StrEnum):
-    """How urgent an alarm is."""
+    """Priority of an alarm (ISA-18.2)."""
 
     CRITICAL = "critical"
     HIGH = "high"
@@ -46,7 +46,7 @@ class AlarmPriority(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BusConfig:
-    """One line: a LINK and its settings."""
+    """One bus: port URL and serial settings."""
 
     id: str
     link: str
@@ -57,22 +57,22 @@ class BusConfig:
 
 @dataclass(frozen=True, slots=True)
 class DriveConfig:
-    """One drive of the plant."""
+    """One drive."""
 
     id: str
     bus: str
     address: int
     model: str
-    """A profile's name, or the path of a TOML file."""
+    """Name of a profile, or path of a TOML file."""
     title: Text = Text("", "")
     encoding: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Answers to the family's open questions."""
+    """Values of the model's undocumented options."""
     limits: DriveLimits = field(default_factory=DriveLimits)
     signals: Mapping[str, float] = field(default_factory=dict)
-    """Signal → period in seconds, 0.05 and more; every signal of the profile at its own period where empty."""
+    """Signal → period in seconds, at least 0.05; if empty, every signal of the profile at its own period."""
     min_poll_interval_s: float = 0.0
-    """No poll of this drive more often: as the file says, else what its line can do where no period is asked for."""
+    """Shortest interval of this drive's polls, configured or chosen for what the bus can carry."""
     on_client_lost: OnClientLost = OnClientLost.HOLD
     on_service_stop: OnServiceStop = OnServiceStop.STOP
     on_restart: OnRestart = OnRestart.ADOPT
@@ -80,22 +80,22 @@ class DriveConfig:
 
 @dataclass(frozen=True, slots=True)
 class GroupConfig:
-    """Drives that are started and stopped together."""
+    """Drives that are started in sequence and stopped together."""
 
     id: str
     drives: tuple[str, ...]
     title: Text = Text("", "")
     start_interval_s: float = 0.0
-    """At least so long between two starts."""
+    """Shortest time between two starts, in seconds."""
     max_concurrent_starts: int = 1
-    """So many may accelerate at a time."""
+    """Drives that may accelerate at the same time."""
     leader: str | None = None
     ratios: Mapping[str, float] = field(default_factory=dict)
-    """Drive → its frequency / the leader's."""
+    """Drive → ratio of its frequency to the leader's."""
 
 
 class InterlockAction(StrEnum):
-    """What a violated interlock does."""
+    """Action of a violated interlock."""
 
     STOP = "stop"
     BLOCK_START = "block_start"
@@ -103,19 +103,19 @@ class InterlockAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class InterlockConfig:
-    """``drives`` may run only while ``require`` holds; where a value in it is not good, it does not hold."""
+    """Condition under which ``drives`` may run; a value without good quality violates it."""
 
     id: str
     drives: tuple[str, ...]
     require: str
-    """An expression over signals, e.g. ``pump-1.output_frequency > 5 Hz and fan-1.state == running``."""
+    """Expression over signals, e.g. ``pump-1.output_frequency > 5 Hz and fan-1.state == running``."""
     action: InterlockAction = InterlockAction.STOP
     delay_s: float = 0.0
     title: Text = Text("", "")
 
 
 class AlarmKind(StrEnum):
-    """What an alarm watches."""
+    """Condition of an alarm."""
 
     ABOVE = "above"
     BELOW = "below"
@@ -126,15 +126,15 @@ class AlarmKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AlarmConfig:
-    """One alarm over one drive or several. ``fault`` and ``silent`` exist for every drive without being written."""
+    """One alarm for one or several drives. ``fault`` and ``no_response`` exist for every drive by default."""
 
     id: str
     kind: AlarmKind
     drives: tuple[str, ...]
-    """Every drive where empty."""
+    """Every drive if empty."""
     signal: str | None = None
     threshold: float | None = None
-    """In the signal's unit."""
+    """In the unit of the signal."""
     hysteresis: float = 0.0
     delay_s: float = 0.0
     priority: AlarmPriority = AlarmPriority.HIGH
@@ -143,7 +143,7 @@ class AlarmConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RetentionConfig:
-    """Days for which samples and rollups stay in the history."""
+    """Days for which samples and rollups are kept."""
 
     raw_days: float = 2.0
     rollup_1s_days: float = 7.0
@@ -153,7 +153,7 @@ class RetentionConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryConfig:
-    """Where samples go and how long they stay. ``url`` None is SQLite in the state directory."""
+    """Database and size of the history. ``url`` None: SQLite in the state directory."""
 
     url: str | None = None
     retention: RetentionConfig = RetentionConfig()
@@ -162,35 +162,35 @@ class HistoryConfig:
 
 @dataclass(frozen=True, slots=True)
 class AuditConfig:
-    """Where the audit trail's second file and its key lie; on another disk or machine they show more (S12)."""
+    """Checkpoint file and key of the audit trail. On another disk or machine they detect more."""
 
     checkpoints: Path | None = None
-    """``checkpoints.jsonl`` in the state directory where None."""
+    """None: ``checkpoints.jsonl`` in the state directory."""
     key: Path | None = None
-    """Beside the state directory, as ``<its name>.audit.key``, where None."""
+    """None: ``<state directory>.audit.key``."""
 
 
 @dataclass(frozen=True, slots=True)
 class WebConfig:
-    """Where the page and the API listen. Anything but loopback needs ``certificate`` and an administrator (S15)."""
+    """Address of the page and the API. Any but loopback needs ``certificate`` and an administrator."""
 
     host: str = "127.0.0.1"
     port: int = 8080
     certificate: Path | None = None
     key: Path | None = None
     origins: tuple[str, ...] = ()
-    """Further origins under which the page is reached (a reverse proxy's)."""
+    """Further origins under which browsers reach the page, such as a reverse proxy's."""
     enabled: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class PlantConfig:
-    """A whole ``plant.toml``."""
+    """Configuration of a whole plant."""
 
     id: str
     title: Text
     directory: Path
-    """State directory: history, audit, users, cases, sockets."""
+    """State directory: history, audit trail, users, incidents, sockets."""
     buses: tuple[BusConfig, ...]
     drives: tuple[DriveConfig, ...]
     groups: tuple[GroupConfig, ...] = ()
@@ -200,10 +200,10 @@ class PlantConfig:
     audit: AuditConfig = AuditConfig()
     web: WebConfig = WebConfig()
     users: Path | None = None
-    """The users' store; ``users.json`` in the state directory where None."""
+    """User file; None: ``users.json`` in the state directory."""
     source: str = ""
-    """The file it was read from."""
+    """File from which it was loaded."""
 
     def drive(self, id: str) -> DriveConfig:
-        """Raises KeyError."""
+        """Return a drive. Raises KeyError."""
         return {drive.id: drive for drive in self.drives}[id]

@@ -1,7 +1,7 @@
-"""The shape of a ``plant.toml``: pydantic, strict, nothing unknown. What needs two keys at once is in ``check``.
+"""Schema of a ``plant.toml``: strict pydantic models. What concerns several keys at once is in ``check``.
 
-Everything that can be referred to is a table with its id in the header (``[drive.fan-1]``), so that no id is given
-twice and every complaint has a line. Each key has its paragraph in the catalogues, ``plant_config.key.<table>.<key>``.
+Everything that can be referred to is a table with its id in the header (``[drive.fan-1]``), so that no id is used
+twice and every issue has a line. Each key is described in the catalogues, ``plant_config.key.<table>.<key>``.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig, WebConfig
 
 PLANT_FILE_FORMAT = 1
-"""Newest file format that this drivebus reads."""
+"""Newest file format that this version reads."""
 MIN_PERIOD_S = 0.05
-"""No poll more often: a transaction at 9600 baud takes about as long."""
+"""Shortest poll period: about one transaction at 9600 baud."""
 _DAY_S = 86_400.0
 
 Seconds = Annotated[float, Field(ge=0, le=_DAY_S)]
@@ -31,7 +31,7 @@ SettingValue = str | int | float | bool
 
 
 class StrictModel(BaseModel):
-    """No unknown keys, no coercion."""
+    """Base of all tables: no unknown keys, no coercion."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -42,7 +42,7 @@ class TitleIn(StrictModel):
 
 
 def _in_both_languages(value: Any) -> Any:
-    """One name for both languages may be written once."""
+    """Expand a title that is written once for both languages."""
     return {"en": value, "zh": value} if isinstance(value, str) else value
 
 
@@ -149,7 +149,7 @@ class WebTable(StrictModel):
 
 
 class PlantFile(StrictModel):
-    """A whole file."""
+    """Whole file."""
 
     format: int
     plant: PlantTable

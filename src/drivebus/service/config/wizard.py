@@ -1,7 +1,4 @@
-"""What a new plant.toml is made of: what a scan found, or what somebody answered. Values, and their file.
-
-Answers → the text of a commented plant.toml, in the user's language. What it writes loads (a test).
-"""
+"""Creation of a new ``plant.toml``: the answers of a scan or of questions, and the commented file made of them."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictM
 
 @dataclass(frozen=True, slots=True)
 class DriveAnswer:
-    """One drive of a line. ``others``: sister models that would answer alike."""
+    """Drive of a bus. ``others``: sister models that would answer alike."""
 
     address: int
     model: str
@@ -36,7 +33,7 @@ class DriveAnswer:
 
 @dataclass(frozen=True, slots=True)
 class BusAnswer:
-    """One LINK and its drives. ``baud`` and ``format`` None: what the LINK says, or the factory."""
+    """Bus and its drives. ``baud`` and ``format`` None: as the port URL says, else the factory settings."""
 
     link: str
     drives: tuple[DriveAnswer, ...]
@@ -46,7 +43,7 @@ class BusAnswer:
 
 @dataclass(frozen=True, slots=True)
 class PlantAnswers:
-    """A whole plant."""
+    """Plant of a new file."""
 
     title: str
     buses: tuple[BusAnswer, ...]
@@ -64,11 +61,14 @@ class _BusAnswerIn(StrictModel):
 
 class _PlantAnswersIn(StrictModel):
     title: ShortText = "plant"
-    line: Annotated[list[_BusAnswerIn], Field(min_length=1)]
+    bus: Annotated[list[_BusAnswerIn], Field(min_length=1)]
 
 
 def read_answers(path: str) -> PlantAnswers:
-    """``title`` and ``[[line]]`` tables with link, model, addresses (``1-3,7``), names. Raises ConfigurationError."""
+    """Read an answers file. Raises ConfigurationError.
+
+    It has ``title`` and tables ``[[bus]]`` with link, model, addresses (``1-3,7``) and names.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
         found = _PlantAnswersIn.model_validate(tomllib.loads(text))
@@ -83,7 +83,7 @@ def read_answers(path: str) -> PlantAnswers:
     except ValidationError as error:
         faults = issues_from_pydantic(error, _PlantAnswersIn)
         raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
-    return PlantAnswers(found.title, tuple(_bus_answer(one) for one in found.line))
+    return PlantAnswers(found.title, tuple(_bus_answer(one) for one in found.bus))
 
 
 def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
@@ -96,7 +96,7 @@ def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
 
 
 def parse_addresses(text: str) -> list[int]:
-    """``1-3,7`` → 1, 2, 3, 7. Raises ConfigurationError for a range that ends before it begins."""
+    """Return the addresses of ``1-3,7``. Raises ConfigurationError for a range that ends before it begins."""
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = part.partition("-")
@@ -108,13 +108,13 @@ def parse_addresses(text: str) -> list[int]:
 
 
 def id_from_title(text: str, otherwise: str) -> str:
-    """An id from a title: lower case letters, digits and -."""
+    """Return an id made from a title: lower case letters, digits and -."""
     found = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40].strip("-")
     return found or otherwise
 
 
 def unique_id(wanted: str, taken: Iterable[str]) -> str:
-    """``wanted``, with a number behind it where somebody has it."""
+    """Return ``wanted``, with a number appended if it is taken."""
     known = set(taken)
     tries: Sequence[str] = [wanted, *(f"{wanted}-{number}" for number in range(2, len(known) + 3))]
     return next(one for one in tries if one not in known)
@@ -122,11 +122,11 @@ def unique_id(wanted: str, taken: Iterable[str]) -> str:
 
 _BUS_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 _EXAMPLE_PERIODS = {"output_frequency": "0.5", "output_current": "1.0"}
-"""Signals of the examples, where a model has them."""
+"""Signals and periods of the examples."""
 
 
 def plant_toml(answers: PlantAnswers, language: str) -> str:
-    """The whole file. Raises ProfileError for a model that nobody knows."""
+    """Return the text of the file in a language. Raises ProfileError for an unknown model."""
     return "\n".join(_file_lines(answers, language)) + "\n"
 
 
@@ -142,10 +142,10 @@ def _file_lines(answers: PlantAnswers, language: str) -> Iterator[str]:
     yield from comment_lines("plant", language)
     examples: _Examples | None = None
     ids: list[str] = []
-    for index, line in enumerate(answers.buses):
+    for index, bus in enumerate(answers.buses):
         yield ""
-        yield from _bus_lines(index, line, language)
-        for drive in line.drives:
+        yield from _bus_lines(index, bus, language)
+        for drive in bus.drives:
             ids.append(unique_id(_wanted_id(drive), ids))
             yield from ("", *(comment_lines("drive", language) if len(ids) == 1 else ()))
             yield from _drive_lines(ids[-1], bus_id(index), drive, language)
@@ -156,20 +156,20 @@ def _file_lines(answers: PlantAnswers, language: str) -> Iterator[str]:
 
 
 def bus_id(index: int) -> str:
-    return _BUS_LETTERS[index] if index < len(_BUS_LETTERS) else f"line-{index + 1}"
+    return _BUS_LETTERS[index] if index < len(_BUS_LETTERS) else f"bus-{index + 1}"
 
 
 def _wanted_id(drive: DriveAnswer) -> str:
     return id_from_title(drive.title, f"{id_from_title(Path(drive.model).stem, 'drive')}-{drive.address}")
 
 
-def _bus_lines(index: int, line: BusAnswer, language: str) -> Iterator[str]:
+def _bus_lines(index: int, bus: BusAnswer, language: str) -> Iterator[str]:
     yield from comment_lines("bus", language) if index == 0 else ()
-    yield from (f"[bus.{bus_id(index)}]", f"link = {toml_string(line.link)}")
-    if line.baud is not None:
-        yield f"baud = {line.baud}"
-    if line.format is not None:
-        yield f"format = {toml_string(line.format)}"
+    yield from (f"[bus.{bus_id(index)}]", f"link = {toml_string(bus.link)}")
+    if bus.baud is not None:
+        yield f"baud = {bus.baud}"
+    if bus.format is not None:
+        yield f"format = {toml_string(bus.format)}"
 
 
 def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
@@ -183,7 +183,7 @@ def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterat
 
 
 class _Examples:
-    """What nobody could answer yet, as examples that are commented out and good: with a drive of this plant."""
+    """Commented-out examples with a drive and signals of this plant; uncommented they are valid."""
 
     def __init__(self, drive: str, model: str) -> None:
         self._drive = drive
@@ -192,11 +192,11 @@ class _Examples:
 
     @property
     def signals(self) -> str:
-        """For ``signals``."""
+        """Value of ``signals``."""
         return "{ " + ", ".join(f"{name} = {_EXAMPLE_PERIODS[name]}" for name in self._signals) + " }"
 
     def _require(self, alone: bool) -> str | None:
-        """For an interlock; None where the model reports nothing that could be required."""
+        """Return the condition of an interlock; None if the model reports nothing suitable."""
         signal = self._profile.signals.get("output_frequency")
         if signal is None or signal.uncertain is not None:
             return None
@@ -219,7 +219,7 @@ class _Examples:
 
 
 def comment_lines(name: str, language: str, **params: str) -> list[str]:
-    """A paragraph of the catalogues as comment lines."""
+    """Return a message of the catalogue as comment lines."""
     said = i18n.text(f"plant_init.file_{name}", language, **params)
     return [f"# {line}".rstrip() for line in said.split("\n")]
 
@@ -229,5 +229,5 @@ def trailing_comment(name: str, language: str, **params: str) -> str:
 
 
 def toml_string(value: str) -> str:
-    """A TOML string: JSON's escapes are TOML's, but for DEL, which TOML wants escaped."""
+    """Return a TOML string. JSON's escapes are TOML's, except for DEL."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
