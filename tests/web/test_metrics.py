@@ -1,4 +1,4 @@
-"""What Prometheus scrapes: the plant's state now, and nothing that is not known now (G17)."""
+"""Prometheus metrics: the present state, and nothing that is not known now."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ async def scraped(kit: ServiceKit) -> tuple[Series, ScrapeData]:
 
 
 def test_what_is_scraped_is_the_plants_state() -> None:
-    """I12: nothing is asked of a bus for it."""
+    """nothing is asked of a bus for it."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -150,7 +150,7 @@ async def requests(kit: ServiceKit) -> list[int]:
     return [line.bus.statistics().transactions for line in kit.service.plant.buses.values()]
 
 
-def test_g17_a_drive_that_falls_silent_has_no_values_any_more() -> None:
+def test_a_drive_that_falls_silent_has_no_values_any_more() -> None:
     """Within 3 periods and a timeout; before, it has them."""
 
     async def story() -> None:
@@ -181,8 +181,8 @@ def test_g17_a_drive_that_falls_silent_has_no_values_any_more() -> None:
 
 
 @pytest.mark.parametrize("reading", [{"quality": "uncertain"}, {"quality": "bad", "value": None}, {"unit": ""}])
-def test_g17_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -> None:
-    """T19: DZB100's scale is doubtful by a factor of ten; a raw word is no current."""
+def test_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -> None:
+    """DZB100's scale is doubtful by a factor of ten; a raw word is no current."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -216,7 +216,7 @@ def test_a_port_that_can_not_be_opened_has_no_load_and_no_reply_times() -> None:
     run(story())
 
 
-def test_a_drive_that_can_not_tell_its_state_is_said_to_have_no_fault_by_nobody() -> None:
+def test_a_drive_without_a_state_has_no_fault_metric() -> None:
     """DF800: its stop is acknowledged and never confirmed."""
 
     async def story() -> None:
@@ -299,7 +299,7 @@ class Gone:
         return
 
 
-async def test_g17_a_plant_that_does_not_answer_fails_the_scrape(tmp_path: Path) -> None:
+async def test_a_plant_that_does_not_answer_fails_the_scrape(tmp_path: Path) -> None:
     gone: Any = Gone()
     harness = WebAppHarness(tmp_path, service=gone)
     client = await harness.log_in("viewer")
@@ -318,7 +318,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("accept", ["text/plain;version=0.0.4", "application/openmetrics-text;version=1.0.0"])
-def test_s01_a_viewers_token_is_enough_and_nothing_less_will_do(address: str, accept: str) -> None:
+def test_a_viewers_token_is_enough_and_nothing_less_will_do(address: str, accept: str) -> None:
     headers = {"Authorization": f"Bearer {token(Role.VIEWER)}", "Accept": accept}
     answer = httpx.get(f"{address}/metrics", headers=headers)
     assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"

@@ -1,1 +1,1 @@
-"""The web part: a process of its own and a client of the plant. It can be killed, and the plant goes on."""
+"""The web process: page, API and metrics over HTTP. It is a client of the service, which runs on without it."""

@@ -1,4 +1,4 @@
-"""``python -m drivebus.web SOCKET [SETTING]``: the web process. The plant starts it, and outlives it."""
+"""``python -m drivebus.web SOCKET [ARGUMENTS]``: the web process, started by the service."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _PARENT_CHECK_INTERVAL_S = 1.0
 
 
 def main(arguments: list[str]) -> int:
-    """Exit code 2 where the arguments, the address or the certificate can't be used."""
+    """Run the web process; return 2 for arguments, an address or a certificate that cannot be used."""
     set_nice(NICE_WEB)
     try:
-        socket, child = parse_web_arguments(arguments)
-        asyncio.run(_run(SocketClient(socket), child))
+        socket, web = parse_web_arguments(arguments)
+        asyncio.run(_run(SocketClient(socket), web))
     except ConfigurationError as error:
         print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
         return 2
@@ -35,44 +35,43 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-async def _run(client: SocketClient, child: WebArguments) -> None:
-    access = AuthService(child.directory, child.user_file)
-    listening = HttpServer(
-        make_app(client, access, child.web), access, child.web, lambda at: _announce(at, access, child)
-    )
+async def _run(client: SocketClient, arguments: WebArguments) -> None:
+    auth = AuthService(arguments.directory, arguments.user_file)
+    app = make_app(client, auth, arguments.web)
+    server = HttpServer(app, auth, arguments.web, lambda address: _announce(address, auth, arguments))
     relax_gc()
-    orphaned = asyncio.create_task(_stop_with_parent(listening, child.parent_pid))
+    parent_watch = asyncio.create_task(_stop_with_parent(server, arguments.parent_pid))
     try:
-        await listening.run()
+        await server.run()
     finally:
-        orphaned.cancel()
+        parent_watch.cancel()
         with suppress(asyncio.CancelledError):
-            await orphaned
+            await parent_watch
         await client.close()
 
 
-def _announce(at: str, access: AuthService, child: WebArguments) -> None:
-    """Where the page is, on standard output; on standard error what somebody has to do by hand."""
+def _announce(address: str, auth: AuthService, arguments: WebArguments) -> None:
+    """Print the address of the page on standard output, and what is left to do by hand on standard error."""
     secret = (
-        access.setup_secret.issue() if access.needs_setup else None
-    )  # before the address: whoever reads that may use it
-    if child.address_output != "not":
-        print(json.dumps({"page": at}) if child.address_output == "json" else at, flush=True)
+        auth.setup_secret.issue() if auth.needs_setup else None
+    )  # before the address: its reader may use it at once
+    if arguments.address_output != "not":
+        print(json.dumps({"page": address}) if arguments.address_output == "json" else address, flush=True)
     if secret is not None:
-        _print_notice("auth.setup_secret", address=at, secret=secret, file=str(access.setup_secret.path))
-    if listen_host(child.web, access) != child.web.host:
-        _print_notice("auth.only_loopback", host=child.web.host)
+        _print_notice("auth.setup_secret", address=address, secret=secret, file=str(auth.setup_secret.path))
+    if listen_host(arguments.web, auth) != arguments.web.host:
+        _print_notice("auth.only_loopback", host=arguments.web.host)
 
 
 def _print_notice(key: str, **params: str) -> None:
     print(i18n.text(key, i18n.preferred(), **params), file=sys.stderr, flush=True)
 
 
-async def _stop_with_parent(listening: HttpServer, parent: int) -> None:
-    """The plant is gone: its successor starts a web process of its own, at the same address."""
-    while os.getppid() == parent:  # noqa: ASYNC110  the system tells nobody of a parent's end
+async def _stop_with_parent(server: HttpServer, parent: int) -> None:
+    """Stop when the service has ended: its successor starts a web process at the same address."""
+    while os.getppid() == parent:  # noqa: ASYNC110  the operating system reports no end of a parent
         await asyncio.sleep(_PARENT_CHECK_INTERVAL_S)
-    listening.stop()
+    server.stop()
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class RequestError(DrivebusError):
-    """A request that HTTP itself rejects. ``key`` is a sentence of the catalogue ``access``."""
+    """A request that HTTP itself rejects. ``key`` is a sentence of the catalogue ``auth``."""
 
 
 class BodyTooLarge(RequestError):

@@ -1,4 +1,4 @@
-"""Whatever is asked has its end in the trail, also where nobody foresaw how it ends."""
+"""Every command has an end in the audit trail, also after an unexpected error."""
 
 from __future__ import annotations
 
@@ -34,9 +34,7 @@ def recorded(kit: ServiceKit, operation: str) -> list[tuple[str | None, Any, int
 
 @pytest.mark.parametrize("operation", OPERATIONS)
 @pytest.mark.parametrize("how", [ZeroDivisionError, asyncio.CancelledError])
-def test_what_ends_in_a_way_that_nobody_foresaw_is_recorded_as_unknown_and_raised(
-    operation: str, how: type[BaseException]
-) -> None:
+def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, how: type[BaseException]) -> None:
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
@@ -52,7 +50,7 @@ def test_what_ends_in_a_way_that_nobody_foresaw_is_recorded_as_unknown_and_raise
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-def test_whoever_gives_up_while_it_is_recorded_or_done_leaves_no_open_end(operation: str) -> None:
+def test_a_cancelled_command_is_still_recorded_with_an_end(operation: str) -> None:
     """A disk that hangs does not keep a cancelled task."""
 
     async def story(after_s: float) -> None:

@@ -1,4 +1,4 @@
-"""The desk: is it open, may the actor, and what is recorded of whatever was asked (S01, 6.5, G14)."""
+"""Dispatcher: rights, state of the service, and the audit record of every operation."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
         ("drive.stop", {"drive": "fan-1", "group": "fans"}, "fan-1"),
     ],
 )
-def test_s01_what_somebody_may_not_is_recorded_with_what_it_was_about(name: str, params: Json, target: str) -> None:
+def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json, target: str) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         right = str(OPERATIONS[name].right)
         with pytest.raises(PermissionDenied) as refused:
@@ -92,7 +92,7 @@ def test_s01_what_somebody_may_not_is_recorded_with_what_it_was_about(name: str,
     at_a_desk(story)
 
 
-def test_s01_who_may_not_look_does_not() -> None:
+def test_who_may_not_look_does_not() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         desk.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))
         with pytest.raises(PermissionDenied) as refused:
@@ -131,7 +131,7 @@ def test_a_plant_that_ends_takes_stops_and_questions_and_one_that_has_ended_noth
     at_a_desk(story, drive_run={}, waiver_grant={}, drive_stop={}, drives_list={})
 
 
-def test_faults_that_a_question_finds_itself_are_told_like_all_others() -> None:
+def test_faults_found_by_a_handler_have_the_same_shape() -> None:
     wrong = [param_fault("names.0", "x", "unknown")]
 
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
@@ -146,11 +146,11 @@ def test_faults_that_a_question_finds_itself_are_told_like_all_others() -> None:
 # --- the record -------------------------------------------------------------------------------------------------------
 
 
-def test_the_times_are_those_of_the_rulings() -> None:
+def test_the_time_limits_have_not_changed() -> None:
     assert (MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S) == (2.0, 1.0)
 
 
-def test_g14_only_control_goes_on_without_a_record() -> None:
+def test_only_control_goes_on_without_a_record() -> None:
     """Whatever starts, or allows more than before, does not."""
     assert {one.name for one in OPERATIONS.values() if one.audit is Audit.REQUIRED} == {
         "drive.arm",
@@ -167,7 +167,7 @@ def test_g14_only_control_goes_on_without_a_record() -> None:
 
 
 @pytest.mark.parametrize("name", ["drive.reset", "waiver.grant"])
-def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> None:
+def test_a_command_that_cannot_be_recorded_is_not_executed(name: str) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         kit.trail.fails_silently = True
         params = FAN | ({"reason": "because"} if name == "waiver.grant" else {})
@@ -186,7 +186,7 @@ def test_g14_what_is_not_recorded_is_not_done_and_is_said_later(name: str) -> No
     at_a_desk(story, drive_reset={}, waiver_grant={})
 
 
-def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
+def test_an_alarm_ends_with_the_next_record_that_is_written() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         kit.trail.fails_silently = True
         await desk.call("drive.reset", FAN, LOCAL)
@@ -198,7 +198,7 @@ def test_g14_an_alarm_ends_with_the_next_record_that_is_written() -> None:
     at_a_desk(story, drive_reset={})
 
 
-def test_what_is_no_operation_is_recorded_as_it_was_told_and_by_whom() -> None:
+def test_an_event_that_is_no_operation_is_recorded_with_its_actor() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         told = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "somebody else"}
         await desk.record(told, NOBODY)
@@ -214,7 +214,7 @@ def test_what_is_no_operation_is_recorded_as_it_was_told_and_by_whom() -> None:
 
 
 @pytest.mark.parametrize(("takes_s", "done"), [(MAX_RECORDING_S, True), (MAX_RECORDING_S + 0.014, False)])
-def test_i1_a_wish_is_as_old_as_its_record_lets_it_be(takes_s: float, done: bool) -> None:
+def test_a_command_expires_while_its_record_is_written(takes_s: float, done: bool) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         kit.trail.delay_s = takes_s
         if done:
@@ -247,7 +247,7 @@ def test_a_new_frequency_concerns_the_drives_that_follow_and_the_record_names_th
 
 
 @pytest.mark.parametrize("takes_s", [0.25, 3.0])
-def test_whoever_stopped_something_waits_a_second_for_its_record_and_no_longer(takes_s: float) -> None:
+def test_a_stop_waits_at_most_a_second_for_its_record(takes_s: float) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         kit.trail.delay_s = takes_s
         begun = asyncio.get_running_loop().time()
@@ -310,7 +310,7 @@ def test_the_record_of_a_failure_tells_its_key_and_what_left_on_the_wire(name: s
     at_a_desk(story, drive_reset=error, drive_stop=error)
 
 
-def test_s08_to_save_is_a_right_besides_that_to_write() -> None:
+def test_to_save_is_a_right_besides_that_to_write() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         values = FAN | {"values": {"F0.1": 2.0}}
         for rights, save, may in (

@@ -1,4 +1,4 @@
-"""Wrong parameters are told in the reader's language, each with its path (S08, T19)."""
+"""Wrong parameters are explained in both languages, each with its path."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
     ("params", "path", "english", "chinese"),
     [
         ({"drive": "fan-1", "frequency_hz": 1000.5}, "frequency_hz", "expected 1000 or less", "应不大于 1000"),
-        ({"drive": "fan-1"}, "frequency_hz", "must be given", "必须给出"),
+        ({"drive": "fan-1"}, "frequency_hz", "is required", "必须给出"),
         (
             {"drive": "fan-1", "frequency_hz": 1.0, "direction": "up"},
             "direction",
@@ -115,7 +115,7 @@ def test_a_refusal_says_it_in_both_languages(params: Json, path: str, english: s
     assert [one["expected"] for one in told["params"]["faults"]] == [{"en": english, "zh": chinese}]
 
 
-def test_a_time_is_told_whole_and_a_list_by_its_entry() -> None:
+def test_a_fault_names_a_whole_time_and_the_entry_of_a_list() -> None:
     bounds = pydantic_faults(refused(OPERATIONS["history.trend"].params, {"from_ms": 10**15}))
     assert {"en": "expected 253402300799999 or less", "zh": "应不大于 253402300799999"} in [
         one["expected"] for one in bounds
@@ -124,7 +124,7 @@ def test_a_time_is_told_whole_and_a_list_by_its_entry() -> None:
     assert entries[0]["path"] == "tags.1" and entries[0]["found"] == "1"
 
 
-def test_what_nobody_foresaw_is_told_too() -> None:
+def test_an_unknown_fault_has_a_sentence_too() -> None:
     told = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
     assert told == [param_fault("x", "1", "other")] and told[0]["expected"]["zh"] != told[0]["expected"]["en"]
 
@@ -138,7 +138,7 @@ def test_a_room_that_finds_a_fault_itself_says_it_in_both_languages() -> None:
     assert told["zh"] == "history.trend：to_ms: 应不小于 5（from_ms）"
 
 
-def test_over_the_plants_own_door_too() -> None:
+def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:
     async def story() -> None:
         async with running_service() as kit:
             with pytest.raises(InvalidParameters) as caught:

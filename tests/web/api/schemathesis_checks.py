@@ -1,4 +1,4 @@
-"""What schemathesis is told of this API beside its description."""
+"""Checks of schemathesis beyond the API description."""
 
 from __future__ import annotations
 

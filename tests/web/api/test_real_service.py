@@ -1,4 +1,4 @@
-"""The gateways behind the real door: the same refusal whichever way a request comes (S08, S09), and its one shape."""
+"""The API behind the real middleware: the same errors by every way, in one shape."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fixtures.web_app import WebAppHarness
 Json = dict[str, Any]
 
 
-async def test_a_method_that_an_address_does_not_have_is_told_those_that_it_has(tmp_path: Path) -> None:
+async def test_an_unknown_method_is_answered_with_the_known_ones(tmp_path: Path) -> None:
     async with WebAppHarness(tmp_path).client() as client:
         answer = await client.patch(f"{API_PREFIX}/drives/fan-1/waiver")
     assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, POST")
@@ -38,7 +38,7 @@ async def test_a_body_that_the_framework_checks_is_refused_in_the_one_shape(tmp_
     assert error["params"]["faults"] and set(error["text"]) == {"en", "zh"}
 
 
-# --- the same refusal whichever way (S08, S09), starts that can't be repeated (S16), with a real plant ----------------
+# --- the same refusal whichever way, starts that can't be repeated, with a real plant ----------------
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ FIELDS = [
 
 
 @pytest.mark.parametrize(("operation", "params", "role"), FIELDS, ids=lambda value: str(value)[:30])
-def test_s08_who_may_set_a_frequency_may_not_change_what_bounds_it(
+def test_who_may_set_a_frequency_may_not_change_what_bounds_it(
     plant: RunningService, operation: str, params: Json, role: Role
 ) -> None:
     """By REST the door says no, by the socket the plant itself: neither trusts the other."""
@@ -117,7 +117,7 @@ BEYOND = [
 
 
 @pytest.mark.parametrize(("operation", "params"), BEYOND, ids=lambda value: str(value)[:60])
-def test_s09_what_is_beyond_a_limit_is_refused_in_the_same_words_by_every_way(
+def test_what_is_beyond_a_limit_is_refused_in_the_same_words_by_every_way(
     plant: RunningService, operation: str, params: Json
 ) -> None:
     rest(plant, Role.ENGINEER, "lease.take", {"drive": "fan-1"})
@@ -127,8 +127,8 @@ def test_s09_what_is_beyond_a_limit_is_refused_in_the_same_words_by_every_way(
     assert rejected.status_code == (404 if params["drive"] == "nobody" else 422)
 
 
-def test_s16_a_start_that_was_overheard_can_not_be_sent_again(plant: RunningService) -> None:
-    """Nor does it serve another session, nor survive a stop (6.5)."""
+def test_a_recorded_start_cannot_be_replayed(plant: RunningService) -> None:
+    """Nor does it serve another session, nor survive a stop."""
     fan: Json = {"drive": "fan-1"}
     rest(plant, Role.ENGINEER, "lease.take", fan)
     arm = rest(plant, Role.ENGINEER, "drive.arm", fan)["arm_token"]
@@ -143,7 +143,7 @@ def test_s16_a_start_that_was_overheard_can_not_be_sent_again(plant: RunningServ
     assert rest(plant, Role.ENGINEER, "drive.run", voided)["error"]["code"] == "plant.arm_void"
 
 
-def test_a_stop_needs_no_lease_that_somebody_else_holds(plant: RunningService) -> None:
+def test_a_stop_needs_no_lease(plant: RunningService) -> None:
     rest(plant, Role.ENGINEER, "lease.take", {"drive": "pump-1"})
     assert rest(plant, Role.OPERATOR, "drive.stop", {"drive": "pump-1"})["outcome"]["status"] == "confirmed"
 

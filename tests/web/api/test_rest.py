@@ -1,4 +1,4 @@
-"""REST: every operation has its address, what is asked arrives strictly as it was asked, errors have one shape."""
+"""The API: every operation has its route, parameters arrive strictly as they were sent, errors have one shape."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ async def test_a_body_without_one_meaning_is_rejected_before_any_parameter_is_re
     ],
     ids=lambda body: body[:40],
 )
-async def test_t19_s08_a_start_that_is_not_exactly_right_is_refused_and_reaches_nobody(body: str) -> None:
+async def test_a_start_with_a_wrong_parameter_is_rejected_and_not_executed(body: str) -> None:
     plant = FakeService()
     answer = await ask(plant, "POST", RUN, content=body.encode("latin-1"), headers={"Content-Type": "application/json"})
     error = answer.json()["error"]
@@ -107,25 +107,25 @@ async def test_a_whole_number_may_be_written_with_a_point() -> None:
 @pytest.mark.parametrize(
     "query", ["after=1.0", "after=１", "after=+1", "after=1_0", "after=", "after=1&after=2", "x=1"]
 )
-async def test_t19_a_query_is_as_strict_as_a_body(query: str) -> None:
+async def test_a_query_is_as_strict_as_a_body(query: str) -> None:
     plant = FakeService()
     answer = await ask(plant, "GET", f"{API_PREFIX}/buses/line-1/frames?{query}")
     assert (answer.status_code, plant.calls) == (422, [])
 
 
-async def test_a_command_takes_nothing_from_its_query() -> None:
+async def test_a_command_rejects_a_query() -> None:
     plant = FakeService()
     answer = await ask(plant, "POST", f"{RUN}?frequency_hz=50", json={"frequency_hz": 25.0})
     assert (answer.status_code, plant.calls) == (422, [])
 
 
-async def test_one_tag_is_a_list_of_one() -> None:
+async def test_one_tag_in_a_query_is_a_list_of_one() -> None:
     plant = FakeService()
     await ask(plant, "GET", f"{API_PREFIX}/history/trend?tags=a&from_ms=0&to_ms=9")
     assert plant.calls[0][1] == {"tags": ["a"], "from_ms": 0, "to_ms": 9}
 
 
-async def test_s08_who_lacks_the_right_is_told_so_and_nothing_is_done() -> None:
+async def test_an_operation_without_its_right_is_denied() -> None:
     plant = FakeService()
     answer = await ask(plant, "POST", f"{API_PREFIX}/drives/fan-1/stop", VIEWER)
     assert (answer.status_code, answer.json()["error"]["kind"], plant.calls) == (403, "PermissionDenied", [])
@@ -147,7 +147,7 @@ async def test_an_error_of_the_drive_has_its_status_and_both_languages(error: An
     assert told["text"] == {"en": error.text("en"), "zh": error.text("zh")}
 
 
-async def test_what_nobody_foresaw_shows_nothing_of_the_inside() -> None:
+async def test_an_unexpected_error_shows_nothing_of_the_inside() -> None:
     def broken(_: Any) -> Any:
         raise RuntimeError("/secret/path")
 
@@ -157,7 +157,7 @@ async def test_what_nobody_foresaw_shows_nothing_of_the_inside() -> None:
 
 
 @pytest.mark.parametrize(("method", "path", "status"), [("GET", "/nowhere", 404), ("PATCH", "/drives/fan-1/run", 405)])
-async def test_the_frameworks_own_errors_have_the_one_shape(method: str, path: str, status: int) -> None:
+async def test_errors_of_the_framework_have_the_same_shape(method: str, path: str, status: int) -> None:
     answer = await ask(FakeService(), method, API_PREFIX + path)
     assert (answer.status_code, answer.json()["error"]["kind"]) == (status, "HttpError")
 
@@ -223,7 +223,7 @@ def test_each_authentication_error_has_its_status(kind: type[DrivebusError], sta
     assert http_status(kind) == status
 
 
-def test_a_client_is_never_told_to_retry_too_early() -> None:
+def test_retry_after_is_never_shorter_than_the_delay() -> None:
     errors = [auth_errors.TooManyAttempts("auth.too_many", retry_s=retry_s) for retry_s in (0.1, 1.9, 2.0)]
     assert [error_headers(error) for error in errors] == [{"Retry-After": value} for value in ("1", "2", "3")]
     assert error_headers(auth_errors.AccessDenied("auth.csrf")) == {}

@@ -1,4 +1,4 @@
-"""The door by itself: what it makes of a request's head, and what it says where it lets nobody in."""
+"""Authentication middleware: how it reads the headers, and how it denies a request."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivebus.web.route import RouteTable
 from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
 
 
-def test_s14_the_numbers_of_refusals_are_those_that_the_disk_was_reckoned_with() -> None:
+def test_the_numbers_of_refusals_are_those_that_the_disk_was_computed_with() -> None:
     """25 MB a day."""
     assert (SUMMARY_PERIOD_S, MAX_KINDS_PER_PERIOD) == (30, 16)
 
@@ -39,13 +39,13 @@ def test_s14_the_numbers_of_refusals_are_those_that_the_disk_was_reckoned_with()
         (["bad\x01name=1; ", "drivebus_session=a"], "a"),
     ],
 )
-def test_s15_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str], secret: str | None) -> None:
+def test_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str], secret: str | None) -> None:
     """A page on another port can plant one without the prefix, and one that can't be read hides none."""
     assert session_cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
 
 
 @pytest.mark.parametrize(("client", "told"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
-def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told: str) -> None:
+def test_an_address_is_the_connections(client: tuple[str, int] | None, told: str) -> None:
     assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == told
     assert client_address({}) == "local"
 
@@ -61,7 +61,7 @@ def test_s01_an_address_is_the_connections(client: tuple[str, int] | None, told:
         ("POST", "/api/v1/logout", 401, "auth.not_logged_in"),
     ],
 )
-def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
+def test_a_denied_request_gets_a_reason_and_is_recorded(
     method: str, path: str, status: int, key: str, tmp_path: Path
 ) -> None:
     harness = WebAppHarness(tmp_path)
@@ -83,7 +83,7 @@ def test_s01_who_is_not_let_in_is_told_why_and_the_trail_who_asked_for_what(
     run(story())
 
 
-def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
+def test_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -102,7 +102,7 @@ def test_s01_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(
     run(story())
 
 
-def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
+def test_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -115,7 +115,7 @@ def test_s03_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_ot
     run(story())
 
 
-def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(tmp_path: Path) -> None:
+def test_a_login_with_an_old_cookie_needs_no_csrf_token(tmp_path: Path) -> None:
     """A page that was closed has forgotten it; the cookie is still there."""
     harness = WebAppHarness(tmp_path)
 
@@ -130,7 +130,7 @@ def test_who_still_has_a_cookie_may_log_in_anew_without_knowing_its_csrf_token(t
     run(story())
 
 
-def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(tmp_path: Path) -> None:
+def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_origin(tmp_path: Path) -> None:
     harness, heard = WebAppHarness(tmp_path), list[str]()
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -159,7 +159,7 @@ def test_s04_an_end_of_the_app_and_a_handshake_without_an_origin_are_told_apart(
     run(story())
 
 
-def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
+def test_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
@@ -176,7 +176,7 @@ def test_s06_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_the
     run(story())
 
 
-def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
+def test_an_idle_session_is_denied_with_that_reason(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -189,7 +189,7 @@ def test_s07_an_idle_session_is_told_that_it_is_idle(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s07_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
+def test_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -208,7 +208,7 @@ def test_s07_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> No
     run(story())
 
 
-def test_s01_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
+def test_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""S01, S08, S16, S20 with a real plant over simulated drives behind the door: what counts is what the drive got."""
+"""Commands through the whole web app on a real service over simulated drives: only the frames on the bus count."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Heard:
             self.sent.add(event.data)
 
 
-def test_s01_whoever_has_not_the_right_puts_no_frame_on_any_bus(tmp_path: Path) -> None:
+def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
     """Every route with nothing, with something forged, and as each weaker role: the buses carry their polls only."""
 
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
@@ -90,7 +90,7 @@ def test_s01_whoever_has_not_the_right_puts_no_frame_on_any_bus(tmp_path: Path) 
     on_a_plant(tmp_path, story)
 
 
-def test_s16_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path: Path) -> None:
+def test_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path: Path) -> None:
     """The very same octets, cookie, CSRF token and all, after the drive was stopped, and from another session."""
 
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
@@ -116,7 +116,7 @@ def test_s16_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path
     on_a_plant(tmp_path, story)
 
 
-def test_s16_what_somebody_armed_serves_nobody_else(tmp_path: Path) -> None:
+def test_an_arm_token_serves_its_own_session_only(tmp_path: Path) -> None:
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         ann, eve = await harness.log_in("operator"), await harness.log_in("engineer")
         assert (await ann.post("/api/v1/drives/fan-1/lease")).status_code == 200
@@ -131,7 +131,7 @@ def test_s16_what_somebody_armed_serves_nobody_else(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("skew_s", [-86_400, 86_400])
-def test_s20_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) -> None:
+def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) -> None:
     """The client's, told in any header or body, and the server's own wall clock: only monotonic time counts."""
 
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
@@ -171,7 +171,7 @@ FIELDS: list[tuple[str, str, Any]] = [
 ]
 
 
-def test_s08_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_path: Path) -> None:
+def test_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_path: Path) -> None:
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
@@ -188,7 +188,7 @@ def test_s08_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_pat
     on_a_plant(tmp_path, story)
 
 
-def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tmp_path: Path) -> None:
+def test_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tmp_path: Path) -> None:
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await started(client)).status_code == 200
@@ -204,7 +204,7 @@ def test_s07_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tm
     on_a_plant(tmp_path, story)
 
 
-def test_s14_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Path) -> None:
+def test_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Path) -> None:
     """The questions wait for their turn; the first step of a start does not, or it would be younger than the stop."""
 
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
@@ -221,7 +221,7 @@ def test_s14_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path:
     on_a_plant(tmp_path, story)
 
 
-def test_s14_a_stop_of_everything_holds_whatever_release_was_asked_before_it(tmp_path: Path) -> None:
+def test_a_stop_of_everything_outlasts_a_release_requested_before_it(tmp_path: Path) -> None:
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200

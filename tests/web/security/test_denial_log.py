@@ -1,4 +1,4 @@
-"""S01, S14: what is refused is told once at once, and then as a number; nobody waits for the trail for it."""
+"""Denial log: the first of a kind is recorded at once, the others as a number, and no request waits long."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def refusals(plant: CountingService) -> DenialLog:
     return DenialLog(plant, asyncio.get_running_loop().time)
 
 
-def test_nobody_may_nothing_from_afar() -> None:
+def test_the_anonymous_actor_is_remote_and_has_no_rights() -> None:
     assert Actor("", frozenset(), "", remote=True, address="") == ANONYMOUS
 
 
@@ -49,7 +49,7 @@ def test_a_trail_that_can_not_be_reached_is_no_error(error: BaseException) -> No
     assert run(try_record(Fails(error), ENTRY, EVE)) is False
 
 
-def test_nobody_waits_longer_than_two_seconds() -> None:
+def test_recording_a_denial_takes_at_most_two_seconds() -> None:
     async def story() -> tuple[bool, bool, float]:
         in_time = await try_record(Fails(1.99), ENTRY, EVE)
         begun = asyncio.get_running_loop().time()
@@ -59,7 +59,7 @@ def test_nobody_waits_longer_than_two_seconds() -> None:
     assert run(story()) == (True, False, 2.0)
 
 
-def test_the_first_of_a_kind_is_told_at_once_by_whom_and_the_rest_as_a_number_by_nobody() -> None:
+def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_number() -> None:
     plant = CountingService()
 
     async def story() -> None:
@@ -90,7 +90,7 @@ def test_the_first_of_a_kind_is_told_at_once_by_whom_and_the_rest_as_a_number_by
     run(story())
 
 
-def test_the_number_is_told_before_a_new_period_begins() -> None:
+def test_the_number_is_recorded_before_a_new_period() -> None:
     plant = CountingService()
 
     async def story() -> None:
@@ -113,7 +113,7 @@ def test_the_number_is_told_before_a_new_period_begins() -> None:
     run(story())
 
 
-def test_s14_so_many_kinds_are_told_in_a_period_and_the_others_together() -> None:
+def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""S03, S04: whose name a request may call this service by, and which pages may send it."""
+"""Host and Origin: under which names this service is reached, and which pages may send requests."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def headers(**given: str | tuple[str, ...]) -> Headers:
         socket.gethostname(),
     ],
 )
-def test_s04_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
+def test_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
     assert HostCheck(WEB).is_known_host(headers(host=host))
 
 
@@ -52,7 +52,7 @@ def test_s04_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
         "localhost@evil.example",
     ],
 )
-def test_s04_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ...]) -> None:
+def test_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ...]) -> None:
     """Of two Host headers nobody knows which the browser meant."""
     assert HostCheck(WEB).is_known_host(headers(host=host)) is False
 
@@ -71,7 +71,7 @@ def test_s04_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ..
         ("https://linux", "http"),
     ],
 )
-def test_s03_the_page_of_this_service_and_those_of_the_configuration_may_send(origin: str, scheme: str) -> None:
+def test_the_page_of_this_service_and_those_of_the_configuration_may_send(origin: str, scheme: str) -> None:
     assert HostCheck(WEB).is_allowed_origin(headers(host="Plant-PC:8080", origin=origin), scheme)
 
 
@@ -89,5 +89,5 @@ def test_s03_the_page_of_this_service_and_those_of_the_configuration_may_send(or
         ("null", "http"),
     ],
 )
-def test_s03_no_page_two_pages_and_a_strangers_may_not(origin: str | tuple[str, ...], scheme: str) -> None:
+def test_no_page_two_pages_and_a_strangers_may_not(origin: str | tuple[str, ...], scheme: str) -> None:
     assert HostCheck(WEB).is_allowed_origin(headers(host="Plant-PC:8080", origin=origin), scheme) is False

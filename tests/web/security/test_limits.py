@@ -1,4 +1,4 @@
-"""S13, S14, S17: what is too large, slow, deep, or readable in two ways; and texts that want to be more than texts."""
+"""Limits of a request: size, time, depth, one meaning; and texts that try to be more than texts."""
 
 from __future__ import annotations
 
@@ -45,9 +45,7 @@ JSON = {"content-type": "application/json"}
     ],
     ids=range(12),
 )
-def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
-    body: bytes, status: int, tmp_path: Path
-) -> None:
+def test_a_body_that_two_readers_could_read_in_two_ways_is_refused(body: bytes, status: int, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -71,9 +69,7 @@ def test_s14_a_body_that_two_readers_could_read_in_two_ways_is_refused(
     ],
     ids=range(5),
 )
-def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
-    body: bytes, code: str, tmp_path: Path
-) -> None:
+def test_a_public_body_with_two_meanings_is_rejected_before_its_route(body: bytes, code: str, tmp_path: Path) -> None:
     """No library behind the door takes the last of two, or half of it."""
     harness = WebAppHarness(tmp_path)
 
@@ -86,7 +82,7 @@ def test_s14_a_strangers_body_has_one_meaning_before_anybody_looks_at_it(
     run(story())
 
 
-def test_s14_the_sizes_are_those_that_were_measured() -> None:
+def test_the_sizes_are_those_that_were_measured() -> None:
     assert (MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES, BODY_TIMEOUT_S) == (1024 * 1024, 4096, 10.0)
 
 
@@ -102,7 +98,7 @@ def coming(*parts: bytes) -> Any:
 
 
 @pytest.mark.parametrize("length", [b"\xb2", b"\xb9\xb9", b"+1", b"-1", b"1_0", b" 1", b"0x1", b"", b"9" * 5000])
-def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length: bytes) -> None:
+def test_a_length_that_is_none_is_refused_before_it_is_computed_with(length: bytes) -> None:
     headers = Headers(raw=[(b"content-length", length)])
     with pytest.raises(RequestError) as refused:
         run(read_body(coming(b""), headers))
@@ -111,7 +107,7 @@ def test_s14_a_length_that_is_none_is_refused_before_it_is_reckoned_with(length:
 
 
 @pytest.mark.parametrize("length", [b"3", None])
-def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) -> None:
+def test_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) -> None:
     kind = (b"content-type", b"application/json")
     headers = Headers(raw=[kind] if length is None else [kind, (b"content-length", length)])
     assert run(read_body(coming(b"[1", b"]"), headers, 3)) == [1]
@@ -120,7 +116,7 @@ def test_s14_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None
     assert (refused.value.key, refused.value.params) == ("auth.too_large", {"largest": 3})
 
 
-def test_s14_what_is_not_said_to_have_more_has_none() -> None:
+def test_a_message_without_more_body_is_the_last() -> None:
     """ASGI's default."""
 
     async def whole() -> Any:
@@ -129,7 +125,7 @@ def test_s14_what_is_not_said_to_have_more_has_none() -> None:
     assert run(read_body(whole, Headers({"content-type": "application/json"}), 3)) == {}
 
 
-def test_s14_a_body_that_is_cut_off_is_none() -> None:
+def test_a_body_that_is_cut_off_is_none() -> None:
     async def gone() -> Any:
         return {"type": "http.disconnect"}
 
@@ -138,7 +134,7 @@ def test_s14_a_body_that_is_cut_off_is_none() -> None:
     assert (refused.value.key, refused.value.params) == ("auth.malformed", {"problem": "disconnected"})
 
 
-def test_s14_a_body_has_ten_seconds() -> None:
+def test_a_body_has_ten_seconds() -> None:
     async def never() -> Any:
         await asyncio.sleep(3600)
 
@@ -165,7 +161,7 @@ def test_s14_a_body_has_ten_seconds() -> None:
         (None, {}, False),
     ],
 )
-def test_s03_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], fits: bool) -> None:
+def test_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], fits: bool) -> None:
     headers = Headers(({} if kind is None else {"content-type": kind}) | more)
     if fits:
         assert run(read_body(coming(b"{}"), headers)) == {}
@@ -186,7 +182,7 @@ def test_a_whole_number_is_an_integer_however_it_is_written(text: bytes, value: 
     assert (found, type(found)) == (value, type(value))
 
 
-def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
+def test_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -200,7 +196,7 @@ def test_s14_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s14_where_no_right_is_needed_little_is_read(tmp_path: Path) -> None:
+def test_where_no_right_is_needed_little_is_read(tmp_path: Path) -> None:
     """A mebibyte of braces takes the page's process 0.3 s: nobody's stop waits for a stranger's."""
     harness = WebAppHarness(tmp_path)
 
@@ -262,7 +258,7 @@ async def told(harness: WebAppHarness, headers: dict[str, str], parts: Any) -> i
     ],
     ids=["declared", "negative", "another digit", "undeclared", "a drip", "silence"],
 )
-def test_s14_a_hundred_megabytes_and_a_slow_drip_end_early(
+def test_a_hundred_megabytes_and_a_slow_drip_end_early(
     more: dict[str, str], parts: Any, status: int, tmp_path: Path
 ) -> None:
     harness = WebAppHarness(tmp_path)
@@ -278,7 +274,7 @@ def test_s14_a_hundred_megabytes_and_a_slow_drip_end_early(
     run(story())
 
 
-def test_s14_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
+def test_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -294,7 +290,7 @@ def test_s14_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
 HOSTILE = 'x"\r\n{"what":"login","outcome":"done"}\x1b[2J\u202e<script>alert(1)</script>=cmd|\'/c calc\'!A0'
 
 
-def test_s13_nobodys_text_makes_a_line_of_its_own_in_the_trail(tmp_path: Path) -> None:
+def test_no_text_of_a_user_makes_a_line_of_its_own_in_the_audit_trail(tmp_path: Path) -> None:
     """Names, passwords, headers and addresses as somebody hostile sends them: each stays one JSON string."""
     harness = WebAppHarness(tmp_path)
 
@@ -318,7 +314,7 @@ def test_s13_nobodys_text_makes_a_line_of_its_own_in_the_trail(tmp_path: Path) -
 @pytest.mark.parametrize(
     "path", ["/api/v1/%0d%0aSet-Cookie:x=1", "/static/%3Cscript%3E", "/i18n/<b>.json", "/api/v1/drives/<b>"]
 )
-def test_s17_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_path: Path) -> None:
+def test_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -351,7 +347,7 @@ def test_s17_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp
         "/static/none.js",
     ],
 )
-def test_s19_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
+def test_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -369,7 +365,7 @@ def test_s19_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     "path", ["/", "/static/js/app.js", "/i18n/en.json", "/i18n/zh.json", "/api/v1/session", "/nothing"]
 )
-def test_s15_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: Path) -> None:
+def test_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -405,7 +401,7 @@ def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
     run(story())
 
 
-def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path) -> None:
+def test_an_unexpected_error_shows_nothing_of_the_inside(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def failing(*_: Any) -> Any:
@@ -428,7 +424,7 @@ def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(tmp_path: Path
 COMMANDS: list[tuple[str, Any]] = [("run", {"frequency_hz": 5.0}), ("stop", {})]
 
 
-def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
+def test_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -445,7 +441,7 @@ def test_s14_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path
     run(story())
 
 
-def test_s14_a_stop_goes_before_the_refusals_of_strangers(tmp_path: Path) -> None:
+def test_a_stop_goes_before_the_refusals_of_strangers(tmp_path: Path) -> None:
     """They may ask for stops and starts as often as they like."""
     harness = WebAppHarness(tmp_path)
 

@@ -1,4 +1,4 @@
-"""S05, S06, S07 through the app: guessing, the first start, cookies, idle sessions."""
+"""Login: throttling, first start, cookies, idle sessions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ async def guess(harness: WebAppHarness, name: str, host: str = "10.0.0.9") -> in
         return answer.status_code
 
 
-def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
+def test_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
     """1,200 guesses from 1,200 addresses: at most 100 are looked at, and the user who is logged in stops at will."""
     harness = WebAppHarness(tmp_path)
 
@@ -50,7 +50,7 @@ def test_s05_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path:
     run(story())
 
 
-def test_s05_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
+def test_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -61,7 +61,7 @@ def test_s05_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Pa
     run(story())
 
 
-def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path) -> None:
+def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -77,7 +77,7 @@ def test_s05_what_is_held_is_told_to_the_trail_without_filling_it(tmp_path: Path
     run(story())
 
 
-def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
+def test_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
@@ -97,7 +97,7 @@ def test_s06_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -
     run(story())
 
 
-def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
+def test_the_set_up_secret_works_once(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
     async def story() -> None:
@@ -115,7 +115,7 @@ def test_s06_the_set_up_secret_opens_the_house_once(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_stop(tmp_path: Path) -> None:
+def test_before_the_set_up_an_operator_may_only_stop(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -128,7 +128,7 @@ def test_s06_without_an_administrator_whom_somebody_made_an_operator_can_only_st
     run(story())
 
 
-def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
+def test_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
     """A secret that somebody planted before the login is worth nothing after it."""
     harness = WebAppHarness(tmp_path)
 
@@ -148,7 +148,7 @@ def test_s07_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("base", "name", "secure"), [(BASE, "drivebus_session", False), ("https://127.0.0.1:8080", "__Host-drivebus", True)]
 )
-def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
+def test_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -165,7 +165,7 @@ def test_s15_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool
     run(story())
 
 
-def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
+def test_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
     """What the page does by itself (it looks, it renews leases) is nobody's hand."""
     harness = WebAppHarness(tmp_path)
 
@@ -190,8 +190,8 @@ def test_s07_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_pat
     run(story())
 
 
-def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
-    """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted (S05)."""
+def test_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
+    """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted."""
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -216,7 +216,7 @@ def test_s07_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path:
     run(story())
 
 
-def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
+def test_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -229,7 +229,7 @@ def test_s05_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
+def test_reported_activity_keeps_a_session_from_becoming_idle(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -244,7 +244,7 @@ def test_s07_somebody_who_is_there_stays(tmp_path: Path) -> None:
 
 
 def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path) -> None:
-    """G14: who administers waits for the trail, who logs in, looks or stops does not."""
+    """who administers waits for the trail, who logs in, looks or stops does not."""
     harness = WebAppHarness(tmp_path)
     harness.service.audit_fails = True
 

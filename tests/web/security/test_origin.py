@@ -1,4 +1,4 @@
-"""S03, S04: another page that makes the browser ask gets nothing done; a connection ends with its session."""
+"""Requests that a foreign page makes a browser send have no effect; a connection ends with its session."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def effects(harness: WebAppHarness) -> list[Any]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
+def test_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
     """As a foreign page's form, fetch or link: the cookie comes along, the CSRF token does not."""
     harness = WebAppHarness(tmp_path)
 
@@ -64,7 +64,7 @@ def test_s03_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
-def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
+def test_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -82,7 +82,7 @@ def test_s03_a_foreign_origin_changes_nothing_even_with_everything_else(origin: 
 
 
 @pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login/code"])
-def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> None:
+def test_a_foreign_page_cannot_log_a_user_in(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -98,7 +98,7 @@ def test_s03_nobody_is_logged_in_by_another_page(path: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "application/json-patch+json"])
-def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
+def test_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
     """What a form can send is never JSON: a browser asks first before it sends that elsewhere."""
     harness = WebAppHarness(tmp_path)
 
@@ -113,7 +113,7 @@ def test_s03_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "TRACE", "FOO"])
-def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
+def test_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -146,7 +146,7 @@ def test_s03_no_other_verb_reaches_what_changes_something(method: str, tmp_path:
         ("plant.example.evil.example", 403),
     ],
 )
-def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str, status: int, tmp_path: Path) -> None:
+def test_a_foreign_name_that_resolves_to_this_machine_is_denied(host: str, status: int, tmp_path: Path) -> None:
     """DNS rebinding: for the browser that page and this service are one origin, and only Host tells."""
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
@@ -160,7 +160,7 @@ def test_s04_a_name_that_somebody_else_lets_point_here_is_not_answered(host: str
     run(story())
 
 
-def test_s03_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
+def test_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def story() -> None:
@@ -181,7 +181,7 @@ async def cookie_of(harness: WebAppHarness, role: str = "operator") -> tuple[Any
     return client, headers
 
 
-def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
+def test_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -195,7 +195,7 @@ def test_s04_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("origin", [None, *FOREIGN])
-def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
+def test_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -212,7 +212,7 @@ def test_s04_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path:
 @pytest.mark.parametrize(
     "credential", [{}, {"cookie": "drivebus_session=" + "A" * 43}, {"authorization": "Bearer dbt_A"}]
 )
-def test_s04_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
+def test_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -223,7 +223,7 @@ def test_s04_a_handshake_without_a_session_is_refused(credential: dict[str, str]
     run(story())
 
 
-def test_s04_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
+def test_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -291,7 +291,7 @@ async def log_in_again(harness: WebAppHarness, client: Any) -> None:
         log_in_again,
     ],
 )
-def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
+def test_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -310,7 +310,7 @@ def test_s04_an_open_connection_ends_within_a_second_of_its_session(end: Any, tm
     run(story())
 
 
-def test_s04_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
+def test_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:

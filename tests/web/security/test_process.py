@@ -1,4 +1,4 @@
-"""The web process itself: ``python -m drivebus.web``, with the plant there, away and back (6.6, S06)."""
+"""The web process, ``python -m drivebus.web``, while the service runs, is away, and returns."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_pat
     assert not (tmp_path / SETUP_SECRET_FILE).exists()
 
 
-async def test_it_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None:
+async def test_the_web_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     """A plant that starts again starts one of its own, at the same address."""
     with web(tmp_path, shell=True) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
@@ -119,7 +119,7 @@ async def test_it_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None
                         await asyncio.sleep(0.1)
 
 
-def test_what_it_does_not_understand_is_told_with_exit_code_2(tmp_path: Path) -> None:
+def test_wrong_arguments_end_with_exit_code_2(tmp_path: Path) -> None:
     for words in ([], ["a", "b"]):
         done = subprocess.run(
             [sys.executable, "-m", "drivebus.web", *words], capture_output=True, text=True, check=False

@@ -1,4 +1,4 @@
-"""S01, S02: every address has a line in the rights table, and what the table says is what happens."""
+"""Every route requires its declared access, and nothing else is reached."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_s01_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: str, tmp_path: Path) -> None:
+def test_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -195,7 +195,7 @@ async def withdrawn_token(harness: WebAppHarness) -> AsyncClient:
 @pytest.mark.parametrize(
     "spent", [expired_session, ended_session, session_of_one_removed, expired_token, withdrawn_token]
 )
-def test_s01_a_credential_that_is_spent_is_401_everywhere(spent, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_credential_that_is_spent_is_401_everywhere(spent, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -210,7 +210,7 @@ def test_s01_a_credential_that_is_spent_is_401_everywhere(spent, tmp_path: Path)
 
 
 @pytest.mark.parametrize("role", list(Role))
-def test_s01_a_role_reaches_what_its_rights_allow_and_nothing_more(role: Role, tmp_path: Path) -> None:
+def test_a_role_reaches_what_its_rights_allow_and_nothing_more(role: Role, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -230,7 +230,7 @@ def test_s01_a_role_reaches_what_its_rights_allow_and_nothing_more(role: Role, t
 
 
 @pytest.mark.parametrize("right", list(Right))
-def test_s01_a_token_reaches_what_its_scope_says_though_its_user_may_more(right: Right, tmp_path: Path) -> None:
+def test_a_token_reaches_what_its_scope_says_though_its_user_may_more(right: Right, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -246,7 +246,7 @@ def test_s01_a_token_reaches_what_its_scope_says_though_its_user_may_more(right:
     run(story())
 
 
-def test_s01_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
+def test_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -265,7 +265,7 @@ def test_s01_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s01_one_users_session_can_not_do_what_another_may(tmp_path: Path) -> None:
+def test_one_users_session_can_not_do_what_another_may(tmp_path: Path) -> None:
     """The actor is who the credential says, not who the request claims to be."""
     harness = WebAppHarness(tmp_path)
 
@@ -284,7 +284,7 @@ def test_s01_one_users_session_can_not_do_what_another_may(tmp_path: Path) -> No
     run(story())
 
 
-def test_s08_nobody_gains_rights_that_they_do_not_have(tmp_path: Path) -> None:
+def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -319,7 +319,7 @@ def test_s08_nobody_gains_rights_that_they_do_not_have(tmp_path: Path) -> None:
         ("POST", "/login", None),
     ],
 )
-def test_s08_a_body_of_another_shape_is_refused_and_changes_nothing(
+def test_a_body_of_another_shape_is_refused_and_changes_nothing(
     method: str, path: str, body: object, tmp_path: Path
 ) -> None:
     harness = WebAppHarness(tmp_path)
@@ -344,7 +344,7 @@ def test_s08_a_body_of_another_shape_is_refused_and_changes_nothing(
         ("[1]", "", "应为对象"),
     ],
 )
-def test_s08_the_door_says_what_is_wrong_in_both_languages(body: str, path: str, chinese: str, tmp_path: Path) -> None:
+def test_a_rejected_body_is_explained_in_both_languages(body: str, path: str, chinese: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""S14, S15 on real sockets of this machine: where it listens, TLS, and whoever is too slow or too many."""
+"""The server: its address, TLS, and clients that are too slow or too many."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def certificate(tmp_path: Path) -> tuple[WebConfig, ssl.SSLContext]:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "127.0.0.53", "localhost", "0.0.0.0", "::", "10.1.2.3", "plant"])
-def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
+def test_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
     certificate = tmp_path / "cert.pem"
     for users in (False, True):
         access = WebAppHarness(tmp_path / str(users), users=users).auth
@@ -76,7 +76,7 @@ def test_s15_only_this_machine_unless_there_is_tls_and_an_administrator(host: st
             assert found == (host if is_loopback(host) or (tls and users) else "127.0.0.1")
 
 
-async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
+async def test_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     async with serving(harness, WebConfig(host="0.0.0.0", port=0)) as said:
         assert where(said[0])[0] == "127.0.0.1"
@@ -86,7 +86,7 @@ async def test_s15_the_real_socket_is_on_loopback_though_the_setting_says_otherw
         assert [one.partition(":")[0] for one in listening if one.endswith(port)] == ["0100007F"]
 
 
-async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there(
+async def test_it_moves_to_its_address_when_the_first_administrator_is_there(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     """127.0.0.2 stands for an address beyond: no test binds to one that others reach."""
@@ -107,7 +107,7 @@ async def test_s15_it_moves_to_its_address_when_the_first_administrator_is_there
 
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
-async def test_s15_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
+async def test_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     web, trusting = certificate
@@ -156,7 +156,7 @@ async def answered(host: str, port: int, said: bytes) -> bytes:
     ],
     ids=["nothing", "half a line", "half a head", "half of a second request"],
 )
-async def test_s14_whoever_does_not_finish_a_head_is_let_go(head: bytes, tmp_path: Path) -> None:
+async def test_unfinished_headers_end_the_connection(head: bytes, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 0.2)
         async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
@@ -166,7 +166,7 @@ async def test_s14_whoever_does_not_finish_a_head_is_let_go(head: bytes, tmp_pat
             assert found.count(b"200 OK") == head.count(b"\r\n\r\n")
 
 
-async def test_s14_a_head_without_end_is_cut(tmp_path: Path) -> None:
+async def test_a_head_without_end_is_cut(tmp_path: Path) -> None:
     async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
         head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (connection_limits.MAX_HEADER_BYTES + 1)
         assert await answered(*where(said[0]), head) == b""
@@ -186,7 +186,7 @@ async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: 
         assert found.startswith(b"HTTP/1.1 200 ")
 
 
-async def test_s14_a_body_that_nobody_wanted_is_not_waited_for(tmp_path: Path) -> None:
+async def test_an_unwanted_body_is_not_awaited(tmp_path: Path) -> None:
     async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
         begun = asyncio.get_running_loop().time()
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
@@ -196,7 +196,7 @@ async def test_s14_a_body_that_nobody_wanted_is_not_waited_for(tmp_path: Path) -
         assert asyncio.get_running_loop().time() - begun < 4
 
 
-async def test_s14_whoever_does_not_read_the_answer_is_let_go(tmp_path: Path) -> None:
+async def test_an_unread_response_ends_the_connection(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "WRITE_STALL_TIMEOUT_S", 0.2)
         async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
@@ -238,7 +238,7 @@ def talker() -> FastAPI:
 @pytest.mark.parametrize(
     ("path", "limit"), [("/flood", "WRITE_STALL_TIMEOUT_S"), ("/closed", "WEBSOCKET_CLOSE_TIMEOUT_S")]
 )
-async def test_s14_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(path: str, limit: str) -> None:
+async def test_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(path: str, limit: str) -> None:
     """However long what waits for it can't be sent."""
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, limit, 0.2)
@@ -261,7 +261,7 @@ async def test_s14_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connect
         await serving
 
 
-async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
+async def test_a_collection_of_garbage_does_not_look_through_the_whole_app(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Which takes 0.1 s, and a stop over the web waited for it."""
@@ -280,7 +280,7 @@ async def test_g06_a_collection_of_garbage_does_not_look_through_the_whole_app(
     assert frozen[0] > before
 
 
-async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) -> None:
+async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
     """They are let go when they have said nothing for a while; until then there is room for others."""
     harness = WebAppHarness(tmp_path)
     with pytest.MonkeyPatch.context() as context:
@@ -313,7 +313,7 @@ async def test_s14_500_idle_connections_keep_nobody_from_a_stop(tmp_path: Path) 
         (None, None, False),
     ],
 )
-def test_s14_one_address_does_not_take_every_connection(mine: str | None, others: str | None, too_many: bool) -> None:
+def test_one_address_does_not_take_every_connection(mine: str | None, others: str | None, too_many: bool) -> None:
     """This machine itself may: a reverse proxy comes from here."""
 
     class Other:

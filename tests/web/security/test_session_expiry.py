@@ -1,4 +1,4 @@
-"""S04: a long connection ends with the credential that opened it, whatever its route is doing then."""
+"""A WebSocket ends with the credential that opened it, whatever its route is doing."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def begun(guest: Guest, line: Line, route: Any) -> asyncio.Task[None]:
 
 
 @pytest.mark.parametrize("accepted", [True, False])
-def test_s04_who_is_over_is_told_why_and_the_route_gets_a_disconnect(accepted: bool) -> None:
+def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(accepted: bool) -> None:
     got: list[Message] = []
 
     async def route(receive: Any, send: Any) -> None:
@@ -115,7 +115,7 @@ def test_a_route_that_fails_fails_outside_too() -> None:
     run(story(), max_s=60.0)
 
 
-def test_whoever_ends_the_connection_ends_its_route() -> None:
+def test_cancelling_the_connection_cancels_its_route() -> None:
     """The server goes: nothing is left running behind it."""
     ends: list[str] = []
 

@@ -1,4 +1,4 @@
-"""Who came in, who was made, changed or removed, and which keys were given out: each with its record (S01, 6.5)."""
+"""Routes of sessions, users and tokens, each with its audit record."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ async def done(client: AsyncClient, method: str, path: str, body: Any = None) ->
     return found
 
 
-def test_anybody_may_ask_whether_it_is_there(tmp_path: Path) -> None:
+def test_the_health_check_needs_no_credential(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     assert run(done(harness.client(), "GET", "/health")) == {"ok": True}
 
 
-def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
+def test_every_login_and_logout_is_in_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -67,7 +67,7 @@ def test_the_trail_tells_how_somebody_came_in_and_left(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s05_the_trail_tells_who_did_not_come_in_and_why(tmp_path: Path) -> None:
+def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -95,7 +95,7 @@ def test_s05_the_trail_tells_who_did_not_come_in_and_why(tmp_path: Path) -> None
     run(story())
 
 
-def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> None:
+def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -123,7 +123,7 @@ def test_the_trail_tells_who_made_changed_and_removed_whom(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
 @pytest.mark.parametrize("by_token", [False, True])
-def test_s06_nobody_takes_the_role_from_oneself(by_token: bool, name: str, tmp_path: Path) -> None:
+def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, tmp_path: Path) -> None:
     """However the name is spelt, and not by a program of one's own either; a password of one's own may be new."""
     harness = WebAppHarness(tmp_path)
 
@@ -143,7 +143,7 @@ def test_s06_nobody_takes_the_role_from_oneself(by_token: bool, name: str, tmp_p
     run(story())
 
 
-def test_s04_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) -> None:
+def test_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -180,7 +180,7 @@ def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path
     run(story())
 
 
-def test_s08_a_token_may_what_was_asked_for_and_ends_when_it_was_said(tmp_path: Path) -> None:
+def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -235,7 +235,7 @@ def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -
     run(story())
 
 
-def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
+def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     nobody = {"setup": False, "user": None, "rights": [], "csrf": None}
 
@@ -266,7 +266,7 @@ def test_the_page_is_told_who_is_there_and_for_how_long(tmp_path: Path) -> None:
     run(story())
 
 
-def test_s07_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_path: Path) -> None:
+def test_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -280,7 +280,7 @@ def test_s07_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp
 
 
 @pytest.mark.parametrize("path", ["/logout", "/logout?all=true"])
-def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
+def test_a_logout_deletes_the_cookies(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def story() -> None:
@@ -307,7 +307,7 @@ def test_s15_whoever_leaves_leaves_no_cookie(path: str, tmp_path: Path) -> None:
         ("http", "http://plant.example/https://", False),
     ],
 )
-def test_s15_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
+def test_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
     scheme: str, origin: str | None, secure: bool
 ) -> None:
     headers = [] if origin is None else [(b"origin", origin.encode())]

@@ -143,7 +143,7 @@ class Dispatcher:
         return found
 
     def _check_not_stopped(self, ticket: CommandTicket) -> None:
-        """While it was recorded nobody has stopped one of its drives, and it has not become another ticket."""
+        """Raises Superseded after a stop of one of its drives, Expired after a record that took too long."""
         check_not_superseded(self.plant, ticket)
         age_s = self.plant.now() - ticket.issued_at
         if age_s > MAX_RECORDING_S:

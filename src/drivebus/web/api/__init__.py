@@ -1,1 +1,1 @@
-"""REST under ``/api/v1``: every operation of the plant as a route, generated from one table."""
+"""The API under ``/api/v1``: every operation of the service as a route."""
