@@ -1,4 +1,4 @@
-"""What somebody tried who wanted a motor to move, or a stop to be lost, when it must not."""
+"""Attempts to make a motor move, or to lose a stop, against the rules of the bus."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def wire_of(*stations: FakeStation) -> Any:
 
 
 async def opened(*stations: FakeStation) -> tuple[Bus, ScriptedPort]:
-    """A bus whose stations have all answered once."""
+    """A bus whose stations have all replied once."""
     port = ScriptedPort(wire_of(*stations), SETTINGS)
     bus = Bus(port)
     await bus.open()
@@ -61,10 +61,10 @@ def commands(station: FakeStation) -> list[int]:
     return [request.value for request in writes if request.register == COMMAND]
 
 
-def test_no_sink_comes_between_a_permit_that_was_checked_and_its_frame() -> None:
-    """A sink may block, or latch: by then the frame whose permit was checked at this moment has left (I1)."""
+def test_no_callback_comes_between_a_permit_that_was_checked_and_its_frame() -> None:
+    """A sink may block, or inhibit starts: before that the frame whose permit was checked at this moment has left."""
 
-    async def told() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, port = await opened(station)
         left: list[int] = []
@@ -81,13 +81,13 @@ def test_no_sink_comes_between_a_permit_that_was_checked_and_its_frame() -> None
         assert isinstance(answer.error, NotPermitted)
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
-    """Ruling 5: dropped by nothing; ``wait_for(stop, …)`` must not take it back."""
+    """No check drops a stop, and ``wait_for(stop, …)`` must not take it back."""
 
-    async def told() -> None:
+    async def main() -> None:
         station = FakeStation(delay_s=0.015)
         bus, _ = await opened(station)
         busy = asyncio.ensure_future(bus.transact(read_request()))
@@ -99,10 +99,10 @@ def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
         assert commands(station) == [STOP]
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_a_stop_whose_asker_gave_up_is_still_sent_again_when_nobody_answers() -> None:
+def test_a_stop_whose_caller_gave_up_is_still_repeated_without_a_reply() -> None:
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
     book = BusScript(core, lambda frame, at: [(at + 0.01, answer)] if (answer := station.reply_to(frame, at)) else [])
@@ -117,8 +117,8 @@ def test_a_stop_whose_asker_gave_up_is_still_sent_again_when_nobody_answers() ->
     assert len([frame for _, frame in book.sent[sent:] if frame == book.sent[sent][1]]) == 3
 
 
-def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_anew() -> None:
-    async def told() -> None:
+def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_again() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, _ = await opened(station)
         old = start_request(bus.core)
@@ -129,12 +129,12 @@ def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_anew() -> N
         assert isinstance(answer.error, NotPermitted) and station.start_count == 0
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 @pytest.mark.parametrize("all_of_them", [True, False])
-def test_a_latch_outlives_registering_the_station_anew(all_of_them: bool) -> None:
-    async def told() -> None:
+def test_a_start_inhibit_outlives_registering_the_station_again(all_of_them: bool) -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, _ = await opened(station)
         bus.inhibit_start(None if all_of_them else [1])
@@ -151,17 +151,17 @@ def test_a_latch_outlives_registering_the_station_anew(all_of_them: bool) -> Non
         assert not bus.start_inhibited(1)
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 def mute_for_writes(station: FakeStation) -> Any:
-    """It hears everything and answers reads and loop-backs only."""
+    """It receives everything and replies to reads and loop-backs only."""
     inner = wire_of(station)
     return lambda frame, ended_at: [reply for reply in inner(frame, ended_at) if frame[1] != 6]
 
 
-def test_nobody_can_have_a_start_repeated_by_calling_it_absolute() -> None:
-    """F16: whatever class a permit names, a frame that moves goes once."""
+def test_a_start_is_never_repeated_even_if_its_permit_calls_it_idempotent() -> None:
+    """Whatever class a permit names, a frame that moves goes once."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -175,8 +175,8 @@ def test_nobody_can_have_a_start_repeated_by_calling_it_absolute() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "leaves"), [(0.0, True), (0.001, False)])
-def test_a_permit_ends_at_its_second_whatever_the_ask_says_of_itself(late_s: float, leaves: bool) -> None:
-    """Ruling 12, with an ask that names no expiry of its own."""
+def test_a_permit_ends_at_its_second_whatever_the_request_says_of_itself(late_s: float, leaves: bool) -> None:
+    """The request itself has no expiry."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -204,7 +204,7 @@ def test_a_permit_that_ends_while_its_frame_waits_is_worth_nothing() -> None:
     assert station.start_count == 0
 
 
-def test_ruling_5_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
+def test_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -214,10 +214,10 @@ def test_ruling_5_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
     assert commands(station) == [STOP]
 
 
-def test_a_suspect_station_is_asked_for_its_fence_during_a_backup_of_another() -> None:
-    """Four parameters in a row, then whoever else is waiting: else its values would be stale for as long (I4)."""
+def test_a_suspect_station_gets_its_sync_probe_during_a_parameter_backup_of_another() -> None:
+    """Four parameters in a row, then other waiting requests: else its values would be stale for as long."""
 
-    async def told() -> None:
+    async def main() -> None:
         one, two = FakeStation(1), FakeStation(2)
         bus, _ = await opened(one, two)
         good: list[float] = []
@@ -236,10 +236,10 @@ def test_a_suspect_station_is_asked_for_its_fence_during_a_backup_of_another() -
             two.alive = True
 
         await asyncio.gather(blink(), *(backup() for _ in range(3)))
-        assert [at for at in good if at > 9.0], "nothing was heard of it again"
+        assert [at for at in good if at > 9.0], "it was never polled again"
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 class Halting(ScriptedPort):
@@ -255,7 +255,7 @@ class Halting(ScriptedPort):
 
 
 def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> None:
-    async def told() -> None:
+    async def main() -> None:
         complaints: list[Any] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
         station = FakeStation()
@@ -267,10 +267,10 @@ def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> N
         port.plugged = True
         await asyncio.sleep(2.0)
         assert bus.is_open and port.failures == 2
-        assert len(complaints) == 2, "and the loop's handler is told"
+        assert len(complaints) == 2, "and the handler of the loop gets it"
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 class Stumbling(ScriptedPort):
@@ -290,7 +290,7 @@ class Stumbling(ScriptedPort):
 
 
 def test_a_write_that_fails_in_an_unknown_way_loses_the_port_and_not_the_bus() -> None:
-    async def told() -> None:
+    async def main() -> None:
         complaints: list[Any] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
         station = FakeStation()
@@ -308,11 +308,11 @@ def test_a_write_that_fails_in_an_unknown_way_loses_the_port_and_not_the_bus() -
         assert commands(station)[-1:] == [STOP]
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_after_a_replug_every_station_owes_a_fence_before_its_data_count() -> None:
-    """A serial server may still hold the answer to what was asked before (5.3)."""
+def test_after_a_replug_every_station_must_answer_a_sync_probe_before_its_data_count() -> None:
+    """A serial server may still hold the reply to what was requested before."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -330,7 +330,7 @@ def test_after_a_replug_every_station_owes_a_fence_before_its_data_count() -> No
 
 
 def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
-    """A reply counts after the whole gap: a byte that comes within it voids it (T15, F05)."""
+    """A reply counts after the whole gap: a byte that comes within it invalidates it."""
     station = FakeStation(registers={0x3000: 7})
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -345,12 +345,12 @@ def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
     gap_s = core.stations[1].gap_s
     play.receive(b"\x55", at=whole_at + gap_s - 0.0002)
     play.run_until(whole_at + gap_s - 0.0004)
-    play.submit(read_request(), "wish")
+    play.submit(read_request(), "command")
     assert (play.result("read").error, play.result("read").attempts) == (None, 2), "asked again, not believed"
 
 
-def test_ruling_11_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
-    """DF800 refuses with five bytes, and an adapter may hand an eight-byte echo over in two batches (F04)."""
+def test_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
+    """DF800 sends error replies of five bytes, and an adapter may hand an eight-byte echo over in two batches."""
     codec = modbus.ModbusRtuCodec(error_form="short")
     refusal = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
     register, value = refusal[3], refusal[4] << 8
@@ -369,7 +369,7 @@ def test_ruling_11_a_batch_that_ends_where_a_short_error_would_end_is_no_error()
 
 
 def playing(*stations: FakeStation, **options: Any) -> BusScript:
-    """A core whose stations have all answered once."""
+    """A script whose stations have all replied once."""
     core = BusCore(SETTINGS, **({"echo": "off"} | options))
     play = BusScript(core, wire_of(*stations))
     for station in stations:
@@ -386,8 +386,8 @@ def spoiled(count: int) -> bytes:
 
 
 @pytest.mark.parametrize(("more", "suspect"), [(0, False), (1, True)])
-def test_f05_only_exactly_an_answers_worth_of_bytes_is_a_spoiled_answer(more: int, suspect: bool) -> None:
-    """Anything longer may be noise, and the answer may still come."""
+def test_only_exactly_the_bytes_of_a_reply_are_a_damaged_reply(more: int, suspect: bool) -> None:
+    """Anything longer may be noise, and the reply may still come."""
     play = playing(FakeStation())
     play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(more))] if frame[1] == 3 else []
     play.submit(read_request(count=1), "read")
@@ -395,8 +395,8 @@ def test_f05_only_exactly_an_answers_worth_of_bytes_is_a_spoiled_answer(more: in
     assert play.core.stations[1].state.is_suspect is suspect
 
 
-def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> None:
-    """While another station is overdue a spoiled answer proves nothing of this one."""
+def test_garbage_may_be_the_late_reply_of_another_suspect_station() -> None:
+    """While another station is overdue a damaged reply proves nothing of this one."""
     one, two = FakeStation(1), FakeStation(2)
     play = playing(one, two)
     two.alive = False
@@ -409,7 +409,7 @@ def test_f01_garbage_may_be_a_late_answer_of_somebody_else_who_owes_one() -> Non
     assert play.core.stations[1].state.is_suspect
 
 
-def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew() -> None:
+def test_a_damaged_reply_to_a_sync_probe_is_no_reply_and_the_quarantine_begins_again() -> None:
     station = FakeStation()
     play = playing(station)
     station.alive = False
@@ -425,7 +425,7 @@ def test_a_spoiled_answer_to_a_fence_is_no_answer_and_the_quarantine_begins_anew
     assert state.state.is_suspect and state.quarantined_until >= fenced_at + state.config.timing.max_reply_lateness_s
 
 
-def test_g19_after_a_replug_a_mirrored_reply_is_not_believed_although_the_old_adapter_had_no_echo() -> None:
+def test_after_a_replug_a_mirrored_reply_is_not_accepted_although_the_old_adapter_had_no_echo() -> None:
     station = FakeStation()
     play = playing(station)
     assert play.core.echo.ruled_out
@@ -439,7 +439,7 @@ def test_g19_after_a_replug_a_mirrored_reply_is_not_believed_although_the_old_ad
     assert play.result("again").error is None
 
 
-def test_g19_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> None:
+def test_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> None:
     """On a paced port the echo comes early and is dropped: what is left says nothing of the adapter."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off", has_line_timing=True)
@@ -456,8 +456,8 @@ def test_g19_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() ->
     assert not core.echo.ruled_out
 
 
-def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
-    async def told() -> None:
+def test_two_second_replies_block_for_a_while_and_not_for_ever() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, port = await opened(station)
         for _ in range(2):
@@ -471,11 +471,11 @@ def test_f15_two_second_answers_block_for_a_while_and_not_for_ever() -> None:
         assert not bus.health(1).duplicate_address
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_f15_two_second_answers_far_apart_are_no_duplicate_address() -> None:
-    async def told() -> None:
+def test_two_second_replies_far_apart_are_no_duplicate_address() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, port = await opened(station)
         for _ in range(3):
@@ -487,19 +487,19 @@ def test_f15_two_second_answers_far_apart_are_no_duplicate_address() -> None:
             assert not bus.health(1).duplicate_address
         await bus.close()
 
-    run(told())
+    run(main())
 
 
 def buskit_reply() -> bytes:
     return modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
 
 
-def test_i12_polls_that_were_cancelled_leave_nothing_behind() -> None:
-    async def told() -> None:
+def test_polls_that_were_cancelled_leave_nothing_behind() -> None:
+    async def main() -> None:
         bus, _ = await opened(FakeStation())
         for _ in range(50):
             bus.start_polling(1, [Poll(read(), 3600.0)], lambda answer: None).cancel()
         assert len(bus.core.scheduler.poll_schedule) == 0
         await bus.close()
 
-    run(told())
+    run(main())

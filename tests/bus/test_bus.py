@@ -37,7 +37,7 @@ def bus_with(*stations: FakeStation, **options: Any) -> tuple[Bus, ScriptedPort]
 
 
 def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
-    async def story() -> None:
+    async def main() -> None:
         bus, _ = bus_with(FakeStation(delay_s=0.005))
         async with bus:
             await asyncio.sleep(1)
@@ -46,11 +46,11 @@ def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
             assert answer.received_at == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S)
             assert bus.now() == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 16.5 * CHARACTER_S)
 
-    run(story())
+    run(main())
 
 
-def test_polls_come_to_the_sink_until_they_are_cancelled() -> None:
-    async def story() -> None:
+def test_polls_come_to_the_callback_until_they_are_cancelled() -> None:
+    async def main() -> None:
         bus, _ = bus_with(FakeStation())
         seen: list[BusResult] = []
         async with bus:
@@ -62,11 +62,11 @@ def test_polls_come_to_the_sink_until_they_are_cancelled() -> None:
         assert len(seen) == 5 and {answer.bus_request.tag for answer in seen} == {"status"}
         assert [round(answer.sent_at or 0, 3) for answer in seen[1:]] == [0.5, 1.0, 1.5, 2.0]
 
-    run(story())
+    run(main())
 
 
-def test_a_sink_that_fails_does_not_stop_the_bus() -> None:
-    async def story() -> None:
+def test_a_callback_that_fails_does_not_stop_the_bus() -> None:
+    async def main() -> None:
         complaints: list[dict[str, Any]] = []
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: complaints.append(context))
         bus, _ = bus_with(FakeStation())
@@ -76,11 +76,11 @@ def test_a_sink_that_fails_does_not_stop_the_bus() -> None:
             assert (await bus.transact(read_request())).error is None
         assert len(complaints) >= 2
 
-    run(story())
+    run(main())
 
 
-def test_a_sink_may_ask_for_more_from_within() -> None:
-    async def story() -> None:
+def test_a_callback_may_submit_requests() -> None:
+    async def main() -> None:
         bus, _ = bus_with(FakeStation())
         tasks: list[asyncio.Task[BusResult]] = []
         async with bus:
@@ -90,13 +90,13 @@ def test_a_sink_may_ask_for_more_from_within() -> None:
             await asyncio.sleep(3.5)
             assert len(tasks) >= 3 and all([(await task).error is None for task in tasks])
 
-    run(story())
+    run(main())
 
 
-def test_a_command_that_nobody_waits_for_any_more_is_never_sent() -> None:
+def test_a_cancelled_command_is_never_sent() -> None:
     """A cancelled start in the queue must not move the motor later."""
 
-    async def story() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, _ = bus_with(station)
         async with bus:
@@ -109,13 +109,13 @@ def test_a_command_that_nobody_waits_for_any_more_is_never_sent() -> None:
             await asyncio.sleep(1)
         assert station.start_count == 0
 
-    run(story())
+    run(main())
 
 
 def test_unplugging_fails_what_is_pending_and_replays_nothing() -> None:
-    """I10, G09: PortLost for all, polls again within 2 s of the device, no command repeated."""
+    """PortLost for all, polls again within 2 s of the device, no command repeated."""
 
-    async def story() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, port = bus_with(station)
         seen: list[BusResult] = []
@@ -141,13 +141,13 @@ def test_unplugging_fails_what_is_pending_and_replays_nothing() -> None:
             assert bus.presence(1) is Presence.ONLINE
             assert bus.stop_epoch(1) == 1, "permits of before are void"
 
-    run(story())
+    run(main())
 
 
 def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
     """The device comes back, dies at the first write, and comes back for good."""
 
-    async def story() -> None:
+    async def main() -> None:
         station = FakeStation()
         bus, port = bus_with(station)
         deaths = [0]
@@ -172,22 +172,22 @@ def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
             assert bus.is_open and deaths[0] == 0
             assert seen[-1].error is None and (seen[-1].sent_at or 0) > 6
 
-    run(story())
+    run(main())
 
 
 def test_a_port_that_cannot_be_opened_says_why() -> None:
-    async def story() -> None:
+    async def main() -> None:
         bus, port = bus_with(FakeStation())
         port.plugged = False
         with pytest.raises(PortUnavailable):
             await bus.open()
         assert isinstance((await bus.transact(read_request())).error, PortLost)
 
-    run(story())
+    run(main())
 
 
 def test_closing_fails_what_is_pending() -> None:
-    async def story() -> None:
+    async def main() -> None:
         bus, _ = bus_with(FakeStation())
         await bus.open()
         task = asyncio.create_task(bus.transact(read_request()))
@@ -196,11 +196,11 @@ def test_closing_fails_what_is_pending() -> None:
         await bus.close()
         assert isinstance((await task).error, PortLost)
 
-    run(story())
+    run(main())
 
 
 def test_the_trace_tells_every_frame_until_it_is_ended() -> None:
-    async def story() -> None:
+    async def main() -> None:
         bus, _ = bus_with(FakeStation())
         lines: list[str] = []
         async with bus:
@@ -211,7 +211,7 @@ def test_the_trace_tells_every_frame_until_it_is_ended() -> None:
         assert [line.split()[1] for line in lines] == ["sent", "reply"]
         assert lines[0].endswith("01 03 30 00 00 04 4B 09")
 
-    run(story())
+    run(main())
 
 
 # --- the real timer --------------------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ async def test_one_timer_serves_many_and_moved_alarms_ring_once() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="ptys and timerfd")
 async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
-    """Real time, a socket pair as the line: the station measures the silence before each of our frames (F08)."""
+    """Real time, a socket pair as the bus: the station measures the silence before each of our frames."""
     import socket
 
     ours, theirs = socket.socketpair()

@@ -1,4 +1,4 @@
-"""One family per line; mixing is allowed only where no frame of one looks like a request of the other (T18)."""
+"""One family per bus; mixing is allowed only where no frame of one looks like a request of the other."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ def dzb100(address: int = 6) -> StationConfig:
     )
 
 
-def test_a_second_family_is_refused_by_default() -> None:
+def test_a_second_family_is_rejected_by_default() -> None:
     bus = BusCore(SETTINGS)
     bus.add_station(station_config(1))
     with pytest.raises(ConfigurationError) as caught:
         bus.add_station(c320())
     assert caught.value.key == "bus.mixed"
-    assert caught.value.params["found"] == "c320/ascii"
+    assert caught.value.params["found"] == "sunfar/ascii"
     assert list(bus.stations) == [1]
 
 
@@ -72,7 +72,7 @@ def test_families_whose_frames_can_not_be_confused_may_be_mixed_on_purpose() -> 
 
 
 @pytest.mark.parametrize("order", [0, 1])
-def test_a_frame_that_contains_the_others_request_is_refused_at_every_offset(order: int) -> None:
+def test_a_frame_that_contains_the_others_request_is_rejected_at_every_offset(order: int) -> None:
     bus = BusCore(SETTINGS, allow_mixed=True)
     strange = replace(station_config(9), codec=Anything())
     pair = (c320(), strange)

@@ -1,4 +1,4 @@
-"""Two-wire adapters give our own frames back; a wrong setting never forges an acknowledgement (F03, G19, T21)."""
+"""Two-wire adapters give our own frames back; a wrong setting never forges an acknowledgement."""
 
 from __future__ import annotations
 
@@ -42,30 +42,32 @@ def echoing(inner: Wire, late_s: float = 0.0, pieces: bool = True) -> Wire:
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("pieces", [True, False])
 def test_an_echo_is_detected_and_removed(paced: bool, pieces: bool) -> None:
-    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), echoing(wire_to(FakeStation()), pieces=pieces))
+    script = BusScript(
+        make_core(1, has_line_timing=paced, echo="detect"), echoing(wire_to(FakeStation()), pieces=pieces)
+    )
     for number in range(5):
-        play.submit(read_request(), number)
-        assert play.result(number).reply.values == (number + 1,) * 4
-    assert play.core.echo.state is EchoState.ON
-    assert play.core.echo.echo_count == 5
-    play.submit(write_request(play.core), "write")
-    answer = play.result("write")
+        script.submit(read_request(), number)
+        assert script.result(number).reply.values == (number + 1,) * 4
+    assert script.core.echo.state is EchoState.ON
+    assert script.core.echo.echo_count == 5
+    script.submit(write_request(script.core), "write")
+    answer = script.result("write")
     assert answer.error is None and answer.received == answer.sent, "the echo is gone, the equal reply is there"
 
 
 @pytest.mark.parametrize("paced", [True, False])
 def test_no_echo_is_detected_too(paced: bool) -> None:
-    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), wire_to(FakeStation()))
-    play.submit(read_request())
-    assert play.result().error is None
-    assert play.core.echo.state is EchoState.OFF and play.core.echo.ruled_out
+    script = BusScript(make_core(1, has_line_timing=paced, echo="detect"), wire_to(FakeStation()))
+    script.submit(read_request())
+    assert script.result().error is None
+    assert script.core.echo.state is EchoState.OFF and script.core.echo.ruled_out
 
 
 def test_a_dead_drive_behind_an_echo_is_detected_as_an_echo_too() -> None:
-    play = BusScript(make_core(1, echo="detect"), echoing(wire_to()))
-    play.submit(read_request())
-    assert play.result().error is not None
-    assert play.core.echo.state is EchoState.ON
+    script = BusScript(make_core(1, echo="detect"), echoing(wire_to()))
+    script.submit(read_request())
+    assert script.result().error is not None
+    assert script.core.echo.state is EchoState.ON
 
 
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
@@ -73,27 +75,27 @@ def test_a_dead_drive_behind_an_echo_is_detected_as_an_echo_too() -> None:
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("late_s", [0.0, 0.004, 0.018])
 def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bool, paced: bool, late_s: float) -> None:
-    """G19: set rightly or wrongly, echo at once or through a slow adapter, with another drive alive or not."""
+    """Set rightly or wrongly, echo at once or through a slow adapter, with another drive alive or not."""
     chance = random.Random(5)
     for alive in (True, False):
         alone = wire_to(FakeStation(2)) if alive else wire_to()
-        play = BusScript(
+        script = BusScript(
             make_core(1, 2, has_line_timing=paced, echo=setting), echoing(alone, late_s) if real else alone
         )
         for number in range(60):
             if chance.random() < 0.5:
-                play.submit(read_request(2), ("read", number))
-                play.run_until(play.now + chance.random())
-            play.submit(write_request(play.core, 1, value=chance.randrange(0x10000), until=play.now + 60), number)
-            answer = play.result(number)
+                script.submit(read_request(2), ("read", number))
+                script.run_until(script.now + chance.random())
+            script.submit(write_request(script.core, 1, value=chance.randrange(0x10000), until=script.now + 60), number)
+            answer = script.result(number)
             assert answer.reply is None and answer.error is not None
-            play.run_until(play.now + chance.random() * 2)
+            script.run_until(script.now + chance.random() * 2)
 
 
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("late_s", [0.0, 1.5 * CHARACTER_S])
-def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool, late_s: float) -> None:
-    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be believed.
+def test_an_echo_that_is_lost_at_first_is_detected_later(paced: bool, late_s: float) -> None:
+    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be accepted.
 
     ``late_s``: the adapter hands the echo over as a batch, so that a part of it seems to come after our last bit.
     """
@@ -102,16 +104,16 @@ def test_an_echo_that_was_not_heard_at_first_is_detected_later(paced: bool, late
     def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
         return () if lost and lost.pop() else echoing(inner, late_s, pieces=not late_s)(frame, ended_at)
 
-    play = BusScript(make_core(1, has_line_timing=paced, echo="detect"), adapter)
-    play.submit(read_request(), "lost")
-    play.result("lost")
+    script = BusScript(make_core(1, has_line_timing=paced, echo="detect"), adapter)
+    script.submit(read_request(), "lost")
+    script.result("lost")
     for number in range(3):
-        play.submit(read_request(), number)
-        play.result(number)
-        play.run_until(play.now + 70.0)
-    assert play.core.echo.state is EchoState.ON
-    play.submit(write_request(play.core, until=play.now + 60), "write")
-    assert play.result("write").error is None
+        script.submit(read_request(), number)
+        script.result(number)
+        script.run_until(script.now + 70.0)
+    assert script.core.echo.state is EchoState.ON
+    script.submit(write_request(script.core, until=script.now + 60), "write")
+    assert script.result("write").error is None
 
 
 def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
@@ -125,68 +127,68 @@ def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
         yield ended_at, bytes(back)
         yield from inner(frame, ended_at)
 
-    play = BusScript(make_core(1, echo="on"), line)
-    play.submit(read_request(), "good")
-    assert play.result("good").error is None
+    script = BusScript(make_core(1, echo="on"), line)
+    script.submit(read_request(), "good")
+    assert script.result("good").error is None
     spoil[0] = True
-    play.submit(read_request(), "bad")
-    error = play.result("bad").error
+    script.submit(read_request(), "bad")
+    error = script.result("bad").error
     assert isinstance(error, LineError) and error.params["position"] == 4
-    assert play.core.counters.events["collision"] == 2, "and its one retry"
+    assert script.core.counters.events["collision"] == 2, "and its one retry"
 
 
 def test_silence_and_debris_do_not_say_that_there_is_no_echo() -> None:
-    """Found by `lab commands`: half an echo, on a line that loses bytes, was taken for the absence of one."""
-    for heard in (b"", b"\x30\x00"):
-        play = BusScript(
-            make_core(1, has_line_timing=False, echo="detect"), lambda _, at, heard=heard: whole(heard, at)
+    """Found by the campaign ``commands``: half an echo, on a bus that loses bytes, was taken for the absence of one."""
+    for received in (b"", b"\x30\x00"):
+        script = BusScript(
+            make_core(1, has_line_timing=False, echo="detect"), lambda _, at, received=received: whole(received, at)
         )
-        play.submit(read_request())
-        assert play.result().error is not None
-        assert play.core.echo.state is EchoState.UNKNOWN
+        script.submit(read_request())
+        assert script.result().error is not None
+        assert script.core.echo.state is EchoState.UNKNOWN
 
 
-def test_a_line_on_which_only_fences_are_asked_finds_its_echo() -> None:
-    """Found by `lab commands`: our fence passed for its mirrored answer, the answer for a late one, for ever."""
-    play = BusScript(make_core(1, has_line_timing=False, echo="detect"), echoing(wire_to(FakeStation())))
-    play.submit(write_request(play.core), "mirrored")
-    play.result("mirrored")
-    assert play.core.echo.state is not EchoState.ON
-    play.run_until(play.now + 1)
-    assert play.core.echo.state is EchoState.ON, "it was heard once more: that was the answer"
+def test_a_bus_with_sync_probes_only_detects_its_echo() -> None:
+    """Found by the campaign ``commands``: the sync probe passed for its mirrored reply, its reply for a late one."""
+    script = BusScript(make_core(1, has_line_timing=False, echo="detect"), echoing(wire_to(FakeStation())))
+    script.submit(write_request(script.core), "mirrored")
+    script.result("mirrored")
+    assert script.core.echo.state is not EchoState.ON
+    script.run_until(script.now + 1)
+    assert script.core.echo.state is EchoState.ON, "it came once more: that was the reply"
 
 
-def test_a_new_adapter_is_listened_to_anew() -> None:
+def test_a_new_adapter_is_observed_again() -> None:
     """After reopening, another adapter may be in the old one's place."""
     station = FakeStation()
-    play = BusScript(make_core(1, echo="detect"), wire_to(station))
-    play.submit(read_request(), 1)
-    play.result(1)
-    play.lose_port(PortLost("ports.lost"))
-    play.run_until(play.now + 1)
-    play.wire = echoing(wire_to(station))
-    play.reopen()
-    play.submit(read_request(), 2)
-    assert play.result(2).error is None
-    assert play.core.echo.state is EchoState.ON
+    script = BusScript(make_core(1, echo="detect"), wire_to(station))
+    script.submit(read_request(), 1)
+    script.result(1)
+    script.lose_port(PortLost("ports.lost"))
+    script.run_until(script.now + 1)
+    script.wire = echoing(wire_to(station))
+    script.reopen()
+    script.submit(read_request(), 2)
+    assert script.result(2).error is None
+    assert script.core.echo.state is EchoState.ON
 
 
 def test_a_detected_echo_that_stays_away_is_doubted() -> None:
     station = FakeStation()
-    play = BusScript(make_core(1, echo="detect"), echoing(wire_to(station)))
-    play.submit(read_request(), "with")
-    play.result("with")
-    play.wire = wire_to(station)
+    script = BusScript(make_core(1, echo="detect"), echoing(wire_to(station)))
+    script.submit(read_request(), "with")
+    script.result("with")
+    script.wire = wire_to(station)
     for number in range(8):
-        play.submit(read_request(), number)
-        play.result(number)
-        play.run_until(play.now + 1)
-    assert play.results[7][0].error is None
-    assert play.core.echo.state is EchoState.OFF
+        script.submit(read_request(), number)
+        script.result(number)
+        script.run_until(script.now + 1)
+    assert script.results[7][0].error is None
+    assert script.core.echo.state is EchoState.OFF
 
 
 def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
-    """T21: it has the length and the sum of a reply (response 3, state 00). Behind a wrongly set adapter it is void."""
+    """The request has the length and the checksum of a reply; behind a wrongly set adapter it is invalid."""
     codec = sunfar.SunfarCodec()
     request = sunfar.SunfarWriteParameter(1, 0, 1, 5000)
     link = StationConfig(
@@ -198,9 +200,9 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
     )
     bus = BusCore(SerialSettings(9600, parity="E"), has_line_timing=False, echo="off")
     bus.add_station(link)
-    play = BusScript(bus, echoing(wire_to(), 0.004))
+    script = BusScript(bus, echoing(wire_to(), 0.004))
     for number in range(5):
         permit = Permit(station=1, effect=Effect.SETTING, retry_policy=RetryPolicy.EEPROM, expires_at=1e9, stop_epoch=0)
-        play.submit(BusRequest(1, request, RequestPriority.PARAMETER, RetryPolicy.EEPROM, permit), number)
-        answer = play.result(number)
+        script.submit(BusRequest(1, request, RequestPriority.PARAMETER, RetryPolicy.EEPROM, permit), number)
+        answer = script.result(number)
         assert answer.reply is None and answer.error is not None

@@ -1,4 +1,4 @@
-"""A port that fails in ways that no port should (G12): the bus says it in its own words, and goes on."""
+"""A port that fails in unforeseen ways: the bus reports it by its own errors and continues."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def heard_complaints() -> list[Any]:
     return complaints
 
 
-@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("nobody foresaw this")])
-def test_g12_an_unforeseen_error_of_an_opening_port_is_told_as_a_port_that_can_not_be_opened(error: Exception) -> None:
-    async def told() -> None:
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("unforeseen")])
+def test_an_unforeseen_error_of_an_opening_port_is_reported_as_a_port_that_can_not_be_opened(error: Exception) -> None:
+    async def main() -> None:
         port = Failing(wire_to(FakeStation()), SETTINGS)
         port.opening = error
         bus = Bus(port)
@@ -62,21 +62,21 @@ def test_g12_an_unforeseen_error_of_an_opening_port_is_told_as_a_port_that_can_n
         assert (await bus.transact(read_request())).error is None
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_g12_a_cancelled_opening_stays_cancelled() -> None:
-    async def told() -> None:
+def test_a_cancelled_opening_stays_cancelled() -> None:
+    async def main() -> None:
         port = Failing(wire_to(FakeStation()), SETTINGS)
         port.opening = asyncio.CancelledError()  # type: ignore[assignment]
         with pytest.raises(asyncio.CancelledError):
             await Bus(port).open()
 
-    run(told())
+    run(main())
 
 
-def test_g12_a_port_that_fails_to_close_is_complained_of_and_nobody_else_fails() -> None:
-    async def told() -> None:
+def test_a_port_that_fails_to_close_is_reported_and_nothing_else_fails() -> None:
+    async def main() -> None:
         complaints = heard_complaints()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
@@ -90,11 +90,11 @@ def test_g12_a_port_that_fails_to_close_is_complained_of_and_nobody_else_fails()
         assert (await bus.transact(read_request())).error is None
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_g12_a_lost_port_whose_old_opening_can_not_be_closed_is_opened_again_all_the_same() -> None:
-    async def told() -> None:
+def test_a_lost_port_that_can_not_be_closed_is_still_opened_again() -> None:
+    async def main() -> None:
         complaints = heard_complaints()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
@@ -108,13 +108,13 @@ def test_g12_a_lost_port_whose_old_opening_can_not_be_closed_is_opened_again_all
         assert (await bus.transact(read_request())).error is None
         await bus.close()
 
-    run(told())
+    run(main())
 
 
-def test_i6_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_before_the_next() -> None:
+def test_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_before_the_next() -> None:
     """The port is opened again at once: the frame is still on the wire then."""
 
-    async def told() -> None:
+    async def main() -> None:
         heard_complaints()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
@@ -129,4 +129,4 @@ def test_i6_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_bef
         assert second - first >= SETTINGS.seconds(len(frame)) + 3.5 * SETTINGS.character_s - 1e-9
         await bus.close()
 
-    run(told())
+    run(main())

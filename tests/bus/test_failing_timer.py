@@ -1,4 +1,4 @@
-"""The system has no timer left, or a bus was given a clock that stands still for a while (G12)."""
+"""The system has no timer left, or a bus was given a clock that stands still for a while."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Scarce:
 @linux
 @pytest.mark.parametrize("what", ["timer", "reader"])
 @pytest.mark.parametrize("fails", [1, 2])
-def test_g12_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_open(
+def test_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_open(
     monkeypatch: pytest.MonkeyPatch, fails: int, what: str
 ) -> None:
-    async def told() -> None:
+    async def main() -> None:
         before, loop = open_files(), asyncio.get_running_loop()
         with monkeypatch.context() as context:
             if what == "timer":
@@ -57,13 +57,13 @@ def test_g12_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_ope
         await asyncio.wait_for(rang.wait(), 5)
         timers.release(loop)
 
-    asyncio.run(told())
+    asyncio.run(main())
 
 
 @linux
 @pytest.mark.parametrize("what", ["timer", "reader"])
-def test_g12_the_simulations_alarm_rings_without_a_kernel_timer_too(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
-    async def told() -> None:
+def test_the_simulators_timer_fires_without_a_kernel_timer_too(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+    async def main() -> None:
         before, loop, rang = open_files(), asyncio.get_running_loop(), asyncio.Event()
         with monkeypatch.context() as context:
             if what == "timer":
@@ -76,13 +76,13 @@ def test_g12_the_simulations_alarm_rings_without_a_kernel_timer_too(monkeypatch:
         await asyncio.wait_for(rang.wait(), 5)
         alarm.close()
 
-    asyncio.run(told())
+    asyncio.run(main())
 
 
-def test_g12_a_bus_whose_clock_stands_still_holds_up_nobody_else_and_goes_on_with_it() -> None:
+def test_a_bus_whose_clock_stands_still_does_not_block_the_others() -> None:
     """A clock of its own (the seam), which says the same for 5 s while the loop's goes on."""
 
-    async def told() -> None:
+    async def main() -> None:
         loop, turns = asyncio.get_running_loop(), 0
         assert isinstance(loop, VirtualLoop)
 
@@ -96,9 +96,9 @@ def test_g12_a_bus_whose_clock_stands_still_holds_up_nobody_else_and_goes_on_wit
         bus.add_station(station_config())
         await bus.open()
         await asyncio.sleep(0.99)
-        await asyncio.wait_for(bus.transact(read_request()), 10)  # believed or not: nobody can tell when it came
+        await asyncio.wait_for(bus.transact(read_request()), 10)  # accepted or not: its time is not known
         assert 5.9 < loop.time() < 6.5
         assert (await bus.transact(read_request())).error is None
         await bus.close()
 
-    run(told())
+    run(main())

@@ -1,4 +1,4 @@
-"""The bus with all four families on simulated lines, in virtual time: every weather, every poll its own answer."""
+"""The bus with all four families on simulated lines, in virtual time: every weather, every poll its own reply."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def reads(dialect: Any) -> list[Any]:
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("weather", WEATHERS)
 def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> None:
-    async def story() -> None:
+    async def main() -> None:
         profile = profiles.load(model)
         port = open_port(f"sim://{model}@1-3?weather={weather}&seed=5&echo=detect")
         bus = Bus(port)
@@ -52,4 +52,4 @@ def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> No
             if "echo" in weather:
                 assert statistics.counters["echo"] == statistics.replies
 
-    run(story())
+    run(main())

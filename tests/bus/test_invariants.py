@@ -1,4 +1,4 @@
-"""What may never happen, whatever is asked and whatever is heard (6.2): one outstanding, gaps, permits, no surprise."""
+"""Invariants for any requests and any bytes: one request outstanding, gaps, permits, no unexpected exception."""
 
 from __future__ import annotations
 
@@ -39,19 +39,21 @@ class Watchful(BusScript):
     quiet_since = 0.0
 
     def _send(self, frame: bytes) -> None:
-        flight = self.core.transaction
-        assert flight is not None and flight.prepared.data == frame, "I6: the frame on the wire is the one in flight"
+        transaction = self.core.transaction
+        assert transaction is not None and transaction.prepared.data == frame, (
+            "the frame on the wire is the one in transaction"
+        )
         if self.sent:
             before_at, before = self.sent[-1]
-            assert self.now >= before_at + len(before) * CHARACTER_S, "I6: never into our own frame"
-        effect = flight.prepared.effect
+            assert self.now >= before_at + len(before) * CHARACTER_S, "never into our own frame"
+        effect = transaction.prepared.effect
         if effect.value in ("motion", "setting"):
-            permit = flight.prepared.permit
-            assert permit is not None and permit.expires_at >= self.now, "I1"
-            assert permit.stop_epoch == flight.prepared.station.stop_epoch, "I1: no stop since"
-        if flight.prepared.priority != 0:
-            assert self.now >= self.quiet_since + GAP - 1e-9, "F08"
-            assert not any(job.priority == 0 for job in self.core.scheduler.queues[0]), "I3"
+            permit = transaction.prepared.permit
+            assert permit is not None and permit.expires_at >= self.now, "a frame left with an expired permit"
+            assert permit.stop_epoch == transaction.prepared.station.stop_epoch, "no stop since"
+        if transaction.prepared.priority != 0:
+            assert self.now >= self.quiet_since + GAP - 1e-9, "a frame left within the gap"
+            assert not any(job.priority == 0 for job in self.core.scheduler.queues[0]), "a stop was waiting"
         super()._send(frame)
         self.quiet_since = self.now + len(frame) * CHARACTER_S
 
@@ -66,47 +68,47 @@ class Watchful(BusScript):
 def run_story(seed: int, line: str, paced: bool) -> Watchful:
     chance = random.Random(seed)
     stations = [FakeStation(address) for address in (1, 2, 3)]
-    play = Watchful(
+    script = Watchful(
         make_core(1, 2, 3, has_line_timing=paced, echo="detect"), wire_to(*stations, deliver=DELIVERIES[line]())
     )
     for address in (1, 2):
-        play.start_polling(address, [Poll(read(address), chance.choice([0.0, 0.1, 1.0]))], f"w{address}")
+        script.start_polling(address, [Poll(read(address), chance.choice([0.0, 0.1, 1.0]))], f"w{address}")
     for number in range(250):
-        play.run_until(play.now + chance.random() * 0.2)
+        script.run_until(script.now + chance.random() * 0.2)
         address = chance.choice((1, 2, 3))
         match chance.randrange(12):
             case 0 | 1 | 2:
-                play.submit(read_request(address), number)
+                script.submit(read_request(address), number)
             case 3 | 4:
-                play.submit(write_request(play.core, address, until=play.now + chance.random()), number)
+                script.submit(write_request(script.core, address, until=script.now + chance.random()), number)
             case 5 | 6:
-                play.submit(start_request(play.core, address, until=play.now + chance.random()), number)
+                script.submit(start_request(script.core, address, until=script.now + chance.random()), number)
             case 7:
-                play.submit(stop_request(address), number)
+                script.submit(stop_request(address), number)
             case 8:
                 stations[address - 1].alive ^= True
             case 9:
-                play.receive(chance.randbytes(chance.randrange(1, 30)), line_errors=chance.randrange(2))
+                script.receive(chance.randbytes(chance.randrange(1, 30)), line_errors=chance.randrange(2))
             case 10:
-                play.submit(BusRequest(0, modbus.WriteRegister(0, COMMAND, STOP)), number)
+                script.submit(BusRequest(0, modbus.WriteRegister(0, COMMAND, STOP)), number)
             case 11 if chance.random() < 0.2:
-                play.lose_port(PortLost("ports.lost"))
-                play.run_until(play.now + chance.random())
-                play.reopen()
-    play.run_until(play.now + 200)
-    return play
+                script.lose_port(PortLost("ports.lost"))
+                script.run_until(script.now + chance.random())
+                script.reopen()
+    script.run_until(script.now + 200)
+    return script
 
 
 @pytest.mark.parametrize("line", DELIVERIES)
 @pytest.mark.parametrize("paced", [True, False])
 def test_the_invariants_hold_in_random_stories(line: str, paced: bool) -> None:
     for seed in range(5):
-        play = run_story(seed, line, paced)
-        for token, answers in play.results.items():
+        script = run_story(seed, line, paced)
+        for token, answers in script.results.items():
             assert isinstance(token, str) or len(answers) == 1, "each ask is answered exactly once"
             for answer in answers:
-                assert answer.error is None or isinstance(answer.error, DrivebusError), "I8"
-        assert len(play.core.scheduler) <= 2, "I12: nothing is left lying"
+                assert answer.error is None or isinstance(answer.error, DrivebusError), "an unexpected exception"
+        assert len(script.core.scheduler) <= 2, "nothing is left lying"
 
 
 def test_the_same_story_is_the_same_to_the_last_bit() -> None:
@@ -118,25 +120,25 @@ def test_the_same_story_is_the_same_to_the_last_bit() -> None:
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=24), st.floats(0.0, 0.05), st.integers(0, 1)), max_size=30))
 @settings(max_examples=60, deadline=None)
 def test_no_bytes_ever_raise_or_stop_the_bus(pieces: list[tuple[bytes, float, int]]) -> None:
-    """I8 for the whole bus: garbage, then the bus works as before."""
+    """For the whole bus: garbage, then the bus works as before."""
     station = FakeStation()
-    play = BusScript(make_core(1, echo="detect"), wire_to(station))
-    play.start_polling(1, [Poll(read(), 0.2)])
+    script = BusScript(make_core(1, echo="detect"), wire_to(station))
+    script.start_polling(1, [Poll(read(), 0.2)])
     at = 0.0
     for data, pause, marks in pieces:
         at += pause
-        play.receive(data, at=at, line_errors=marks)
-    play.run_until(at + 70)
-    assert play.results["polls"][-1].error is None
+        script.receive(data, at=at, line_errors=marks)
+    script.run_until(at + 70)
+    assert script.results["polls"][-1].error is None
 
 
 def test_a_million_virtual_seconds_of_a_silent_bus_need_no_memory() -> None:
-    """I12: nothing grows while nothing happens."""
-    play = BusScript(make_core(1, 2))
-    play.recording = False
-    play.start_polling(1, [Poll(read(), 1.0)])
-    play.run_until(100_000)
-    bus: BusCore = play.core
+    """Nothing grows while nothing happens."""
+    script = BusScript(make_core(1, 2))
+    script.recording = False
+    script.start_polling(1, [Poll(read(), 1.0)])
+    script.run_until(100_000)
+    bus: BusCore = script.core
     assert (
         len(bus.scheduler) == 0
         and len(bus.scheduler.poll_schedule) + len(bus.scheduler.poll_schedule.suspended.get(bus.stations[1], ())) == 1
@@ -145,7 +147,7 @@ def test_a_million_virtual_seconds_of_a_silent_bus_need_no_memory() -> None:
 
 
 def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> None:
-    """G05 in small: 10 % loss each way, edges never repeated, no stop lost."""
+    """10 % loss each way, edges never repeated, no stop lost."""
     chance = random.Random(11)
     station = FakeStation()
     inner = wire_to(station)
@@ -156,16 +158,16 @@ def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> Non
         replies = list(inner(frame, ended_at))
         return [] if chance.random() < 0.1 else replies
 
-    play = BusScript(make_core(1), lossy)
+    script = BusScript(make_core(1), lossy)
     asked = 0
     for number in range(1500):
-        play.submit(start_request(play.core, until=play.now + 2), ("start", number))
+        script.submit(start_request(script.core, until=script.now + 2), ("start", number))
         before = station.start_count
-        answer = play.result(("start", number))
+        answer = script.result(("start", number))
         asked += 1
         assert station.start_count - before <= 1
         if answer.sent == b"":
             assert station.start_count == before
-        play.submit(stop_request(), ("stop", number))
-        play.result(("stop", number))
+        script.submit(stop_request(), ("stop", number))
+        script.result(("stop", number))
     assert station.start_count <= asked

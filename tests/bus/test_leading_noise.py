@@ -1,4 +1,4 @@
-"""One stray byte before a reply (ruling 10): strict at offset 0, unless the station's profile says that it glitches."""
+"""One stray byte before a reply: strict at offset 0, unless the station's profile tolerates noise."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def behind(junk: bytes, deliver: Delivery) -> Delivery:
 
 def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusScript:
     station = FakeStation()
-    play = BusScript(make_core(timing=timing), wire_to(station, deliver=behind(junk, deliver)))
-    play.submit(read_request())
-    return play
+    script = BusScript(make_core(timing=timing), wire_to(station, deliver=behind(junk, deliver)))
+    script.submit(read_request())
+    return script
 
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 @pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
-def test_a_station_that_is_said_to_glitch_is_understood_behind_one_stray_byte(junk: bytes, deliver: Delivery) -> None:
+def test_one_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, deliver: Delivery) -> None:
     answer = heard_behind(junk, deliver, GLITCHING).result()
     assert answer.error is None
     assert len(answer.reply.values) == 4
@@ -41,9 +41,9 @@ def test_a_station_that_is_said_to_glitch_is_understood_behind_one_stray_byte(ju
 def test_what_it_seems_to_be_with_the_stray_byte_does_not_matter(address: int) -> None:
     """The address stands where the function would: of one that is no function no length is known."""
     station = FakeStation(address)
-    play = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))
-    play.submit(read_request(address))
-    assert play.result().error is None
+    script = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))
+    script.submit(read_request(address))
+    assert script.result().error is None
 
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
@@ -52,5 +52,5 @@ def test_two_stray_bytes_are_too_many(deliver: Delivery) -> None:
 
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
-def test_without_that_word_a_stray_byte_voids_the_reply(deliver: Delivery) -> None:
+def test_without_tolerance_a_stray_byte_invalidates_the_reply(deliver: Delivery) -> None:
     assert isinstance(heard_behind(b"\x00", deliver, TIMING).result().error, ProtocolError)

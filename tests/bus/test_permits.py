@@ -1,4 +1,4 @@
-"""No frame that may act leaves without a valid permit, whoever asks and however (I1, F16, idea 5)."""
+"""No frame that may act leaves without a valid permit, by whatever way it is submitted."""
 
 from __future__ import annotations
 
@@ -50,119 +50,119 @@ def permit(**changes: object) -> Permit:
 )
 def test_a_start_without_its_own_valid_permit_never_leaves(given: Permit | None, key: str) -> None:
     station = FakeStation()
-    play = make_script(station)
-    play.submit(
+    script = make_script(station)
+    script.submit(
         BusRequest(
             1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, given
         )
     )
-    answer = play.result()
+    answer = script.result()
     assert isinstance(answer.error, NotPermitted) and answer.error.key == key
-    assert play.sent == [] and station.start_count == 0
+    assert script.sent == [] and station.start_count == 0
 
 
-def test_i1_a_permit_without_an_end_can_not_be_made() -> None:
+def test_a_permit_without_an_end_can_not_be_made() -> None:
     with pytest.raises(ValueError, match="expected monotonic seconds"):
         permit(expires_at=float("nan"))
 
 
 def test_a_read_label_on_a_start_does_not_help() -> None:
-    """The effect comes from the bytes, not from what the ask says of itself."""
-    play = make_script(FakeStation())
-    play.submit(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.POLL, RetryPolicy.READ))
-    assert isinstance(play.result().error, NotPermitted)
+    """The effect comes from the bytes, not from the request's own fields."""
+    script = make_script(FakeStation())
+    script.submit(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.POLL, RetryPolicy.READ))
+    assert isinstance(script.result().error, NotPermitted)
 
 
 def test_a_request_for_another_station_than_was_named_never_leaves() -> None:
     """A permit for drive 1 can't start drive 2."""
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.submit(
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.submit(
         BusRequest(
             1, modbus.WriteRegister(2, COMMAND, START), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit()
         )
     )
-    error = play.result().error
+    error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.other_station"
 
 
-def test_nobody_may_be_asked_who_is_not_registered() -> None:
-    play = make_script(FakeStation(1))
-    play.submit(read_request(9))
-    error = play.result().error
+def test_a_station_that_is_not_registered_can_not_be_addressed() -> None:
+    script = make_script(FakeStation(1))
+    script.submit(read_request(9))
+    error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.unregistered"
-    assert play.sent == []
+    assert script.sent == []
 
 
 def test_expiry_is_checked_when_the_first_bit_goes_out() -> None:
-    """Ruling 12: valid when it was asked, too old when its turn came."""
+    """Valid when it was requested, too old when its turn came."""
     station = FakeStation()
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(read_request(), "busy")
-    play.submit(start_request(play.core, until=play.now + 0.03), "start")
-    answer = play.result("start")
+    script.submit(read_request(), "busy")
+    script.submit(start_request(script.core, until=script.now + 0.03), "start")
+    answer = script.result("start")
     assert isinstance(answer.error, Expired) and answer.sent == b""
     assert station.start_count == 0
 
 
 def test_a_repetition_that_expires_does_not_hide_that_the_frame_was_sent() -> None:
-    """6.5: an absolute write that was not answered waits to be sent again; it has left although that never comes."""
+    """An idempotent write without a reply waits for its retry; it counts as sent even if the retry never leaves."""
     station = FakeStation()
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(write_request(play.core, until=play.now + 0.1), "write")
-    play.run_until(play.now + 5)
-    answer = play.result("write")
+    script.submit(write_request(script.core, until=script.now + 0.1), "write")
+    script.run_until(script.now + 5)
+    answer = script.result("write")
     assert isinstance(answer.error, Expired)
-    assert (answer.sent, answer.sent_at, answer.attempts) == (play.sent[1][1], play.sent[1][0], 1)
+    assert (answer.sent, answer.sent_at, answer.attempts) == (script.sent[1][1], script.sent[1][0], 1)
 
 
 def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
-    """Nobody waits longer than the command lives, and nothing is sent afterwards."""
+    """The caller waits no longer than the command lives, and nothing is sent afterwards."""
     station = FakeStation()
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(write_request(play.core, retry_policy=RetryPolicy.EDGE_TRIGGERED), "lost")
-    play.result("lost")
-    asked = play.now
-    play.submit(start_request(play.core, until=asked + 0.1), "start")
-    assert isinstance(play.result("start").error, Expired)
-    assert play.now - asked < 0.15
+    script.submit(write_request(script.core, retry_policy=RetryPolicy.EDGE_TRIGGERED), "lost")
+    script.result("lost")
+    asked = script.now
+    script.submit(start_request(script.core, until=asked + 0.1), "start")
+    assert isinstance(script.result("start").error, Expired)
+    assert script.now - asked < 0.15
     station.alive = True
-    play.run_until(play.now + 5)
+    script.run_until(script.now + 5)
     assert station.start_count == 0
 
 
-def test_while_latched_nothing_moves_and_settings_pass() -> None:
+def test_while_inhibited_nothing_moves_and_settings_pass() -> None:
     station = FakeStation()
-    play = make_script(station)
-    play.core.set_start_inhibit([1], True)
-    play.submit(start_request(play.core), "start")
-    error = play.result("start").error
+    script = make_script(station)
+    script.core.set_start_inhibit([1], True)
+    script.submit(start_request(script.core), "start")
+    error = script.result("start").error
     assert isinstance(error, NotPermitted) and error.key == "bus.start_inhibited"
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.submit(write_request(play.core), "setpoint")
-    assert play.result("setpoint").error is None
-    play.core.set_start_inhibit(None, False)
-    play.submit(start_request(play.core), "again")
-    assert play.result("again").error is None and station.start_count == 1
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.submit(write_request(script.core), "setpoint")
+    assert script.result("setpoint").error is None
+    script.core.set_start_inhibit(None, False)
+    script.submit(start_request(script.core), "again")
+    assert script.result("again").error is None and station.start_count == 1
 
 
-def test_the_latch_is_checked_again_when_the_first_bit_goes_out() -> None:
+def test_the_start_inhibit_is_checked_again_when_the_first_bit_goes_out() -> None:
     station = FakeStation()
-    play = make_script(station)
-    play.run_until(1.0)
-    play.submit(read_request(), "busy")
-    play.submit(start_request(play.core), "start")
-    play.core.set_start_inhibit(None, True)
-    assert isinstance(play.result("start").error, NotPermitted)
+    script = make_script(station)
+    script.run_until(1.0)
+    script.submit(read_request(), "busy")
+    script.submit(start_request(script.core), "start")
+    script.core.set_start_inhibit(None, True)
+    assert isinstance(script.result("start").error, NotPermitted)
     assert station.start_count == 0
 
 
@@ -171,7 +171,7 @@ def test_the_latch_is_checked_again_when_the_first_bit_goes_out() -> None:
     [(RetryPolicy.IDEMPOTENT, 3), (RetryPolicy.EDGE_TRIGGERED, 1), (RetryPolicy.EEPROM, 1), (RetryPolicy.READ, 1)],
 )
 def test_only_absolute_writes_are_resent_and_each_try_is_fenced(write_class: RetryPolicy, attempts: int) -> None:
-    """6.5. The station hears everything and never answers writes; its loop-back it answers."""
+    """The station receives everything, replies to loop-backs and never to writes."""
     station = FakeStation()
     inner = wire_to(station)
 
@@ -179,42 +179,42 @@ def test_only_absolute_writes_are_resent_and_each_try_is_fenced(write_class: Ret
         replies = list(inner(frame, ended_at))
         return [] if frame[1] == 6 else replies
 
-    play = BusScript(make_core(1), mute_for_writes)
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.submit(write_request(play.core, retry_policy=write_class), "write")
-    answer = play.result("write")
+    script = BusScript(make_core(1), mute_for_writes)
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.submit(write_request(script.core, retry_policy=write_class), "write")
+    answer = script.result("write")
     assert isinstance(answer.error, NoReply) and answer.attempts == attempts
-    kinds = [frame[1] for frame in play.frames[1:]]
+    kinds = [frame[1] for frame in script.frames[1:]]
     assert kinds == ([6, 8] * attempts)[: 2 * attempts - 1]
 
 
-def test_an_ask_that_calls_its_start_absolute_is_still_sent_once() -> None:
-    """F16: the permit's class counts, not the ask's."""
+def test_a_start_submitted_as_idempotent_is_still_sent_once() -> None:
+    """The retry policy of the permit counts, not that of the request."""
     station = FakeStation(alive=True)
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    start = replace(start_request(play.core), retry_policy=RetryPolicy.IDEMPOTENT)
-    play.submit(start, "start")
-    assert play.result("start").attempts == 1
+    start = replace(start_request(script.core), retry_policy=RetryPolicy.IDEMPOTENT)
+    script.submit(start, "start")
+    assert script.result("start").attempts == 1
 
 
 def test_a_retry_checks_the_permit_again() -> None:
     """An absolute write lost its reply; a stop came meanwhile: it is not sent a second time."""
     station = FakeStation()
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(write_request(play.core), "write")
-    play.run_until(play.now + 0.05)
+    script.submit(write_request(script.core), "write")
+    script.run_until(script.now + 0.05)
     station.alive = True
-    play.core.stations[1].stop_epoch += 1
-    answer = play.result("write")
+    script.core.stations[1].stop_epoch += 1
+    answer = script.result("write")
     assert isinstance(answer.error, NotPermitted) and answer.attempts == 1
-    assert [frame[1] for frame in play.frames].count(6) == 1
+    assert [frame[1] for frame in script.frames].count(6) == 1
 
 
 def test_a_poll_only_reads() -> None:
@@ -225,7 +225,7 @@ def test_a_poll_only_reads() -> None:
 
 
 def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None:
-    """T10: a drive at the broadcast address obeys everybody and answers nobody."""
+    """A drive at the broadcast address obeys every master and never replies."""
     bus = make_core(1)
     for address, key in ((1, "bus.address_taken"), (0, "bus.address_broadcast")):
         with pytest.raises(ConfigurationError) as caught:
@@ -233,96 +233,96 @@ def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None
         assert caught.value.key == key
 
 
-def test_a_write_that_nobody_waits_for_any_more_is_not_sent_again() -> None:
-    """Cancelled while its frame is out: the answer is dropped, and there is no second attempt."""
+def test_a_cancelled_write_is_not_sent_again() -> None:
+    """Cancelled while its frame is out: the reply is dropped, and there is no second attempt."""
     station = FakeStation()
-    play = make_script(station)
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = make_script(station)
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(write_request(play.core), "write")
-    play.run_until(play.now + 0.02)
-    play._perform(play.core.cancel("write", play.now))
+    script.submit(write_request(script.core), "write")
+    script.run_until(script.now + 0.02)
+    script._perform(script.core.cancel("write", script.now))
     station.alive = True
-    play.run_until(play.now + 10)
-    assert [frame[1] for frame in play.frames].count(6) == 1
+    script.run_until(script.now + 10)
+    assert [frame[1] for frame in script.frames].count(6) == 1
 
 
-def test_a_drive_registered_anew_is_no_freer_than_before() -> None:
-    """6.5, F15, RELIABILITY 4: permits stay void, it stays latched, two drives stay two, a bad link stays bad."""
-    play = make_script(FakeStation())
-    play.run_until(1.0)
-    before = start_request(play.core)
-    play.core.set_start_inhibit([1], True)
+def test_a_drive_registered_again_inherits_what_forbids_motion() -> None:
+    """Permits stay invalid, it stays inhibited, two drives stay two, a bad link stays bad."""
+    script = make_script(FakeStation())
+    script.run_until(1.0)
+    before = start_request(script.core)
+    script.core.set_start_inhibit([1], True)
     for _ in range(2):
-        play.core.stations[1].record_duplicate_reply(play.now)
-        play.core.stations[1].counters.record_failure(LineError("bus.line_errors", station=1, count=1), play.now)
-    bad = play.core.statistics(play.now).stations[1].damage_rate
-    assert bad > 0 and play.core.health(1, play.now).duplicate_address
-    play._perform(play.core.remove_station(1, play.now))
-    play.core.add_station(station_config())
-    assert play.core.stations[1].start_inhibited and play.core.health(1, play.now).duplicate_address
-    assert play.core.statistics(play.now).stations[1].damage_rate == bad
-    play.core.set_start_inhibit([1], False)
-    play.submit(before, "start")
-    error = play.result("start").error
+        script.core.stations[1].record_duplicate_reply(script.now)
+        script.core.stations[1].counters.record_failure(LineError("bus.line_errors", station=1, count=1), script.now)
+    bad = script.core.statistics(script.now).stations[1].damage_rate
+    assert bad > 0 and script.core.health(1, script.now).duplicate_address
+    script._perform(script.core.remove_station(1, script.now))
+    script.core.add_station(station_config())
+    assert script.core.stations[1].start_inhibited and script.core.health(1, script.now).duplicate_address
+    assert script.core.statistics(script.now).stations[1].damage_rate == bad
+    script.core.set_start_inhibit([1], False)
+    script.submit(before, "start")
+    error = script.result("start").error
     assert isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
 
 
-def test_everybody_is_latched_and_released_also_who_is_away() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
+def test_a_start_inhibit_of_all_includes_removed_stations() -> None:
+    script = make_script(FakeStation(1), FakeStation(2))
     for on in (True, False):
-        play._perform(play.core.remove_station(1, play.now))
-        play.core.set_start_inhibit(None, on)
-        play.core.add_station(station_config(1))
-        assert play.core.stations[1].start_inhibited is on
+        script._perform(script.core.remove_station(1, script.now))
+        script.core.set_start_inhibit(None, on)
+        script.core.add_station(station_config(1))
+        assert script.core.stations[1].start_inhibited is on
 
 
-def test_f15_a_second_answer_to_a_drive_that_was_just_taken_off_counts_for_who_follows_it() -> None:
-    play = make_script(FakeStation())
-    play.submit(read_request(), "read")
-    play.result("read")
-    before = play.core.stations[1]
-    play._perform(play.core.remove_station(1, play.now))
-    play.core.add_station(station_config())
+def test_a_second_reply_of_a_removed_drive_counts_for_its_successor() -> None:
+    script = make_script(FakeStation())
+    script.submit(read_request(), "read")
+    script.result("read")
+    before = script.core.stations[1]
+    script._perform(script.core.remove_station(1, script.now))
+    script.core.add_station(station_config())
     for _ in range(2):
-        before.record_duplicate_reply(play.now)
-    assert play.core.health(1, play.now).duplicate_address
+        before.record_duplicate_reply(script.now)
+    assert script.core.health(1, script.now).duplicate_address
 
 
 @pytest.mark.parametrize(("value", "key"), [(STOP, None), (START, "bus.broadcast")])
-def test_a_frame_for_everybody_is_judged_as_one_whoever_was_named(value: int, key: str | None) -> None:
-    """F10: drive 1 is named and even has a permit, but address 0 in the bytes speaks to all."""
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.submit(
+def test_a_broadcast_frame_is_checked_as_a_broadcast_whatever_station_is_named(value: int, key: str | None) -> None:
+    """Drive 1 is named and even has a permit, but address 0 in the bytes addresses all."""
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.submit(
         BusRequest(
             1, modbus.WriteRegister(0, COMMAND, value), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit()
         )
     )
-    error = play.result().error
+    error = script.result().error
     assert (error.key if isinstance(error, NotPermitted) else error) == key
-    assert len(play.sent) == (key is None)
+    assert len(script.sent) == (key is None)
 
 
-def test_everybody_can_not_be_named_for_a_frame_that_one_drive_answers() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.submit(BusRequest(0, modbus.WriteRegister(1, COMMAND, STOP), RequestPriority.STOP))
-    error = play.result().error
+def test_the_broadcast_address_can_not_be_named_for_a_frame_with_a_reply() -> None:
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.submit(BusRequest(0, modbus.WriteRegister(1, COMMAND, STOP), RequestPriority.STOP))
+    error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.broadcast_answered" and error.params["station"] == 0
-    assert play.sent == []
+    assert script.sent == []
 
 
 def test_a_request_that_can_not_be_remembered_is_sent_all_the_same() -> None:
     """A list of values can't be hashed."""
-    play = BusScript(make_core(1))
+    script = BusScript(make_core(1))
     values: tuple[int, ...] = [7]  # type: ignore[assignment]
-    play.submit(BusRequest(1, modbus.WriteRegisters(1, 0x3000, values), permit=permit(effect=Effect.SETTING)))
-    play.run_until(0.01)
-    assert play.frames == [modbus.ModbusRtuCodec().encode_request(modbus.WriteRegisters(1, 0x3000, (7,)))]
+    script.submit(BusRequest(1, modbus.WriteRegisters(1, 0x3000, values), permit=permit(effect=Effect.SETTING)))
+    script.run_until(0.01)
+    assert script.frames == [modbus.ModbusRtuCodec().encode_request(modbus.WriteRegisters(1, 0x3000, (7,)))]
 
 
 def test_only_so_many_reads_of_a_station_are_remembered_and_no_write() -> None:
-    """I12: a program that reads ever other registers must not fill the memory."""
+    """A program that reads ever new registers must not fill the memory."""
     station = make_core(1).stations[1]
     for register in range(ENCODE_CACHE_SIZE):
         station.encode(modbus.ReadRegisters(1, register), SETTINGS)
@@ -354,14 +354,14 @@ def test_a_permit_is_good_up_to_its_last_moment_and_says_how_late_it_came() -> N
     assert later is not None and later.params["late_ms"] == 1000
 
 
-def test_a_permit_of_an_older_generation_than_the_last_stop_is_void_and_so_is_one_of_a_newer() -> None:
+def test_a_permit_of_another_stop_epoch_is_invalid() -> None:
     for generation, refused in ((4, True), (5, False), (6, True)):
         start = job(permit(stop_epoch=generation))
         start.station.stop_epoch = 5
         assert (start.permit_error(0.0) is not None) is refused
 
 
-def test_a_latched_station_is_refused_motion_only() -> None:
+def test_an_inhibited_station_rejects_motion_only() -> None:
     start, setting = job(permit()), job(permit(effect=Effect.SETTING), 0x2001)
     for one, key in ((start, "bus.start_inhibited"), (setting, None)):
         one.station.start_inhibited = True
@@ -377,8 +377,7 @@ def test_a_refusal_names_the_station_and_what_was_granted() -> None:
     assert refusal is not None and refusal.params == {"station": 1, "effect": "motion"}
 
 
-def test_a_stop_and_a_read_are_never_refused_and_a_stop_never_expires() -> None:
-    """Ruling 5."""
+def test_a_stop_and_a_read_are_never_rejected_and_a_stop_never_expires() -> None:
     stop = job(permit(station=2, expires_at=-1.0, stop_epoch=9), COMMAND, STOP)
     stop.station.start_inhibited = True
     assert stop.permit_error(1e9) is None

@@ -1,4 +1,4 @@
-"""Polls: periods, phases, lateness; and what a plan costs before it is started (5.1)."""
+"""Polls: periods, phases, lateness; and the load estimate before they are started."""
 
 from __future__ import annotations
 
@@ -29,117 +29,117 @@ from fixtures.bus import (
 
 
 def test_a_poll_keeps_its_period_exactly() -> None:
-    play = make_script(FakeStation())
-    play.start_polling(1, [Poll(read(), 0.25, phase_s=0.1)])
-    play.run_until(5)
-    times = [at for at, _ in play.sent]
+    script = make_script(FakeStation())
+    script.start_polling(1, [Poll(read(), 0.25, phase_s=0.1)])
+    script.run_until(5)
+    times = [at for at, _ in script.sent]
     assert times == pytest.approx([0.1 + 0.25 * number for number in range(20)])
 
 
 def test_phases_are_spread() -> None:
     stations = [FakeStation(address) for address in range(1, 11)]
-    play = make_script(*stations)
+    script = make_script(*stations)
     for station in stations:
-        play.start_polling(station.address, [Poll(read(station.address), 1.0)], station.address)
-    play.run_until(0.99)
-    times = [at for at, _ in play.sent]
+        script.start_polling(station.address, [Poll(read(station.address), 1.0)], station.address)
+    script.run_until(0.99)
+    times = [at for at, _ in script.sent]
     assert len(times) == 10
     assert min(later - earlier for earlier, later in pairwise(times)) > 0.03
 
 
 def test_late_polls_do_not_pile_up() -> None:
     """A poll that could not be sent for ten periods is sent once, then in phase again."""
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
-    play.run_until(1.0)
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
+    script.run_until(1.0)
     for place in range(400):
-        play.receive(b"\x55", at=1.0 + place * 0.0025)
-    play.run_until(2.505)
-    assert len([at for at, _ in play.sent if 1.0 < at < 2.09]) <= 4
-    assert [at for at, _ in play.sent if at > 2.09] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5])
+        script.receive(b"\x55", at=1.0 + place * 0.0025)
+    script.run_until(2.505)
+    assert len([at for at, _ in script.sent if 1.0 < at < 2.09]) <= 4
+    assert [at for at, _ in script.sent if at > 2.09] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5])
 
 
 def test_the_most_overdue_goes_first() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.start_polling(1, [Poll(read(1), 1.0, phase_s=0.010)], 1)
-    play.start_polling(2, [Poll(read(2), 1.0, phase_s=0.005)], 2)
-    play.submit(read_request(1), "busy")
-    play.run_until(0.2)
-    assert [frame[0] for frame in play.frames] == [1, 2, 1]
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.start_polling(1, [Poll(read(1), 1.0, phase_s=0.010)], 1)
+    script.start_polling(2, [Poll(read(2), 1.0, phase_s=0.005)], 2)
+    script.submit(read_request(1), "busy")
+    script.run_until(0.2)
+    assert [frame[0] for frame in script.frames] == [1, 2, 1]
 
 
 def test_polls_that_are_due_together_keep_their_order() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(1), FakeStation(2))
     for address in (1, 2):
-        play.start_polling(address, [Poll(read(address), 0.5, phase_s=0.0)], address)
-    play.run_until(2.9)
-    assert [frame[0] for frame in play.frames] == [1, 2] * 6
+        script.start_polling(address, [Poll(read(address), 0.5, phase_s=0.0)], address)
+    script.run_until(2.9)
+    assert [frame[0] for frame in script.frames] == [1, 2] * 6
 
 
 def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
-    """I4: during a backup the values stay fresh."""
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.start_polling(1, [Poll(read(1), 0.1)])
+    """During a backup the values stay fresh."""
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.start_polling(1, [Poll(read(1), 0.1)])
     for number in range(500):
-        play.submit(read_request(2), number)
-    play.run_until(10)
-    good = [answer.received_at or 0 for answer in play.results["polls"]]
+        script.submit(read_request(2), number)
+    script.run_until(10)
+    good = [answer.received_at or 0 for answer in script.results["polls"]]
     assert max(later - earlier for earlier, later in pairwise(good)) < 0.3
 
 
 def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
-    """G07: what confirms a stop is read in the parameter lane."""
-    play = make_script(FakeStation(1), FakeStation(2))
+    """The read that confirms a stop has parameter priority."""
+    script = make_script(FakeStation(1), FakeStation(2))
     for number in range(200):
-        play.submit(read_request(2, priority=RequestPriority.COMMAND), f"command {number}")
-    play.submit(read_request(1), "parameter")
-    play.submit(read_request(1), "another")
-    play.run()
-    order = list(play.results)
+        script.submit(read_request(2, priority=RequestPriority.COMMAND), f"command {number}")
+    script.submit(read_request(1), "parameter")
+    script.submit(read_request(1), "another")
+    script.run()
+    order = list(script.results)
     assert order.index("parameter") <= 5 and order.index("another") <= 10
     assert len(order) == 202
 
 
-def test_lanes_are_served_in_their_order() -> None:
-    play = make_script(FakeStation(1))
-    play.submit(read_request(), "busy")
-    play.submit(read_request(register=4, priority=RequestPriority.PROBE), "probe")
-    play.submit(read_request(register=3, priority=RequestPriority.POLL), "poll")
-    play.submit(read_request(register=2, priority=RequestPriority.PARAMETER), "parameter")
-    play.submit(write_request(play.core, register=1), "command")
-    play.run()
-    assert list(play.results) == ["command", "busy", "parameter", "poll", "probe"]
+def test_priorities_are_served_in_their_order() -> None:
+    script = make_script(FakeStation(1))
+    script.submit(read_request(), "busy")
+    script.submit(read_request(register=4, priority=RequestPriority.PROBE), "probe")
+    script.submit(read_request(register=3, priority=RequestPriority.POLL), "poll")
+    script.submit(read_request(register=2, priority=RequestPriority.PARAMETER), "parameter")
+    script.submit(write_request(script.core, register=1), "command")
+    script.run()
+    assert list(script.results) == ["command", "busy", "parameter", "poll", "probe"]
 
 
 def test_a_scan_gets_its_turns_on_a_full_bus() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.start_polling(1, [Poll(read(1), 0.0)])
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.start_polling(1, [Poll(read(1), 0.0)])
     for number in range(20):
-        play.submit(read_request(2, priority=RequestPriority.PROBE), number)
-    play.run_until(20)
-    assert all(number in play.results for number in range(20))
+        script.submit(read_request(2, priority=RequestPriority.PROBE), number)
+    script.run_until(20)
+    assert all(number in script.results for number in range(20))
 
 
-def test_a_cancelled_watch_is_silent_even_with_its_frame_out() -> None:
-    play = make_script(FakeStation())
-    play.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
-    play.run_until(0.01)
-    assert len(play.sent) == 1
-    play._perform(play.core.stop_polling("polls", play.now))
-    play.run_until(5)
-    assert "polls" not in play.results and len(play.sent) == 1
-    assert len(play.core.scheduler.poll_schedule) == 0
+def test_a_cancelled_subscription_is_silent_even_with_its_frame_out() -> None:
+    script = make_script(FakeStation())
+    script.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
+    script.run_until(0.01)
+    assert len(script.sent) == 1
+    script._perform(script.core.stop_polling("polls", script.now))
+    script.run_until(5)
+    assert "polls" not in script.results and len(script.sent) == 1
+    assert len(script.core.scheduler.poll_schedule) == 0
 
 
-def test_a_removed_stations_polls_and_asks_end() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
-    play.start_polling(1, [Poll(read(), 0.1)])
-    play.submit(read_request(2), "busy")
-    play.submit(read_request(1), "waiting")
-    play._perform(play.core.remove_station(1, play.now))
-    assert play.results["waiting"][0].error is not None
-    play.run_until(5)
-    assert [frame[0] for frame in play.frames] == [2]
+def test_a_removed_stations_polls_and_requests_end() -> None:
+    script = make_script(FakeStation(1), FakeStation(2))
+    script.start_polling(1, [Poll(read(), 0.1)])
+    script.submit(read_request(2), "busy")
+    script.submit(read_request(1), "waiting")
+    script._perform(script.core.remove_station(1, script.now))
+    assert script.results["waiting"][0].error is not None
+    script.run_until(5)
+    assert [frame[0] for frame in script.frames] == [2]
 
 
 def test_a_period_must_be_a_time() -> None:
@@ -148,7 +148,7 @@ def test_a_period_must_be_a_time() -> None:
             Poll(read(), period)
 
 
-def test_an_empty_plan_has_nothing_due() -> None:
+def test_an_empty_poll_schedule_has_nothing_due() -> None:
     assert PollSchedule().next_due_at() is None and PollSchedule().next_due(1.0) is None
 
 
@@ -180,29 +180,29 @@ def test_the_arithmetic_foretells_what_the_bus_then_does() -> None:
     """Stations that use all their time: the cycle is the computed one, and the load what the wire is kept."""
     limit = 0.02 - 1e-4
     stations = [FakeStation(address, delay_s=limit) for address in range(1, 5)]
-    play = make_script(*stations)
+    script = make_script(*stations)
     polls = [Poll(read(address), 0.0) for address in range(1, 5)]
     plan = [(station_config(address), [poll]) for address, poll in zip(range(1, 5), polls, strict=True)]
     for one, many in plan:
-        play.start_polling(one.address, many, one.address)
-    play.run_until(20)
+        script.start_polling(one.address, many, one.address)
+    script.run_until(20)
     cycle = 20 / stations[0].read_count
     told = estimate_bus_load(plan, SETTINGS)
     adapter = 4 * 0.02
     assert cycle == pytest.approx(told.cycle_s - adapter, rel=0.02)
-    statistics = play.core.statistics(play.now)
+    statistics = script.core.statistics(script.now)
     assert statistics.load_percent == pytest.approx(100 * 4 * 21 * CHARACTER_S / cycle, rel=0.01)
 
 
 def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
     stations = [FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008)]
-    play = make_script(*stations)
+    script = make_script(*stations)
     for station in stations:
-        play.start_polling(station.address, [Poll(read(station.address), 0.1)], station.address)
-    play.run_until(30)
+        script.start_polling(station.address, [Poll(read(station.address), 0.1)], station.address)
+    script.run_until(30)
     stations[1].alive = False
-    play.run_until(31)
-    found = play.core.statistics(play.now)
+    script.run_until(31)
+    found = script.core.statistics(script.now)
     assert found.transactions_per_s == pytest.approx(20, rel=0.05)
     assert found.stations[1].reply_p50_s == pytest.approx(0.004 + 13 * CHARACTER_S)
     assert found.stations[2].reply_p99_s == pytest.approx(0.008 + 13 * CHARACTER_S)
@@ -222,40 +222,40 @@ def test_percentiles_are_by_nearest_rank() -> None:
     assert percentiles([]) == (None, None, None)
 
 
-def test_totals_and_their_time_go_on_through_a_replug_and_recent_shares_begin_anew() -> None:
-    play = make_script(FakeStation())
-    play.start_polling(1, [Poll(read(), 0.1, phase_s=0.05)])
-    play.run_until(30)
-    play.lose_port(PortLost("ports.lost"))
-    play.run_until(50)
-    play.reopen()
-    play.run_until(60)
-    found = play.core.statistics(play.now)
+def test_totals_and_their_time_go_on_through_a_replug_and_recent_shares_begin_again() -> None:
+    script = make_script(FakeStation())
+    script.start_polling(1, [Poll(read(), 0.1, phase_s=0.05)])
+    script.run_until(30)
+    script.lose_port(PortLost("ports.lost"))
+    script.run_until(50)
+    script.reopen()
+    script.run_until(60)
+    found = script.core.statistics(script.now)
     assert found.elapsed_s == 60 and found.transactions == pytest.approx(400, abs=3)
     assert found.transactions_per_s == pytest.approx(10, rel=0.02)
 
 
-def test_g20_each_marked_byte_is_counted_once_for_the_bus_and_for_the_drive_that_was_asked() -> None:
-    play = make_script(FakeStation(alive=False))
-    play.receive(b"\x00", line_errors=1)
-    play.run_until(0.5)
-    play.submit(read_request())
+def test_each_line_error_is_counted_once_for_the_bus_and_for_the_addressed_drive() -> None:
+    script = make_script(FakeStation(alive=False))
+    script.receive(b"\x00", line_errors=1)
+    script.run_until(0.5)
+    script.submit(read_request())
     for at in (0.52, 0.53):
-        play.receive(b"\x01\x03", at=at, line_errors=2)
-    play.run_until(0.54)
-    found = play.core.statistics(play.now)
+        script.receive(b"\x01\x03", at=at, line_errors=2)
+    script.run_until(0.54)
+    found = script.core.statistics(script.now)
     assert (found.counters["line_errors"], found.stations[1].counters["line_errors"]) == (5, 4)
-    play.run_until(2)
-    assert play.core.statistics(play.now).counters["line_errors"] == 5
+    script.run_until(2)
+    assert script.core.statistics(script.now).counters["line_errors"] == 5
 
 
 def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:
     """In 30 s 300 exchanges with the first drive, 30 with the second, none with the third."""
-    play = make_script(FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008), FakeStation(3))
-    play.start_polling(1, [Poll(read(1), 0.1, phase_s=0.05)], 1)
-    play.start_polling(2, [Poll(read(2), 1.0, phase_s=0.5)], 2)
-    play.run_until(30)
-    found = play.core.statistics(play.now)
+    script = make_script(FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008), FakeStation(3))
+    script.start_polling(1, [Poll(read(1), 0.1, phase_s=0.05)], 1)
+    script.start_polling(2, [Poll(read(2), 1.0, phase_s=0.5)], 2)
+    script.run_until(30)
+    found = script.core.statistics(script.now)
     for address, count, delay_s in ((1, 300, 0.004), (2, 30, 0.008)):
         one = found.stations[address]
         assert one.transactions_per_s == pytest.approx(count / 30)
@@ -263,10 +263,10 @@ def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() ->
         assert one.occupied_percent == pytest.approx(100 * count * (24.5 * CHARACTER_S + delay_s) / 30)
     assert _line_use(found.stations[3]) == (0, 0, 0)
     _adds_up(found)
-    play.run_until(99)  # now it is the time since the end of the 512th last, less than a minute
-    found = play.core.statistics(play.now)
+    script.run_until(99)  # now it is the time since the end of the 512th last, less than a minute
+    found = script.core.statistics(script.now)
     ends = sorted(
-        (answer.received_at or 0) + 3.5 * CHARACTER_S for address in (1, 2) for answer in play.results[address]
+        (answer.received_at or 0) + 3.5 * CHARACTER_S for address in (1, 2) for answer in script.results[address]
     )
     assert found.transactions_per_s == pytest.approx(511 / (99 - ends[-512]))
     assert found.stations[2].transactions_per_s == pytest.approx(46 / (99 - ends[-512]))
@@ -274,24 +274,24 @@ def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() ->
 
 
 def test_the_recent_figures_of_a_slow_bus_look_back_a_minute() -> None:
-    play = make_script(FakeStation(1))
-    play.start_polling(1, [Poll(read(1), 2.0, phase_s=0.5)], 1)
-    play.run_until(100)
-    assert play.core.statistics(play.now).stations[1].transactions_per_s == pytest.approx(30 / 60)
-    play._perform(play.core.stop_polling(1, play.now))
-    play.run_until(200)
-    assert _line_use(play.core.statistics(play.now)) == (0, 0, 0)
+    script = make_script(FakeStation(1))
+    script.start_polling(1, [Poll(read(1), 2.0, phase_s=0.5)], 1)
+    script.run_until(100)
+    assert script.core.statistics(script.now).stations[1].transactions_per_s == pytest.approx(30 / 60)
+    script._perform(script.core.stop_polling(1, script.now))
+    script.run_until(200)
+    assert _line_use(script.core.statistics(script.now)) == (0, 0, 0)
 
 
 def test_what_a_removed_drive_used_stays_with_the_bus_and_is_not_its_successors() -> None:
-    play = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(1), FakeStation(2))
     for address in (1, 2):
-        play.start_polling(address, [Poll(read(address), 0.1)], address)
-    play.run_until(10)
-    before = play.core.statistics(play.now)
-    play._perform(play.core.remove_station(1, play.now))
-    play.core.add_station(station_config(1))
-    after = play.core.statistics(play.now)
+        script.start_polling(address, [Poll(read(address), 0.1)], address)
+    script.run_until(10)
+    before = script.core.statistics(script.now)
+    script._perform(script.core.remove_station(1, script.now))
+    script.core.add_station(station_config(1))
+    after = script.core.statistics(script.now)
     assert _line_use(after) == _line_use(before) and _line_use(after.stations[1]) == (0, 0, 0)
     assert _line_use(after.stations[2]) == _line_use(before.stations[2]) > (0, 0, 0)
 
@@ -305,31 +305,31 @@ def _adds_up(found: BusStatistics) -> None:
     assert sums == pytest.approx(_line_use(found)) and min(sums) > 0
 
 
-def test_a_watch_that_was_cancelled_while_its_station_was_silent_stays_cancelled() -> None:
+def test_a_subscription_that_was_cancelled_while_its_station_was_silent_stays_cancelled() -> None:
     station = FakeStation(alive=False)
-    play = make_script(station)
-    play.start_polling(1, [Poll(read(), 0.2)])
-    play.run_until(3)
-    play._perform(play.core.stop_polling("polls", play.now))
+    script = make_script(station)
+    script.start_polling(1, [Poll(read(), 0.2)])
+    script.run_until(3)
+    script._perform(script.core.stop_polling("polls", script.now))
     station.alive = True
-    play.run_until(200)
-    assert station.received_requests and station.read_count == 0 and not play.core.stations[1].state.is_suspect
+    script.run_until(200)
+    assert station.received_requests and station.read_count == 0 and not script.core.stations[1].state.is_suspect
 
 
 def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:
     station = FakeStation(alive=False)
-    play = make_script(station, FakeStation(2))
-    play.submit(read_request(1), "gone")
-    play.run_until(0.02)
-    play._perform(play.core.remove_station(1, play.now))
-    assert play.result("gone").error is not None
-    count = len(play.sent)
-    play.run_until(200)
-    assert len(play.sent) == count and play.core.scheduler.untrusted_stations == []
+    script = make_script(station, FakeStation(2))
+    script.submit(read_request(1), "gone")
+    script.run_until(0.02)
+    script._perform(script.core.remove_station(1, script.now))
+    assert script.result("gone").error is not None
+    count = len(script.sent)
+    script.run_until(200)
+    assert len(script.sent) == count and script.core.scheduler.untrusted_stations == []
 
 
-def test_g06_the_stop_bound_counts_frames_that_no_plan_polls() -> None:
-    """A write of C320 has 18 characters and its stop 15, where a poll and a fence have 14 (RELIABILITY 5.1: 93 ms)."""
+def test_the_stop_bound_counts_frames_that_are_not_polled() -> None:
+    """A write of C320 has 18 characters and its stop 15, where a poll and a sync probe have 14: 93 ms."""
     one = create_dialect(profiles.load("c320"), 1).station_config
     line = SerialSettings(9600, parity="E")
     found = estimate_bus_load([(one, [Poll(sunfar.ReadMonitor(1, 0), 0.5)])], line).drives[1].stop_bound_s

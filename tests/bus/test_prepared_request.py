@@ -1,4 +1,4 @@
-"""A job is computed once, of its bytes: how often it may go, in which priority, how long it waits (F10, F16, I3)."""
+"""A prepared request: attempts, priority and timeouts, computed once from its bytes."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ ATTEMPTS = [
 
 
 @pytest.mark.parametrize(("ask", "attempts"), [row[1:] for row in ATTEMPTS], ids=[row[0] for row in ATTEMPTS])
-def test_f16_how_often_a_frame_may_go_is_told_by_its_bytes_and_its_permit(ask: BusRequest, attempts: int) -> None:
+def test_the_attempts_of_a_frame_follow_from_its_bytes_and_its_permit(ask: BusRequest, attempts: int) -> None:
     assert job(ask).max_attempts == attempts
 
 
-def test_a_fence_goes_once() -> None:
+def test_a_sync_probe_is_sent_once() -> None:
     """Its failure says that the station is silent; sending it again would say nothing more."""
     assert job(read_request(), fence=True).max_attempts == 1
 
 
-def test_i3_a_stop_has_the_stop_lane_and_nothing_else_has() -> None:
+def test_a_stop_has_the_stop_priority_and_nothing_else_has() -> None:
     for priority in RequestPriority:
         ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), priority)
         assert job(ask).priority is RequestPriority.STOP
@@ -90,7 +90,6 @@ def test_what_it_costs_is_that_of_its_bytes() -> None:
 
 
 def test_only_a_stop_loses_its_expiry() -> None:
-    """Ruling 5."""
     for request, expires_at in (
         (modbus.WriteRegister(1, COMMAND, STOP), None),
         (modbus.WriteRegister(1, COMMAND, START), 7.0),
@@ -100,7 +99,7 @@ def test_only_a_stop_loses_its_expiry() -> None:
 
 
 class Terse(modbus.ModbusRtuCodec):
-    """A codec whose reads are answered with so many bytes."""
+    """A codec with a fixed reply size."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -121,7 +120,7 @@ class Terse(modbus.ModbusRtuCodec):
         (Terse(1), modbus.ReadRegisters(1, 7), True),
     ],
 )
-def test_only_a_read_that_this_very_station_answers_is_remembered(codec: Any, request_: Any, plain: bool) -> None:
+def test_only_a_read_of_this_very_station_is_cached(codec: Any, request_: Any, plain: bool) -> None:
     one = station(codec)
     assert one.encode(request_, SETTINGS).cacheable is plain
     assert (request_ in one.encode_cache) is plain

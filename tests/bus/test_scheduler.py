@@ -1,4 +1,4 @@
-"""Whose frame is next: the scheduler alone, one decision at a time (G07, G08, I1, I3, I4, ruling 12)."""
+"""Whose frame is next: the scheduler alone, one decision at a time."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_nothing_is_next_where_nothing_waits() -> None:
     assert empty.next(0.0) is None and empty.next_wake_at == NEVER and len(empty) == 0
 
 
-def test_lanes_go_in_their_order_and_each_first_come_first_served() -> None:
+def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None:
     one = station()
     jobs = [
         ask(one, priority)
@@ -98,7 +98,7 @@ def test_lanes_go_in_their_order_and_each_first_come_first_served() -> None:
     assert len(scheduler) == 0
 
 
-def test_g07_after_four_commands_a_parameter_has_its_turn() -> None:
+def test_after_four_commands_a_parameter_has_its_turn() -> None:
     one = station()
     commands, parameters = [ask(one, RequestPriority.COMMAND) for _ in range(10)], [ask(one) for _ in range(2)]
     assert taken(filled(*commands, *parameters), 12) == [
@@ -110,7 +110,7 @@ def test_g07_after_four_commands_a_parameter_has_its_turn() -> None:
     ]
 
 
-def test_commands_that_nobody_waited_behind_do_not_count() -> None:
+def test_commands_that_no_one_waited_behind_do_not_count() -> None:
     one = station()
     commands = [ask(one, RequestPriority.COMMAND) for _ in range(8)]
     scheduler = filled(*commands)
@@ -121,7 +121,7 @@ def test_commands_that_nobody_waited_behind_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("priority", [RequestPriority.COMMAND, RequestPriority.PARAMETER])
-def test_i4_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority) -> None:
+def test_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority) -> None:
     one, other = station(), station(2)
     urgent, polled = [ask(one, priority) for _ in range(10)], poll(other)
     scheduler = filled(*urgent)
@@ -129,7 +129,7 @@ def test_i4_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriori
     assert taken(scheduler, 10) == [*urgent[:4], polled, *urgent[4:8], polled]
 
 
-def test_i4_after_four_urgent_frames_a_due_fence_has_its_turn_and_one_not_due_has_none() -> None:
+def test_after_four_urgent_frames_a_due_sync_probe_has_its_turn_and_one_not_due_has_none() -> None:
     one, other = station(), station(2)
     urgent = [ask(one) for _ in range(12)]
     scheduler = filled(*urgent)
@@ -160,14 +160,14 @@ def test_after_nine_polls_a_probe_has_its_turn() -> None:
     assert taken(scheduler, 20) == [*[polled] * 9, probes[0], *[polled] * 9, probes[1]]
 
 
-def test_i3_a_stop_goes_before_everything_and_one_asked_for_in_another_lane_after_the_others() -> None:
+def test_a_stop_goes_first_and_one_of_another_priority_after_the_others() -> None:
     one, other = station(), station(2)
     level, real, command = stop(one, RequestPriority.COMMAND), stop(other), ask(one, RequestPriority.COMMAND)
     scheduler = filled(command, level, real)
     assert taken(scheduler, 3) == [real, level, command]
 
 
-def test_g06_a_broadcast_stop_goes_first_then_whoever_was_stopped_longest_ago() -> None:
+def test_a_broadcast_stop_goes_first_then_the_drive_stopped_longest_ago() -> None:
     one, two, three = station(), station(2), station(3)
     scheduler = filled(stop(one))
     taken(scheduler, 1, 1.0)
@@ -200,7 +200,7 @@ def test_a_station_taken_away_and_put_back_has_no_stop_behind_it() -> None:
     assert taken(scheduler, 2, 2.0) == jobs
 
 
-def test_another_attempt_is_first_in_its_lane_but_a_stop_is_last() -> None:
+def test_another_attempt_is_first_in_its_priority_but_a_stop_is_last() -> None:
     one, other = station(), station(2)
     waiting, again = ask(other), ask(one)
     scheduler = filled(waiting)
@@ -212,7 +212,7 @@ def test_another_attempt_is_first_in_its_lane_but_a_stop_is_last() -> None:
     assert taken(scheduler, 2) == [waiting, again]
 
 
-def test_ruling_12_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
+def test_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
     one = station()
     start = write(one, COMMAND, until=10.0)
     scheduler = filled(start)
@@ -224,7 +224,7 @@ def test_ruling_12_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
     assert error.key == "bus.expired" and error.params == {"station": 1, "late_ms": 12}
 
 
-def test_i1_a_frame_that_lost_its_permit_is_refused_and_the_next_goes() -> None:
+def test_a_frame_that_lost_its_permit_is_rejected_and_the_next_goes() -> None:
     one = station()
     start, after = write(one, COMMAND), ask(one, RequestPriority.COMMAND)
     one.stop_epoch += 1
@@ -234,7 +234,7 @@ def test_i1_a_frame_that_lost_its_permit_is_refused_and_the_next_goes() -> None:
     assert job is start and isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
 
 
-def test_i1_a_frame_without_a_permit_is_refused_although_it_is_first() -> None:
+def test_a_frame_without_a_permit_is_rejected_although_it_is_first() -> None:
     one = station()
     bare = PreparedRequest(
         BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND), "token", one, SETTINGS
@@ -244,13 +244,13 @@ def test_i1_a_frame_without_a_permit_is_refused_although_it_is_first() -> None:
     assert [(job, error.key) for job, error in scheduler.rejected] == [(bare, "bus.no_permit")]  # type: ignore[attr-defined]
 
 
-def test_a_read_with_an_expiry_that_is_first_in_its_lane_expires_too() -> None:
+def test_a_read_with_an_expiry_that_is_first_in_its_priority_expires_too() -> None:
     one = station()
     scheduler = filled(ask(one, expires_at=1.0))
     assert scheduler.next(1.0) is not None and scheduler.next(1.1) is None
 
 
-def test_a_suspect_stations_fence_goes_in_its_frames_place_when_the_quarantine_is_over() -> None:
+def test_a_suspect_stations_sync_probe_goes_in_its_frames_place_when_the_quarantine_is_over() -> None:
     one, other = station(), station(2)
     one.mark_suspect(0.0)
     mine, others = ask(one), ask(other)
@@ -264,7 +264,7 @@ def test_a_suspect_stations_fence_goes_in_its_frames_place_when_the_quarantine_i
     assert one not in scheduler._pending_sync_probes and len(scheduler) == 2
 
 
-def test_the_fence_that_has_been_due_longest_goes_first() -> None:
+def test_the_sync_probe_that_has_been_due_longest_goes_first() -> None:
     one, two, three = station(), station(2), station(3)
     scheduler = Scheduler(SETTINGS)
     for at, each in ((0.3, one), (0.1, two), (0.2, three)):
@@ -286,7 +286,7 @@ def test_the_fence_that_has_been_due_longest_goes_first() -> None:
     assert scheduler.next(10.0) is None and scheduler.untrusted_stations == []
 
 
-def test_g08_a_silent_station_is_probed_when_its_pause_and_the_budget_allow_it() -> None:
+def test_a_silent_station_is_probed_when_its_pause_and_the_budget_allow_it() -> None:
     silent, suspect = station(), station(2)
     scheduler = Scheduler(SETTINGS)
     for each in (silent, suspect):
@@ -312,7 +312,7 @@ def test_a_poll_is_due_at_its_time_and_not_before() -> None:
     assert scheduler.next(1.0) is None and scheduler.next_wake_at == 1.5
 
 
-def test_a_polls_second_attempt_goes_from_the_queue_and_gives_the_poll_back_to_the_plan() -> None:
+def test_a_polls_retry_leaves_the_queue_and_returns_the_poll_to_the_schedule() -> None:
     polled = poll(station(), 0.5)
     scheduler = Scheduler(SETTINGS)
     scheduler.poll_schedule.add(polled)
@@ -323,7 +323,7 @@ def test_a_polls_second_attempt_goes_from_the_queue_and_gives_the_poll_back_to_t
     assert taken(scheduler, 1, 0.5) == [polled]
 
 
-def test_what_is_withdrawn_is_gone_and_told_and_a_poll_of_it_is_no_second_attempt_any_more() -> None:
+def test_removed_requests_are_returned_and_a_removed_poll_is_no_retry_any_more() -> None:
     one, other = station(), station(2)
     polled = poll(one)
     polled.retry_queued = True
@@ -333,8 +333,8 @@ def test_what_is_withdrawn_is_gone_and_told_and_a_poll_of_it_is_no_second_attemp
     assert not polled.retry_queued and len(scheduler) == 1
 
 
-def test_a_stop_ends_its_stations_commands_and_permits_and_nobody_elses() -> None:
-    """6.5. A motion frame ends in whatever priority it waits; a read or setting outside the command priority stays."""
+def test_a_stop_ends_its_stations_commands_and_permits_and_no_others() -> None:
+    """A motion frame ends in whatever priority it waits; a read or setting outside the command priority stays."""
     one, other = station(), station(2)
     gone = [
         write(one),
@@ -379,7 +379,7 @@ def test_a_station_that_is_trusted_again_has_its_parked_polls_at_once() -> None:
 
 
 def test_only_stops_count_for_whose_stop_is_next() -> None:
-    """What else was said to a station meanwhile does not put its stop behind another one's."""
+    """Other frames sent to a station meanwhile do not put its stop behind another one's."""
     one, two = station(1), station(2)
     scheduler = filled(stop(one))
     taken(scheduler, 1, 1.0)
@@ -398,7 +398,7 @@ def test_only_commands_bring_a_waiting_parameter_its_turn() -> None:
     assert [job.priority for job in taken(scheduler, 2)] == [RequestPriority.COMMAND, RequestPriority.PARAMETER]
 
 
-def test_lateness_is_told_in_milliseconds() -> None:
+def test_lateness_is_reported_in_milliseconds() -> None:
     scheduler = filled(write(station(), until=1.0))
     assert scheduler.next(3.0) is None
     [(_, error)] = scheduler.rejected

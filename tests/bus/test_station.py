@@ -87,7 +87,7 @@ def read(script: BusScript) -> None:
 
 
 def replug(script: BusScript) -> None:
-    """Lose the port and open it again: it has to be found out anew whether the adapter echoes."""
+    """Lose the port and open it again: it has to be found out again whether the adapter echoes."""
     script.lose_port(PortLost("bus.closed"))
     script.reopen()
 

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has 
 
 
 async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """I1, 6.6: an hour passes on the clock that counts sleep, and on no other, while the frame before is out."""
+    """An hour passes on the clock that counts sleep, and on no other, while the frame before is out."""
     slept_s, kernel = 0.0, time.clock_gettime
 
     def clock(which: int) -> float:
@@ -61,7 +61,7 @@ from drivebus.bus import Bus, Poll
 from drivebus.testing.bus_script import ScriptedPort
 from fixtures.bus import FakeStation, read, read_request, station_config, wire_to
 
-async def story():
+async def main():
     bus = Bus(ScriptedPort(wire_to(FakeStation())))
     bus.add_station(station_config())
     before = bus.now()
@@ -73,7 +73,7 @@ async def story():
         bus.start_polling(1, [Poll(read(), 0.02)], seen.put_nowait)
         for _ in range(5):
             assert (await seen.get()).error is None
-asyncio.run(asyncio.wait_for(story(), 20))
+asyncio.run(asyncio.wait_for(main(), 20))
 """
 
 

@@ -1,4 +1,4 @@
-"""One request and all that can come of it: deadlines, silence, foreign frames, damage (F01-F05)."""
+"""One request and all that can come of it: deadlines, silence, foreign frames, damage."""
 
 from __future__ import annotations
 
@@ -34,145 +34,145 @@ GAP = 3.5 * CHARACTER_S
 
 
 @pytest.mark.parametrize("line", DELIVERIES)
-def test_a_read_is_answered_by_its_own_station_on_every_line(line: str) -> None:
-    """I5 on the four lines: whatever the line does, the values are those of that very request, or there are none."""
+def test_a_read_gets_the_reply_of_its_own_station_on_every_line(line: str) -> None:
+    """On the four lines: whatever the bus does, the values are those of that very request, or there are none."""
     station = FakeStation()
-    play = make_script(station, deliver=DELIVERIES[line]())
+    script = make_script(station, deliver=DELIVERIES[line]())
     for number in range(200):
-        play.submit(read_request(), number)
-        answer = play.result(number)
+        script.submit(read_request(), number)
+        answer = script.result(number)
         if answer.error is None:
             assert answer.reply.values == (station.read_count,) * 4
-    assert play.core.statistics(play.now).replies > 150
+    assert script.core.statistics(script.now).replies > 150
 
 
 def test_a_clean_read_takes_exactly_what_the_arithmetic_says() -> None:
-    play = make_script(FakeStation(delay_s=0.005))
-    play.run_until(1.0)
-    play.submit(read_request())
-    answer = play.result()
+    script = make_script(FakeStation(delay_s=0.005))
+    script.run_until(1.0)
+    script.submit(read_request())
+    answer = script.result()
     assert answer.sent_at == 1.0
     assert answer.received_at == pytest.approx(1.0 + SENT_END + 0.005 + REPLY_BYTES * CHARACTER_S)
-    assert play.now == pytest.approx(answer.received_at + GAP)
+    assert script.now == pytest.approx(answer.received_at + GAP)
     assert answer.attempts == 1 and answer.sent == CODEC.encode_request(read_request().request)
 
 
-def test_whole_and_byte_by_byte_give_the_same_answer_at_the_same_time() -> None:
-    """F04: the end of a frame is its length; how it was cut on the way does not matter."""
+def test_whole_and_byte_by_byte_give_the_same_reply_at_the_same_time() -> None:
+    """The end of a frame is its length; how it was cut on the way does not matter."""
     both = []
     for deliver in (DELIVERIES["clean"](), byte_by_byte):
-        play = make_script(FakeStation(), deliver=deliver)
-        play.submit(read_request())
-        both.append((play.result().reply, play.now))
+        script = make_script(FakeStation(), deliver=deliver)
+        script.submit(read_request())
+        both.append((script.result().reply, script.now))
     assert both[0][0] == both[1][0] and both[0][1] == pytest.approx(both[1][1])
 
 
 def test_silence_ends_at_the_computed_deadline() -> None:
-    play = make_script(FakeStation(alive=False))
-    play.run_until(1.0)
-    play.submit(read_request())
-    answer = play.result()
+    script = make_script(FakeStation(alive=False))
+    script.run_until(1.0)
+    script.submit(read_request())
+    answer = script.result()
     assert isinstance(answer.error, NoReply) and answer.error.params["milliseconds"] == round(
         TIMING.timeout_s(SETTINGS, REPLY_BYTES) * 1000
     )
-    assert play.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
+    assert script.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
 
 
 def test_bytes_never_extend_the_deadline() -> None:
-    """F05: a station that dribbles is given up at the same moment as one that says nothing."""
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
-    play.submit(read_request())
+    """A station that sends byte by byte times out at the same moment as a silent one."""
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
+    script.submit(read_request())
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
     for place in range(10):
-        play.receive(reply[place : place + 1], at=1.01 + place * 0.005)
-    answer = play.result()
+        script.receive(reply[place : place + 1], at=1.01 + place * 0.005)
+    answer = script.result()
     assert isinstance(answer.error, NoReply) and answer.error.params["bytes"] == 10
-    assert play.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
+    assert script.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
 
 
 def test_another_stations_frame_is_dropped_and_waiting_goes_on() -> None:
-    """F02: discard, count, keep waiting to the original deadline."""
-    play = BusScript(make_core(1, 2))
-    play.run_until(1.0)
-    play.submit(read_request())
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(2, 3, (9, 9, 9, 9))), at=1.0 + SENT_END + 13 * CHARACTER_S)
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END + 30 * CHARACTER_S)
-    answer = play.result()
+    """Discard, count, keep waiting to the original deadline."""
+    script = BusScript(make_core(1, 2))
+    script.run_until(1.0)
+    script.submit(read_request())
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(2, 3, (9, 9, 9, 9))), at=1.0 + SENT_END + 13 * CHARACTER_S)
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END + 30 * CHARACTER_S)
+    answer = script.result()
     assert answer.reply.values == (1, 2, 3, 4)
-    assert play.core.counters.events["foreign"] == 1
+    assert script.core.counters.events["foreign"] == 1
 
 
-def test_a_reply_is_believed_only_after_the_gap_in_silence() -> None:
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
-    play.submit(read_request())
+def test_a_reply_is_accepted_only_after_the_gap_in_silence() -> None:
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
+    script.submit(read_request())
     heard = 1.0 + SENT_END + 20 * CHARACTER_S
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
-    play.run_until(heard + GAP * 0.99)
-    assert not play.results
-    play.run_until(heard + GAP * 1.01)
-    assert play.result().reply.values == (1, 2, 3, 4)
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
+    script.run_until(heard + GAP * 0.99)
+    assert not script.results
+    script.run_until(heard + GAP * 1.01)
+    assert script.result().reply.values == (1, 2, 3, 4)
 
 
-def test_a_byte_after_the_reply_voids_it() -> None:
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
-    play.core.stations[1].state = StationState.ONLINE
-    play.submit(read_request())
+def test_a_byte_after_the_reply_invalidates_it() -> None:
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
+    script.core.stations[1].state = StationState.ONLINE
+    script.submit(read_request())
     heard = 1.0 + SENT_END + 20 * CHARACTER_S
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
-    play.receive(b"\x00", at=heard + GAP * 0.5)
-    play.run_until(heard + 3 * GAP)
-    assert not play.results, "a second answer may be on its way: quarantine and fence come first"
-    assert play.core.stations[1].state.is_suspect
-    assert play.core.counters.errors == {TrailingError.__name__: 1}
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
+    script.receive(b"\x00", at=heard + GAP * 0.5)
+    script.run_until(heard + 3 * GAP)
+    assert not script.results, "a second answer may be on its way: quarantine and fence come first"
+    assert script.core.stations[1].state.is_suspect
+    assert script.core.counters.errors == {TrailingError.__name__: 1}
 
 
 def test_damage_is_repeated_at_once_and_only_once() -> None:
-    """V, R of the fault matrix: the answer has come and is spoiled, so nothing can come late."""
-    play = BusScript(make_core(1), lambda frame, ended: [(ended + 20 * CHARACTER_S, b"\x01\x03\x08" + bytes(10))])
-    play.submit(read_request())
-    play.core.stations[1].state = StationState.ONLINE
-    answer = play.result()
+    """The reply has come and is damaged, so nothing can come late."""
+    script = BusScript(make_core(1), lambda frame, ended: [(ended + 20 * CHARACTER_S, b"\x01\x03\x08" + bytes(10))])
+    script.submit(read_request())
+    script.core.stations[1].state = StationState.ONLINE
+    answer = script.result()
     assert isinstance(answer.error, ChecksumError) and answer.attempts == 2
-    assert not play.core.stations[1].state.is_suspect
-    assert play.core.counters.events["retry"] == 1
+    assert not script.core.stations[1].state.is_suspect
+    assert script.core.counters.events["retry"] == 1
 
 
-def test_marked_bytes_void_the_transaction_whatever_they_say() -> None:
-    """G20: a parity or framing error spoils the frame even where its check sum fits."""
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
-    play.submit(read_request())
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.05, line_errors=1)
-    answer = play.result()
+def test_line_errors_invalidate_the_transaction_whatever_the_bytes() -> None:
+    """A parity or framing error damages the frame even where its checksum fits."""
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
+    script.submit(read_request())
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.05, line_errors=1)
+    answer = script.result()
     assert isinstance(answer.error, LineError) and answer.error.key == "bus.line_errors"
     assert answer.reply is None
 
 
-def test_what_comes_before_our_own_last_stop_bit_is_no_answer() -> None:
+def test_what_comes_before_our_own_last_stop_bit_is_no_reply() -> None:
     """F03, on a port whose pacing is real."""
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
-    play.submit(read_request())
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
-    answer = play.result()
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
+    script.submit(read_request())
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
+    answer = script.result()
     assert isinstance(answer.error, NoReply)
-    assert play.core.counters.events["before_tx_end"] == REPLY_BYTES
+    assert script.core.counters.events["before_tx_end"] == REPLY_BYTES
 
 
 def test_an_unpaced_port_can_not_tell_early_from_late() -> None:
-    """Ruling 9: ptys and TCP have no pacing, so the rule does not apply there."""
-    play = BusScript(make_core(1, has_line_timing=False))
-    play.run_until(1.0)
-    play.submit(read_request())
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
-    assert play.result().reply.values == (1, 2, 3, 4)
+    """Ptys and TCP have no line timing, so the rule does not apply there."""
+    script = BusScript(make_core(1, has_line_timing=False))
+    script.run_until(1.0)
+    script.submit(read_request())
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
+    assert script.result().reply.values == (1, 2, 3, 4)
 
 
 def test_garbage_before_the_reply_fails_this_transaction_only() -> None:
-    """F05: no hunting. The next transaction is not touched."""
+    """No frame is searched in other bytes. The next transaction is not affected."""
     station = FakeStation()
     clean = wire_to(station)
     noisy = [True]
@@ -182,59 +182,59 @@ def test_garbage_before_the_reply_fails_this_transaction_only() -> None:
             yield ended + CHARACTER_S, b"\xff"
         yield from clean(frame, ended)
 
-    play = BusScript(make_core(1), once)
-    play.submit(read_request(), "first")
-    assert play.result("first").reply is None
-    play.submit(read_request(), "second")
-    assert play.result("second").reply is not None
+    script = BusScript(make_core(1), once)
+    script.submit(read_request(), "first")
+    assert script.result("first").reply is None
+    script.submit(read_request(), "second")
+    assert script.result("second").reply is not None
 
 
-def test_a_short_error_is_believed_only_if_nothing_follows() -> None:
-    """T15, ruling 11: five bytes are an error of DF800, or the beginning of its eight-byte echo."""
+def test_a_short_error_is_accepted_only_if_nothing_follows() -> None:
+    """Five bytes are an error of DF800, or the beginning of its eight-byte echo."""
     codec = modbus.ModbusRtuCodec(error_form="short")
     from fixtures.bus import station_config, write_request
 
     for rest in (b"", b"\x00"):
         bus = make_core(2)
         bus.add_station(station_config(1, codec=codec))
-        play = BusScript(bus)
+        script = BusScript(bus)
         bus.stations[1].state = StationState.ONLINE
         bus.echo.ruled_out = True
         request = write_request(bus, register=0x0000, value=0x0000)
         short = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
-        play.submit(request)
-        play.receive(short, at=0.05)
+        script.submit(request)
+        script.receive(short, at=0.05)
         if rest:
-            play.receive(rest, at=0.0505)
-            play.run_until(0.5)
-            assert play.core.statistics(play.now).replies == 0
+            script.receive(rest, at=0.0505)
+            script.run_until(0.5)
+            assert script.core.statistics(script.now).replies == 0
         else:
-            assert isinstance(play.result().reply, modbus.ExceptionReply)
+            assert isinstance(script.result().reply, modbus.ExceptionReply)
 
 
 @pytest.mark.parametrize(("stall_s", "believed"), [(0.1, True), (0.3, False)])
 def test_a_host_that_looked_late_believes_only_what_is_not_much_too_late(stall_s: float, believed: bool) -> None:
     """The reply is read after the deadline, before the wake of the deadline was served: it may have come in time."""
     bus = make_core(1)
-    play = BusScript(bus)
-    play.run_until(1.0)
-    play.submit(read_request())
+    script = BusScript(bus)
+    script.run_until(1.0)
+    script.submit(read_request())
     deadline = bus.transaction.ends_at  # type: ignore[union-attr]
-    play._timer_at = None
-    play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
-    answer = play.result()
+    script._timer_at = None
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
+    answer = script.result()
     assert (answer.error is None) is believed
 
 
-def flight(**options: Any) -> Transaction:
+def make_transaction(**options: Any) -> Transaction:
     job = PreparedRequest(read_request(), None, make_core(1).stations[1], SETTINGS)
     return Transaction(job, 1.0, CHARACTER_S, has_line_timing=True, echo=None, **options)
 
 
 def test_the_reader_may_sleep_until_a_byte_could_complete_the_reply() -> None:
-    """Before that moment no byte can end the frame on a line of this speed; afterwards every byte is wanted."""
+    """Before that moment no byte can end the frame on a bus of this speed; afterwards every byte is wanted."""
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
-    one = flight()
+    one = make_transaction()
     assert one.earliest_useful_at() == pytest.approx(1.0 + SENT_END + (REPLY_BYTES - 1) * CHARACTER_S)
     one.on_data(reply[:4], 1.1)
     assert one.bytes_needed == 5 and one.earliest_useful_at() == pytest.approx(1.1 + 0 * CHARACTER_S)
@@ -245,12 +245,12 @@ def test_the_reader_may_sleep_until_a_byte_could_complete_the_reply() -> None:
 
 
 def test_the_reader_stays_awake_where_something_else_than_a_reply_may_come() -> None:
-    damaged = flight()
+    damaged = make_transaction()
     damaged.on_data(b"\x01\x07\x00\x00\x00", 1.1)
     assert damaged.error is not None and damaged.earliest_useful_at() is None
     assert (
         Transaction(
-            flight().prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=EchoFilter(b"frame", True)
+            make_transaction().prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=EchoFilter(b"frame", True)
         ).earliest_useful_at()
         is None
     )
@@ -258,25 +258,25 @@ def test_the_reader_stays_awake_where_something_else_than_a_reply_may_come() -> 
     assert Transaction(stop, 1.0, CHARACTER_S, has_line_timing=True, echo=None).earliest_useful_at() is None
 
 
-def test_a_byte_behind_the_reply_is_told_with_both_lengths() -> None:
+def test_a_byte_behind_the_reply_is_reported_with_both_lengths() -> None:
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
-    one = flight()
+    one = make_transaction()
     one.on_data(reply + b"\x00", 1.1)
     assert isinstance(one.error, TrailingError) and one.error.key == "bus.trailing"
     assert one.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
 
 
-def test_g20_a_mark_without_a_byte_voids_the_reply_that_was_whole() -> None:
+def test_a_line_error_without_a_byte_invalidates_the_reply_that_was_whole() -> None:
     """It ends at the deadline: what else is on its way is not sent into."""
-    one = flight()
+    one = make_transaction()
     one.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 1.05)
     assert one.ends_at < one.deadline
     one.on_data(b"", 1.051, line_errors=1)
     assert isinstance(one.error, LineError) and one.ends_at == one.deadline
 
 
-def test_how_long_was_waited_is_told_in_milliseconds() -> None:
-    one = flight()
+def test_the_timeout_is_reported_in_milliseconds() -> None:
+    one = make_transaction()
     one.deadline = one.tx_end_at + 2.0
     error = one.final_error()
     assert isinstance(error, NoReply) and error.params["milliseconds"] == 2000

@@ -1,4 +1,4 @@
-"""One transaction alone, byte by byte: what ends it, when, and what is said (F02, F03, F05, G20, rulings 10 and 11)."""
+"""One transaction alone, byte by byte: its end and its error."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ DEADLINE = END + TIMING.timeout_s(SETTINGS, 13)
 GAP = TIMING.gap_s(SETTINGS)
 
 
-def flight(request: Any = None, codec: Any = RTU, paced: bool = True, echo: Any = None, **timing: Any) -> Transaction:
+def make_transaction(
+    request: Any = None, codec: Any = RTU, paced: bool = True, echo: Any = None, **timing: Any
+) -> Transaction:
     station = Station(station_config(1, replace(TIMING, **timing), codec), SETTINGS)
     job = PreparedRequest(read_request() if request is None else BusRequest(1, request), None, station, SETTINGS)
     job.attempts = 1
@@ -35,7 +37,7 @@ def flight(request: Any = None, codec: Any = RTU, paced: bool = True, echo: Any 
 
 
 def test_it_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
-    one = flight()
+    one = make_transaction()
     assert (one.sent_at, one.tx_end_at, one.deadline, one.ends_at) == (1.0, END, DEADLINE, DEADLINE)
     error = one.final_error()
     assert isinstance(error, NoReply) and error.key == "bus.no_reply"
@@ -44,7 +46,7 @@ def test_it_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
 
 
 def test_a_whole_reply_counts_after_the_gap() -> None:
-    one = flight()
+    one = make_transaction()
     one.on_data(REPLY, 1.05)
     assert one.ends_at == 1.05 + GAP and one.final_error() is None
     assert one.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4)) and (
@@ -55,7 +57,7 @@ def test_a_whole_reply_counts_after_the_gap() -> None:
 
 
 def test_a_part_of_a_reply_ends_at_the_deadline_and_is_called_cut() -> None:
-    one = flight()
+    one = make_transaction()
     for place in range(12):
         one.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
         assert one.ends_at == DEADLINE
@@ -66,8 +68,8 @@ def test_a_part_of_a_reply_ends_at_the_deadline_and_is_called_cut() -> None:
 
 
 @pytest.mark.parametrize("pieces", [[14], [13, 1]])
-def test_a_byte_more_voids_it_whether_it_comes_with_the_reply_or_behind_it(pieces: list[int]) -> None:
-    one, data = flight(), REPLY + b"\x00"
+def test_a_further_byte_invalidates_the_reply_whenever_it_comes(pieces: list[int]) -> None:
+    one, data = make_transaction(), REPLY + b"\x00"
     for size in pieces:
         one.on_data(data[:size], 1.05)
         data = data[size:]
@@ -76,8 +78,8 @@ def test_a_byte_more_voids_it_whether_it_comes_with_the_reply_or_behind_it(piece
     assert one.message is None and one.ends_at == 1.05 + GAP
 
 
-def test_what_is_void_ends_with_a_replys_worth_of_bytes_and_the_gap_but_never_after_the_deadline() -> None:
-    one = flight()
+def test_an_invalid_reply_ends_after_its_bytes_and_the_gap_but_never_after_the_deadline() -> None:
+    one = make_transaction()
     one.on_data(DAMAGED[:12], 1.04)
     assert one.ends_at == DEADLINE
     one.on_data(DAMAGED[12:], 1.05)
@@ -87,8 +89,8 @@ def test_what_is_void_ends_with_a_replys_worth_of_bytes_and_the_gap_but_never_af
     assert isinstance(one.final_error(), ChecksumError), "the first error stays"
 
 
-def test_the_first_thing_wrong_stays_what_is_told() -> None:
-    one = flight()
+def test_the_first_error_is_the_one_reported() -> None:
+    one = make_transaction()
     one.on_data(REPLY, 1.05)
     one.on_data(b"\x00", 1.051, line_errors=1)
     assert isinstance(one.final_error(), LineError)
@@ -97,16 +99,16 @@ def test_the_first_thing_wrong_stays_what_is_told() -> None:
     assert isinstance(error, LineError) and (error.key, error.params) == ("bus.line_errors", {"station": 1, "count": 1})
 
 
-def test_marks_alone_void_it_until_the_deadline() -> None:
-    one = flight()
+def test_line_errors_alone_invalidate_it_until_the_deadline() -> None:
+    one = make_transaction()
     one.on_data(b"", 1.05, line_errors=2)
     error = one.final_error()
     assert isinstance(error, LineError) and error.params["count"] == 2
     assert one.ends_at == DEADLINE and one.received_count == 0 and one.last_byte_at is None
 
 
-def test_f02_other_stations_frames_are_dropped_and_remembered_and_the_reply_behind_them_counts() -> None:
-    one = flight()
+def test_other_stations_frames_are_dropped_and_remembered_and_the_reply_behind_them_counts() -> None:
+    one = make_transaction()
     one.on_data(OTHERS + OTHERS + REPLY[:5], 1.05)
     assert [data for data, _ in one.foreign_frames or ()] == [OTHERS, OTHERS]
     assert all(isinstance(error, AddressError) for _, error in one.foreign_frames or ())
@@ -115,8 +117,8 @@ def test_f02_other_stations_frames_are_dropped_and_remembered_and_the_reply_behi
     assert one.final_error() is None and one.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4))
 
 
-def test_f02_a_foreign_frame_alone_leaves_nothing_and_waits_on() -> None:
-    one = flight()
+def test_a_foreign_frame_alone_leaves_nothing_and_waits_on() -> None:
+    one = make_transaction()
     one.on_data(OTHERS, 1.05)
     assert (one.received_count, one.buffer, one.bytes_needed, one.error) == (0, b"", 1, None)
     error = one.final_error()
@@ -135,10 +137,10 @@ class Mistaken(modbus.ModbusRtuCodec):
 
 
 @pytest.mark.parametrize(("size", "dropped"), [(-1, False), (0, False), (1, True), (5, True), (6, False)])
-def test_f02_a_foreign_frame_is_dropped_only_where_it_is_whole(size: int, dropped: bool) -> None:
+def test_a_foreign_frame_is_dropped_only_where_it_is_whole(size: int, dropped: bool) -> None:
     codec = Mistaken()
     codec.size = size
-    one = flight(codec=codec)
+    one = make_transaction(codec=codec)
     one.on_data(b"\x02\x03\x04\x05\x06", 1.05)
     assert (one.error is None) is dropped
     assert len(one.foreign_frames or ()) == ((5 // size) if dropped else 0)
@@ -158,10 +160,10 @@ def test_f02_a_foreign_frame_is_dropped_only_where_it_is_whole(size: int, droppe
         (13, 9.0, 9),
     ],
 )
-def test_f03_bytes_that_ended_before_our_own_last_bit_are_no_answer(size: int, characters: float, kept: int) -> None:
+def test_bytes_that_ended_before_our_own_last_bit_are_no_reply(size: int, characters: float, kept: int) -> None:
     """The last of them came at ``characters`` after our last bit, each earlier one a character before it."""
     for paced in (True, False):
-        one = flight(paced=paced)
+        one = make_transaction(paced=paced)
         one.on_data(REPLY[:size], END + characters * CHARACTER_S)
         expected = kept if paced else size
         assert (len(one.bytes_before_tx_end), one.received_count) == (size - expected, expected)
@@ -169,8 +171,8 @@ def test_f03_bytes_that_ended_before_our_own_last_bit_are_no_answer(size: int, c
         assert (one.last_byte_at is not None) is (expected > 0)
 
 
-def test_f10_a_broadcast_is_over_after_its_turnaround_whatever_is_heard() -> None:
-    one = flight(modbus.WriteRegister(0, COMMAND, STOP))
+def test_a_broadcast_is_over_after_its_turnaround_whatever_is_received() -> None:
+    one = make_transaction(modbus.WriteRegister(0, COMMAND, STOP))
     assert one.ends_at == END + TIMING.turnaround_s
     one.on_data(REPLY, 1.05)
     assert one.ends_at == END + TIMING.turnaround_s and one.final_error() is None
@@ -179,35 +181,35 @@ def test_f10_a_broadcast_is_over_after_its_turnaround_whatever_is_heard() -> Non
     assert isinstance(one.final_error(), LineError)
 
 
-def test_ruling_10_one_stray_byte_is_forgiven_once_where_the_profile_says_so() -> None:
-    one = flight(tolerate_leading_noise=True)
+def test_one_stray_byte_is_skipped_once_where_the_profile_allows_it() -> None:
+    one = make_transaction(tolerate_leading_noise=True)
     one.on_data(b"\xff" + REPLY, 1.05)
     assert one.final_error() is None and (one.bytes_before_tx_end, one.received_count, one.noise_skipped) == (
         b"\xff",
         13,
         True,
     )
-    two = flight(tolerate_leading_noise=True)
+    two = make_transaction(tolerate_leading_noise=True)
     two.on_data(b"\xff\xff" + REPLY, 1.05)
     assert two.final_error() is not None and two.received_count == 14
-    none = flight()
+    none = make_transaction()
     none.on_data(b"\xff" + REPLY, 1.05)
     assert none.final_error() is not None and not none.noise_skipped
 
 
-def test_ruling_10_after_the_stray_byte_the_reply_may_come_in_pieces() -> None:
-    one = flight(tolerate_leading_noise=True)
+def test_after_the_stray_byte_the_reply_may_come_in_pieces() -> None:
+    one = make_transaction(tolerate_leading_noise=True)
     for place, byte in enumerate(b"\xff" + REPLY):
         one.on_data(bytes((byte,)), 1.05 + place * CHARACTER_S)
     assert one.final_error() is None and one.bytes_before_tx_end == b"\xff"
 
 
-def test_ruling_11_a_short_error_that_may_be_an_echos_beginning_waits_the_adapter_too() -> None:
+def test_a_short_error_that_may_be_an_echos_beginning_waits_the_adapter_too() -> None:
     asked = modbus.WriteRegister(1, 0x23, 0xA000)
     codec = modbus.ModbusRtuCodec("short")
     error = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
     assert codec.encode_request(asked).startswith(error)
-    one = flight(asked, codec)
+    one = make_transaction(asked, codec)
     one.on_data(error, 1.05)
     assert one.needs_silence and one.ends_at == 1.05 + (GAP + TIMING.adapter_latency_s)
     assert one.final_error() is None and one.message == modbus.ExceptionReply(1, 6, None)
@@ -219,15 +221,15 @@ def test_ruling_11_a_short_error_that_may_be_an_echos_beginning_waits_the_adapte
     assert one.ends_at == 1.052 + GAP and not one.needs_silence
 
 
-def test_f03_our_echo_is_taken_away_and_a_byte_that_differs_is_a_collision() -> None:
+def test_our_echo_is_taken_away_and_a_byte_that_differs_is_a_collision() -> None:
     request = read_request().request
     sent = RTU.encode_request(request)
-    one = flight(paced=False, echo=EchoFilter(sent, False))
+    one = make_transaction(paced=False, echo=EchoFilter(sent, False))
     one.on_data(sent[:3], 1.001)
     assert (one.received_count, one.last_byte_at) == (0, None)
     one.on_data(sent[3:] + REPLY, 1.05)
     assert one.final_error() is None and one.received_count == 13
-    other = flight(paced=False, echo=EchoFilter(sent, False))
+    other = make_transaction(paced=False, echo=EchoFilter(sent, False))
     other.on_data(sent[:3] + b"\xff", 1.05)
     error = other.final_error()
     assert isinstance(error, LineError)
@@ -235,7 +237,7 @@ def test_f03_our_echo_is_taken_away_and_a_byte_that_differs_is_a_collision() -> 
 
 
 class Asked(modbus.ModbusRtuCodec):
-    """Counts how often it is asked."""
+    """Counts how often it is called."""
 
     times = 0
 
@@ -244,9 +246,9 @@ class Asked(modbus.ModbusRtuCodec):
         return super().decode_reply(request, data)
 
 
-def test_the_codec_is_asked_again_only_with_as_many_bytes_as_it_wanted() -> None:
+def test_the_codec_is_called_again_only_with_as_many_bytes_as_it_needs() -> None:
     codec = Asked()
-    one = flight(codec=codec)
+    one = make_transaction(codec=codec)
     for place in range(13):
         one.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
     assert one.final_error() is None and codec.times == 3, "with the first byte, the fifth, and the last"
@@ -256,8 +258,8 @@ def test_the_codec_is_asked_again_only_with_as_many_bytes_as_it_wanted() -> None
     assert codec.times == 4, "nothing mends what is void"
 
 
-def test_a_reply_to_another_question_voids_it() -> None:
-    one = flight(modbus.WriteRegister(1, 7, 8))
+def test_a_reply_to_another_request_invalidates_it() -> None:
+    one = make_transaction(modbus.WriteRegister(1, 7, 8))
     one.on_data(RTU.encode_reply(modbus.WriteAck(1, 6, 7, 9)), 1.05)
     assert isinstance(one.final_error(), EchoError) and one.message is None
     assert one.ends_at == 1.05 + GAP

@@ -1,4 +1,4 @@
-"""Bytes that nobody asked for: late, second, foreign, noise. Counted by kind, never applied (F14, F15, I12)."""
+"""Unsolicited bytes: late, second, foreign, noise. Counted by kind, never applied."""
 
 from __future__ import annotations
 
@@ -19,153 +19,152 @@ from fixtures.bus import CHARACTER_S, CODEC, SETTINGS, FakeStation, make_core, m
 
 
 def test_two_foreign_requests_mean_a_foreign_master_and_a_minute_of_peace_ends_it() -> None:
-    """G18: flagged after two frames."""
-    play = BusScript(make_core(1))
-    play.run_until(1.0)
+    """Flagged after two frames."""
+    script = BusScript(make_core(1))
+    script.run_until(1.0)
     frame = CODEC.encode_request(modbus.ReadRegisters(17, 0x100, 2))
-    play.receive(frame, at=1.1)
-    play.run_until(1.2)
-    assert not play.core.health(1, play.now).foreign_master
-    play.receive(frame, at=1.3)
-    play.run_until(1.4)
-    assert play.core.health(1, play.now).foreign_master
-    assert play.core.counters.events["foreign_request"] == 2
-    play.run_until(70)
-    assert not play.core.health(1, play.now).foreign_master
+    script.receive(frame, at=1.1)
+    script.run_until(1.2)
+    assert not script.core.health(1, script.now).foreign_master
+    script.receive(frame, at=1.3)
+    script.run_until(1.4)
+    assert script.core.health(1, script.now).foreign_master
+    assert script.core.counters.events["foreign_request"] == 2
+    script.run_until(70)
+    assert not script.core.health(1, script.now).foreign_master
 
 
 def test_a_second_drivebus_that_sends_our_own_frames_is_a_foreign_master() -> None:
-    play = make_script(FakeStation())
-    play.submit(read_request())
-    play.result()
+    script = make_script(FakeStation())
+    script.submit(read_request())
+    script.result()
     for number in range(2):
-        play.receive(CODEC.encode_request(read()), at=play.now + 0.1 + 0.1 * number)
-    play.run_until(play.now + 0.5)
-    assert play.core.health(1, play.now).foreign_master
+        script.receive(CODEC.encode_request(read()), at=script.now + 0.1 + 0.1 * number)
+    script.run_until(script.now + 0.5)
+    assert script.core.health(1, script.now).foreign_master
 
 
-def test_the_answer_to_a_foreign_request_is_not_called_a_duplicate() -> None:
-    play = make_script(FakeStation())
-    play.submit(read_request())
-    play.result()
+def test_the_reply_to_a_foreign_request_is_not_called_a_duplicate() -> None:
+    script = make_script(FakeStation())
+    script.submit(read_request())
+    script.result()
     for number in range(4):
-        at = play.now + 0.1
-        play.receive(CODEC.encode_request(read()), at=at)
-        play.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (number,) * 4)), at=at + CHARACTER_S)
-        play.run_until(at + 0.1)
-    health = play.core.health(1, play.now)
+        at = script.now + 0.1
+        script.receive(CODEC.encode_request(read()), at=at)
+        script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (number,) * 4)), at=at + CHARACTER_S)
+        script.run_until(at + 0.1)
+    health = script.core.health(1, script.now)
     assert health.foreign_master and not health.duplicate_address
 
 
-def test_a_station_that_answers_unasked_shows_another_master_while_we_wait() -> None:
-    play = BusScript(make_core(1))
+def test_an_unsolicited_reply_shows_another_master_while_we_wait() -> None:
+    script = BusScript(make_core(1))
     for number in range(2):
-        play.run_until(play.now + 1)
-        play.submit(read_request(), number)
-        play.receive(CODEC.encode_reply(modbus.RegisterValues(99, 3, (1, 1, 1, 1))), at=play.now + 0.03)
-        play.result(number)
-    assert play.core.health(1, play.now).foreign_master
+        script.run_until(script.now + 1)
+        script.submit(read_request(), number)
+        script.receive(CODEC.encode_reply(modbus.RegisterValues(99, 3, (1, 1, 1, 1))), at=script.now + 0.03)
+        script.result(number)
+    assert script.core.health(1, script.now).foreign_master
 
 
-def test_a_second_answer_while_idle_is_counted_and_makes_suspect() -> None:
-    play = make_script(FakeStation())
-    play.core.tracing = True
-    play.submit(read_request())
-    answer = play.result()
-    play.receive(answer.received, at=play.now + 0.05)
-    play.run_until(play.now + 0.1)
-    assert play.core.counters.events["duplicate"] == 1
-    assert play.core.stations[1].state.is_suspect
-    assert [event.kind for event in play.traced] == [TraceKind.SENT, TraceKind.REPLY, TraceKind.DUPLICATE]
-    play.run_until(play.now + 2)
-    assert not play.core.stations[1].state.is_suspect, "its fence was answered"
+def test_a_second_reply_while_idle_is_counted_and_makes_suspect() -> None:
+    script = make_script(FakeStation())
+    script.core.tracing = True
+    script.submit(read_request())
+    answer = script.result()
+    script.receive(answer.received, at=script.now + 0.05)
+    script.run_until(script.now + 0.1)
+    assert script.core.counters.events["duplicate"] == 1
+    assert script.core.stations[1].state.is_suspect
+    assert [event.kind for event in script.traced] == [TraceKind.SENT, TraceKind.REPLY, TraceKind.DUPLICATE]
+    script.run_until(script.now + 2)
+    assert not script.core.stations[1].state.is_suspect, "its fence was answered"
 
 
 def test_noise_is_counted_and_forgotten() -> None:
-    play = make_script(FakeStation())
+    script = make_script(FakeStation())
     for number in range(50):
-        play.receive(b"\xff\x00", at=number * 0.1)
-    play.run_until(10)
-    assert play.core.counters.events == {"unsolicited": 50}
-    assert len(play.core.unsolicited.buffer) == 0
-    play.submit(read_request())
-    assert play.result().error is None
+        script.receive(b"\xff\x00", at=number * 0.1)
+    script.run_until(10)
+    assert script.core.counters.events == {"unsolicited": 50}
+    assert len(script.core.unsolicited.buffer) == 0
+    script.submit(read_request())
+    assert script.result().error is None
 
 
 def test_unasked_bytes_never_grow_beyond_their_bound() -> None:
-    """I12."""
-    play = BusScript(make_core(1))
+    script = BusScript(make_core(1))
     chance = random.Random(1)
     at = 0.0
     for _ in range(3000):
         at += CHARACTER_S
-        play.receive(chance.randbytes(8), at=at)
-    play.run_until(at)
-    assert len(play.core.unsolicited.buffer) <= 512
+        script.receive(chance.randbytes(8), at=at)
+    script.run_until(at)
+    assert len(script.core.unsolicited.buffer) <= 512
 
 
-def test_the_gap_counts_from_the_last_byte_heard_whoever_sent_it() -> None:
-    """F08: foreign traffic ends, then 3.5 characters, then we."""
-    play = make_script(FakeStation())
-    play.run_until(1.0)
-    play.receive(b"\x55")
-    play.run_until(1.0 + CHARACTER_S)
-    play.receive(b"\x55")
-    play.submit(read_request())
-    play.result()
-    assert play.sent[0][0] == pytest.approx(1.0 + CHARACTER_S + 3.5 * CHARACTER_S)
+def test_the_gap_counts_from_the_last_byte_received_of_any_sender() -> None:
+    """Foreign traffic ends, 3.5 characters pass, then we send."""
+    script = make_script(FakeStation())
+    script.run_until(1.0)
+    script.receive(b"\x55")
+    script.run_until(1.0 + CHARACTER_S)
+    script.receive(b"\x55")
+    script.submit(read_request())
+    script.result()
+    assert script.sent[0][0] == pytest.approx(1.0 + CHARACTER_S + 3.5 * CHARACTER_S)
 
 
 def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
-    """G18 on a busy bus, where nobody is ever idle."""
-    play = BusScript(make_core(1))
+    """On a busy bus without idle time."""
+    script = BusScript(make_core(1))
     foreign = CODEC.encode_request(modbus.ReadRegisters(9, 0x100, 2))
     for number in range(2):
-        play.run_until(play.now + 2)
-        play.submit(read_request(), number)
-        play.receive(foreign, at=play.now + 0.03)
-        play.result(number)
-    assert play.core.health(1, play.now).foreign_master
+        script.run_until(script.now + 2)
+        script.submit(read_request(), number)
+        script.receive(foreign, at=script.now + 0.03)
+        script.result(number)
+    assert script.core.health(1, script.now).foreign_master
 
 
 @pytest.mark.parametrize("waiting", [True, False])
-def test_f01_a_late_mirrored_answer_is_late_and_no_foreign_master(waiting: bool) -> None:
-    """The answer of FC06 is a valid request: from a station that owes us one it is its answer, whenever it comes."""
-    play = BusScript(make_core(1))
+def test_a_late_mirrored_reply_is_late_and_no_foreign_master(waiting: bool) -> None:
+    """The reply of FC06 is a valid request too: of a suspect station it is its late reply."""
+    script = BusScript(make_core(1))
     late = CODEC.encode_reply(modbus.WriteAck(1, 6, 0x2001, 1000))
-    play.submit(read_request())
+    script.submit(read_request())
     for _ in range(3):
-        play.core.stations[1].state = StationState.SUSPECT
+        script.core.stations[1].state = StationState.SUSPECT
         if waiting:
-            play.run_until(play.now + 1)
-            play.receive(late, at=play.now + 0.001)
+            script.run_until(script.now + 1)
+            script.receive(late, at=script.now + 0.001)
         else:
-            play.receive(late, at=play.now + 1)
-        play.run_until(play.now + 1)
-    assert not play.core.health(1, play.now).foreign_master
-    assert play.core.counters.events["late"] >= 2
-    assert "foreign_request" not in play.core.counters.events
+            script.receive(late, at=script.now + 1)
+        script.run_until(script.now + 1)
+    assert not script.core.health(1, script.now).foreign_master
+    assert script.core.counters.events["late"] >= 2
+    assert "foreign_request" not in script.core.counters.events
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
 @pytest.mark.parametrize("address", [1, 2])
 @pytest.mark.parametrize("waiting", [True, False])
-def test_f14_a_foreign_master_is_heard_in_every_family_also_while_a_station_owes_an_answer(
+def test_a_foreign_master_is_detected_in_every_family_also_while_a_station_is_suspect(
     model: str, address: int, waiting: bool
 ) -> None:
-    """I8: its request may be for the very station that is silent; no bytes whatever may end the bus."""
+    """Its request may address the very station that is silent; no bytes may end the bus."""
     ours, stranger = (create_dialect(profiles.load(model), one) for one in (1, address))
     bus = BusCore(SETTINGS, echo="off")
     bus.add_station(ours.station_config)
-    play = BusScript(bus)
-    play.submit(BusRequest(1, ours.echo_test_read()), "silent")
-    play.result("silent")
+    script = BusScript(bus)
+    script.submit(BusRequest(1, ours.echo_test_read()), "silent")
+    script.result("silent")
     assert bus.stations[1].state.is_suspect
     foreign = stranger.codec.encode_request(stranger.echo_test_read())
     for _ in range(2):
         if waiting:
-            play.submit(BusRequest(1, ours.stop(StopMode.STOP)[0]), "stop")
-            play.run_until(play.now + 0.05)
-        play.receive(foreign)
-        play.run_until(play.now + 2.0)
-    assert bus.health(1, play.now).foreign_master
+            script.submit(BusRequest(1, ours.stop(StopMode.STOP)[0]), "stop")
+            script.run_until(script.now + 0.05)
+        script.receive(foreign)
+        script.run_until(script.now + 2.0)
+    assert bus.health(1, script.now).foreign_master

@@ -1,4 +1,4 @@
-"""Captures: what is written is read again; what is wrong is refused with file and line."""
+"""Captures: what is written is read again; what is wrong is rejected with file and line."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_writer_that_is_killed_spoils_at_most_its_last_line(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("kept", range(1, 30))
-def test_a_cut_tail_is_left_out_and_said(tmp_path: Path, kept: int) -> None:
+def test_a_cut_last_line_is_left_out_and_reported(tmp_path: Path, kept: int) -> None:
     whole = '{"t":0.000000,"rx":"01"}\n'
     last = '{"t":0.100000,"rx":"0203","line_errors":1}\n'
     path = tmp_path / "cut.dbcap"
@@ -79,7 +79,7 @@ def test_a_cut_tail_is_left_out_and_said(tmp_path: Path, kept: int) -> None:
     assert (len(capture.records), capture.truncated) == (1, True)
 
 
-def test_unknown_keys_and_events_of_a_later_writer_are_kept_and_not_refused(tmp_path: Path) -> None:
+def test_unknown_keys_and_events_of_a_later_writer_are_kept_and_not_rejected(tmp_path: Path) -> None:
     path = tmp_path / "later.dbcap"
     path.write_text(
         HEAD[:-2] + ', "site": "pump house"}\n{"t":1,"rx":"01","rssi":3}\n{"t":2,"event":"sunrise","lux":9}\n'
@@ -115,7 +115,7 @@ def test_unknown_keys_and_events_of_a_later_writer_are_kept_and_not_refused(tmp_
         (HEAD + '{"t":1,"rx":"01"}\n{"t":0.5,"rx":"01"}\n', "capture.value", 3),
     ],
 )
-def test_a_wrong_capture_is_refused_with_file_and_line(tmp_path: Path, text: str, key: str, line: int | None) -> None:
+def test_a_wrong_capture_is_rejected_with_file_and_line(tmp_path: Path, text: str, key: str, line: int | None) -> None:
     path = tmp_path / "wrong.dbcap"
     path.write_text(text)
     with pytest.raises(CaptureError) as caught:
@@ -141,8 +141,9 @@ def test_a_missing_capture_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_ends_the_capture_and_disturbs_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """G14."""
+def test_a_full_disk_ends_the_capture_and_does_not_disturb_the_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = written(tmp_path / "a.dbcap")
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, writer._fd)
@@ -153,7 +154,7 @@ def test_a_full_disk_ends_the_capture_and_disturbs_nobody(tmp_path: Path, monkey
     writer.close()
 
 
-def test_the_sentence_of_a_refused_value(tmp_path: Path) -> None:
+def test_the_sentence_of_a_rejected_value(tmp_path: Path) -> None:
     path = tmp_path / "x.dbcap"
     path.write_text(HEAD + json.dumps({"t": 0, "rx": "zz"}) + "\n")
     with pytest.raises(CaptureError) as caught:
@@ -170,7 +171,7 @@ def test_the_example_of_the_page_is_a_capture(tmp_path: Path, page: str) -> None
     assert (len(capture.records), capture.truncated, capture.header.writer) == (5, False, "drivebus 0.1.0")
 
 
-def test_g12_a_disk_that_fails_at_the_end_is_told_and_raises_nothing(
+def test_a_disk_that_fails_at_the_end_is_reported_and_raises_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A network disk may say only at close that nothing was kept."""

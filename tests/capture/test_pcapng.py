@@ -56,9 +56,7 @@ def test_a_reply_that_came_in_pieces_is_one_frame_with_the_time_of_the_first() -
 
 
 @pytest.mark.parametrize(("silence_s", "count"), [(0.0199, 1), (0.0201, 2)])
-def test_a_silence_parts_what_was_heard_counted_from_the_first_bit_of_the_next_bytes(
-    silence_s: float, count: int
-) -> None:
+def test_a_silence_splits_received_bytes_counted_from_the_first_bit_of_the_next(silence_s: float, count: int) -> None:
     later = 1.0 + silence_s + SerialSettings(9600).seconds(len(SAID))
     assert len(split_frames(capture(rx(1.0, SAID), rx(later, SAID)))) == count
 
@@ -87,7 +85,6 @@ def test_what_we_sent_is_never_joined() -> None:
 
 @pytest.mark.parametrize("pieces", [[READ + SAID], [READ, SAID], [READ[:3], READ[3:] + SAID]])
 def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) -> None:
-    """F03."""
     found = split_frames(capture(tx(0.0, READ), *(rx(0.1 + 0.2 * at, piece) for at, piece in enumerate(pieces))))
     if pieces[0] != READ[:3]:
         assert [(one.received, one.from_master, one.data) for one in found] == [
@@ -100,19 +97,19 @@ def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) ->
 
 
 @pytest.mark.parametrize("heard", [WRITE, WRITE + b"\x00", WRITE + b"\x00" * 4])
-def test_a_write_that_is_answered_by_its_own_bytes_is_answered(heard: bytes) -> None:
+def test_a_write_whose_reply_mirrors_it_has_its_reply(heard: bytes) -> None:
     """Nothing that could be a reply came after it, so it is the reply."""
     found = split_frames(capture(tx(0.0, WRITE), rx(0.1, heard)))
     assert [one.from_master for one in found] == [True, False]
 
 
-def test_what_a_sent_frame_speaks_holds_for_what_is_heard_after_it() -> None:
+def test_the_protocol_of_a_sent_frame_applies_to_the_bytes_after_it() -> None:
     damaged = bytes((SAID[0] ^ 1,)) + SAID[1:]
     found = split_frames(capture(tx(0, READ), rx(0.1, damaged), tx(1, C320), rx(1.1, SAID), tx(2, READ), rx(2.1, C320)))
     assert [one.modbus for one in found] == [True, True, False, False, True, True]
 
 
-def test_what_was_heard_before_anything_was_sent_is_judged_by_its_own_check() -> None:
+def test_bytes_received_before_any_request_are_classified_by_their_checksum() -> None:
     found = split_frames(capture(rx(0, READ), rx(1, b"\xff\xff"), rx(2, b""), rx(3, C320)))
     assert [one.modbus for one in found] == [True, False, False, False]
     assert all(one.modbus for one in split_frames(capture(rx(0, C320), tx(1, C320)), all_modbus=True))
@@ -252,7 +249,7 @@ def test_a_burst_without_end_becomes_several_datagrams() -> None:
     ],
 )
 def test_the_capture_says_when_it_began_or_does_not(started: str, began_us: int | None) -> None:
-    """F21: a label; without a zone it is taken as UTC."""
+    """A label; without a zone it is taken as UTC."""
     assert wireshark.capture_start_us(capture(started=started)) == began_us
 
 
@@ -265,7 +262,7 @@ def test_the_time_of_a_packet_is_that_of_its_record_to_the_microsecond() -> None
     assert (high << 32 | low) == STARTED_US + 86400_000001
 
 
-def test_a_time_that_no_pcapng_can_tell_is_refused() -> None:
+def test_a_time_beyond_the_range_of_pcapng_is_rejected() -> None:
     frame = CapturedFrame(time_s=1e13, data=READ, received=False, from_master=True)
     wireshark.encode_wireshark(capture(), [frame])
     with pytest.raises(CaptureError, match=r"t = 2e\+13"):
@@ -359,7 +356,7 @@ def test_half_a_file_is_taken_away_again(trip: Path, words: tuple[str, ...]) -> 
     assert [one.name for one in trip.parent.iterdir()] == ["trip.dbcap"]
 
 
-def test_a_capture_that_is_cut_or_undated_is_exported_and_it_is_said(tmp_path: Path) -> None:
+def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> None:
     file = tmp_path / "cut.dbcap"
     file.write_text(f'{{"dbcap": 1, "baud": 9600, "format": "8N1"}}\n{{"t":1,"tx":"{READ.hex()}"}}\n{{"t":2,"t')
     result = export(file, "--pcapng", tmp_path / "cut.pcapng")
@@ -379,7 +376,7 @@ def test_a_capture_that_is_cut_or_undated_is_exported_and_it_is_said(tmp_path: P
         (HEAD + '{"t":1,"tx":"0x"}\n', {"en": "line 2: tx is 0x; expected", "zh": "第 2 行：tx 为 0x"}, ".dbcap"),
     ],
 )
-def test_a_missing_or_damaged_capture_is_refused_with_file_line_and_next_step(
+def test_a_missing_or_damaged_capture_is_rejected_with_file_line_and_next_step(
     tmp_path: Path, text: str | None, said: dict[str, str], hint: str, language: str
 ) -> None:
     file, out = tmp_path / "x.dbcap", tmp_path / "x.pcapng"

@@ -25,7 +25,7 @@ class Pty:
     def read(self, size: int = 4096) -> bytes:
         try:
             return os.read(self.master, size)
-        except OSError:  # nothing there, or nobody has the slave open
+        except OSError:  # nothing there, or the slave is not open
             return b""
 
     def hang_up(self) -> None:

@@ -1,4 +1,4 @@
-"""F14, G18: one owner for a port; the second is told who the first one is."""
+"""One owner for a port; a second one gets the pid of the first."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def first(pty: Pty) -> Iterator[subprocess.Popen[bytes]]:
         child.kill()
 
 
-async def test_a_second_instance_is_refused_100_times_of_100_with_the_pid_of_the_first(
+async def test_a_second_instance_is_rejected_100_times_of_100_with_the_pid_of_the_first(
     pty: Pty, first: subprocess.Popen[bytes]
 ) -> None:
     port = open_port(pty.path)
@@ -91,7 +91,9 @@ async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_
     await one.close()
 
 
-def test_a_program_that_only_knows_flock_is_refused_and_refuses_us(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_only_knows_flock_is_locked_out_and_locks_us_out(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without our lock file (another user's state directory) the device's own lock still stands."""
     import fcntl
 

@@ -67,7 +67,7 @@ async def test_a_closed_port_refuses_to_write() -> None:
         left.write(b"x")
 
 
-async def test_unplug_is_told_once_and_the_port_opens_again_after_plug() -> None:
+async def test_unplug_is_reported_once_and_the_port_opens_again_after_plug() -> None:
     left, right = create_pair()
     a, b = FakeReceiver(), FakeReceiver()
     await left.open(a)

@@ -55,7 +55,7 @@ async def test_what_is_no_serial_port_is_named(tmp_path: Path, what: str) -> Non
     assert (await refused(str(path))).key == "ports.not-serial"
 
 
-def test_a_name_without_hardware_is_told_from_a_missing_one(pty: Pty) -> None:
+def test_a_name_without_hardware_is_distinguished_from_a_missing_one(pty: Pty) -> None:
     """The kernel names /dev/ttyS0 to S3 whether they exist or not; to open them gives EIO."""
     assert open_errors.open_error(pty.path, OSError(errno.EIO, "x")).key == "ports.no-hardware"
     other = open_errors.open_error(pty.path, OSError(errno.EMFILE, "too many open files"))
@@ -107,7 +107,7 @@ def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
 
 
 def test_a_holder_that_proc_hides_is_known_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
-    """G18: another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
+    """Another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
     monkeypatch.setattr(open_errors, "device_users", lambda paths: {path: [] for path in paths})
     program = (
         "import fcntl, os, sys, time; fcntl.flock(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), fcntl.LOCK_EX); "
@@ -124,7 +124,7 @@ def test_a_holder_that_proc_hides_is_known_by_its_lock(pty: Pty, monkeypatch: py
     assert lock_holder("/dev/no such port") is None
 
 
-def test_ones_own_lock_makes_nobody_else_a_holder(pty: Pty) -> None:
+def test_our_own_lock_is_not_reported_as_a_user(pty: Pty) -> None:
     import fcntl
 
     fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
@@ -161,10 +161,10 @@ def test_a_hidden_holder_is_suspected_by_name_else_found_with_a_command(
     assert f"sudo fuser -v {pty.path}" in str(error)
 
 
-async def test_a_real_port_that_another_program_has_open_without_a_lock_is_refused(
+async def test_a_real_port_that_another_program_has_open_without_a_lock_is_rejected(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """F14: two masters. Ptys are not asked (their peer is no master), so this one is called a real port."""
+    """Two masters. Ptys are not checked (their peer is no master), so this one is declared a real port."""
     from drivebus.ports import tty
     from drivebus.ports.tty import SerialDescriptor, open_device
     from drivebus.types import Capabilities

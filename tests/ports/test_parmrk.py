@@ -1,4 +1,4 @@
-"""G20: every marked byte is counted, a good FF survives, wherever the chunks break."""
+"""Every byte with a line error is counted, a good FF stays, wherever the chunks end."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_marks_are_counted_and_ff_survives_whole_byte_by_byte_and_split_anywhere
     assert decoded([raw[i : i + 1] for i in range(len(raw))]) == expected
 
 
-def test_a_break_is_a_marked_zero() -> None:
+def test_a_break_is_a_bad_zero() -> None:
     assert decoded([b"\xff\x00\x00"]) == (b"\x00", 1)
 
 

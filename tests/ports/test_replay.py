@@ -44,7 +44,7 @@ def recorded(path: Path) -> str:
 
 
 def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def main() -> None:
         port, sink, loop = open_port(recorded(tmp_path / "a.dbcap")), FakeReceiver(), asyncio.get_running_loop()
         assert isinstance(port, ReplayPort)
         await asyncio.sleep(10)
@@ -74,11 +74,11 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
             await port.open(sink)
         assert caught.value.key == "ports.replay-end"
 
-    run(story())
+    run(main())
 
 
 def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def main() -> None:
         port, sink = open_port(recorded(tmp_path / "a.dbcap"), timing="request"), FakeReceiver()
         assert isinstance(port, ReplayPort)
         await port.open(sink)
@@ -98,11 +98,11 @@ def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(
         await asyncio.sleep(9)
         assert sink.lost == []
 
-    run(story())
+    run(main())
 
 
-def test_what_is_asked_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -> None:
-    async def story() -> None:
+def test_a_request_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -> None:
+    async def main() -> None:
         path = tmp_path / "a.dbcap"
         writer = CaptureWriter(path, CaptureHeader(SerialSettings()), now=0.0)
         writer.write_bytes(1.0, "tx", b"ask")
@@ -116,7 +116,7 @@ def test_what_is_asked_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Pat
         port.write(b"more")
         assert port.report == ReplayReport(1, (ReplayDifference(2.1, None, b"more", 0),), 0)
 
-    run(story())
+    run(main())
 
 
 @pytest.mark.parametrize("timing", ["clock", "request"])
@@ -153,7 +153,7 @@ def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model:
     assert report == ReplayReport(sent, (), 0)
 
 
-def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_path: Path) -> None:
+def test_a_replay_has_the_serial_settings_of_its_capture_unless_others_are_given(tmp_path: Path) -> None:
     link = recorded(tmp_path / "a.dbcap")
     assert open_port(link).settings == SerialSettings(19200, 8, "E", 1)
     assert open_port(link, baud=9600).settings == SerialSettings(9600, 8, "E", 1)
@@ -165,7 +165,7 @@ def test_a_replay_has_the_line_of_its_capture_unless_another_is_asked_for(tmp_pa
 def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_path: Path) -> None:
     path = tmp_path / "a.dbcap"
 
-    async def story() -> None:
+    async def main() -> None:
         near, far = create_pair(SerialSettings(4800, 8, "E", 1), has_line_timing=True)
         port, near_sink, far_sink = RecordingPort(near, path), FakeReceiver(), FakeReceiver()
         assert not isinstance(port, PausableReader)
@@ -187,7 +187,7 @@ def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_pat
         port.end_capture()
         assert port.error is None
 
-    run(story())
+    run(main())
     capture = read_capture(path)
     assert capture.header.settings == SerialSettings(4800, 8, "E", 1)
     assert capture.header.port == "memory://pair"
@@ -199,7 +199,7 @@ def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_pat
 
 
 def test_a_capture_that_can_not_be_made_leaves_the_port_closed(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def main() -> None:
         near, _ = create_pair()
         (tmp_path / "a.dbcap").write_text("somebody's evidence")
         with pytest.raises(CaptureError):
@@ -207,4 +207,4 @@ def test_a_capture_that_can_not_be_made_leaves_the_port_closed(tmp_path: Path) -
         with pytest.raises(PortLost):
             near.write(b"x")
 
-    run(story())
+    run(main())

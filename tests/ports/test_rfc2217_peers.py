@@ -1,4 +1,4 @@
-"""RFC 2217 and raw TCP against servers that nobody here wrote: ser2net and pyserial's, each over a pty."""
+"""RFC 2217 and raw TCP against independent servers: ser2net and pyserial's, each over a pty."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def free_port() -> int:
 
 @pytest.fixture
 def ser2net(pty: Pty, tmp_path: Path) -> Iterator[tuple[int, int]]:
-    """ser2net with RFC 2217 on one port and raw TCP on another, one pty each time."""
+    """A ser2net with RFC 2217 on one port and raw TCP on another, one pty each time."""
     program = need_program("ser2net", "ser2net")
     telnet, raw = free_port(), free_port()
     (tmp_path / "ser2net.yaml").write_text(
@@ -85,7 +85,7 @@ def ser2net(pty: Pty, tmp_path: Path) -> Iterator[tuple[int, int]]:
 
 
 def wait_for(number: int, child: subprocess.Popen[bytes]) -> None:
-    """Until somebody listens; without connecting, as a serial server takes one client only."""
+    """Wait for the listening socket without connecting: a serial server accepts one client only."""
     listening = f":{number:04X} 00000000:0000 0A"
     for _ in range(500):
         if listening in Path("/proc/net/tcp").read_text():

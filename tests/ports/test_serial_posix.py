@@ -41,7 +41,7 @@ async def test_bytes_go_both_ways(pty: Pty) -> None:
 
 
 async def test_a_pty_says_that_neither_its_pace_nor_its_parity_is_real(pty: Pty) -> None:
-    """Ruling 9: shown, not fatal."""
+    """The missing capability is shown, not fatal."""
     port = await opened(pty.path, FakeReceiver(), baud=19200, format="8E1")
     assert (port.capabilities.has_line_timing, port.capabilities.parity) == (False, False)
     assert (port.settings.baud, port.settings.format) == (19200, "8E1")
@@ -49,7 +49,7 @@ async def test_a_pty_says_that_neither_its_pace_nor_its_parity_is_real(pty: Pty)
 
 
 async def test_a_pty_is_opened_again_with_the_same_parity(pty: Pty) -> None:
-    """The C library answers EINVAL to parity on a pty as soon as nothing else changes: a second program."""
+    """The C library returns EINVAL to parity on a pty as soon as nothing else changes: a second program."""
     for _ in range(3):
         port = await opened(pty.path, FakeReceiver(), baud=9600, format="8E1")
         assert port.settings.format == "8E1"
@@ -74,7 +74,7 @@ async def test_an_odd_baud_rate_is_set_and_read_back(pty: Pty) -> None:
 
 
 async def test_a_good_ff_survives_the_marks_of_a_real_kernel(pty: Pty) -> None:
-    """G20: with PARMRK the kernel doubles FF, whole and byte by byte."""
+    """With PARMRK the kernel doubles FF, whole and byte by byte."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     tty._apply_termios(port._fd, marks_line_errors=True)
@@ -89,8 +89,8 @@ async def test_a_good_ff_survives_the_marks_of_a_real_kernel(pty: Pty) -> None:
     await port.close()
 
 
-async def test_marked_bytes_are_counted(pty: Pty) -> None:
-    """G20: what a kernel writes for bad bytes, through the port (a pty can't make parity errors itself)."""
+async def test_bad_bytes_are_counted(pty: Pty) -> None:
+    """What a kernel writes for bad bytes, through the port (a pty can't make parity errors itself)."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     port._mark_decoder = ParityMarkDecoder()
@@ -102,8 +102,8 @@ async def test_marked_bytes_are_counted(pty: Pty) -> None:
     await port.close()
 
 
-def test_settings_that_the_driver_did_not_take_are_refused_with_both(pty: Pty) -> None:
-    """F07: the kernel drops parity on a pty, which is what a driver that can't do it looks like."""
+def test_settings_that_the_driver_did_not_take_are_rejected_with_both(pty: Pty) -> None:
+    """The kernel drops parity on a pty, which is what a driver that can't do it looks like."""
     from drivebus.ports import serialx_adapter
     from drivebus.serial_settings import SerialSettings
 
@@ -129,7 +129,7 @@ def test_settings_that_the_driver_did_not_take_are_refused_with_both(pty: Pty) -
         os.close(fd)
 
 
-async def test_kernel_rs485_that_the_driver_lacks_is_refused(pty: Pty) -> None:
+async def test_kernel_rs485_that_the_driver_lacks_is_rejected(pty: Pty) -> None:
     before = open_descriptors()
     with pytest.raises(PortUnavailable) as caught:
         await opened(pty.path + "?rs485=on", FakeReceiver())
@@ -137,7 +137,7 @@ async def test_kernel_rs485_that_the_driver_lacks_is_refused(pty: Pty) -> None:
     assert open_descriptors() == before
 
 
-async def test_an_option_of_no_port_is_refused() -> None:
+async def test_an_option_of_no_port_is_rejected() -> None:
     with pytest.raises(PortUrlError):
         open_port("/dev/ttyUSB0?rs422=on")
     with pytest.raises(PortUrlError):
@@ -145,7 +145,7 @@ async def test_an_option_of_no_port_is_refused() -> None:
     assert open_port("/dev/ttyUSB0?echo=ON").echo == "on"
 
 
-async def test_a_hang_up_is_told_exactly_once(pty: Pty) -> None:
+async def test_a_hang_up_is_reported_exactly_once(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     pty.hang_up()
@@ -157,7 +157,7 @@ async def test_a_hang_up_is_told_exactly_once(pty: Pty) -> None:
     assert [error.key for error in sink.lost] == ["ports.lost"]
 
 
-async def test_a_write_into_a_hang_up_raises_and_is_told_once_and_later(pty: Pty) -> None:
+async def test_a_write_into_a_hang_up_raises_and_is_reported_once_and_later(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     pty.hang_up()
@@ -246,7 +246,7 @@ async def test_a_quiet_without_end_is_ended_by_its_owner(pty: Pty) -> None:
     await port.close()
 
 
-async def test_what_waits_in_the_kernel_is_delivered_to_whom_asks_for_it(pty: Pty) -> None:
+async def test_bytes_waiting_in_the_kernel_are_delivered_on_request(pty: Pty) -> None:
     """Before a bus goes on it hears what is there, without a turn of the loop between."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
@@ -298,7 +298,7 @@ async def test_a_hang_up_in_the_quiet_is_noticed_when_it_ends(pty: Pty) -> None:
 
 
 async def test_a_moved_link_is_followed_a_thousand_times_with_no_descriptor_lost(tmp_path: Path) -> None:
-    """G09, F12: the adapter comes back under another number; nothing of the old one stays open."""
+    """The adapter comes back under another number; nothing of the old one stays open."""
     link = tmp_path / "inverters"
     sink, before = FakeReceiver(), 0
     port: Port | None = None
@@ -321,10 +321,10 @@ async def test_a_moved_link_is_followed_a_thousand_times_with_no_descriptor_lost
     assert open_descriptors() <= before
 
 
-async def test_the_same_adapter_is_found_under_its_new_name_and_another_one_is_refused(
+async def test_the_same_adapter_is_found_under_its_new_name_and_another_one_is_rejected(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """F12: ttyUSB0 came back as ttyUSB1, and ttyUSB0 is somebody else now."""
+    """The adapter ttyUSB0 came back as ttyUSB1, and ttyUSB0 is another adapter now."""
     other = new_pty()
     plugged = {"usb:0403:6001:A1:0": pty.path}
     monkeypatch.setattr(
@@ -402,7 +402,7 @@ def test_an_adapter_is_known_by_its_serial_number_and_one_without_by_its_socket(
     assert [port.description for port in found] == ["ttyS0", "FT232R", "ttyUSB3", "USB Serial"]
 
 
-def test_two_adapters_with_one_serial_number_are_told_apart_by_their_sockets() -> None:
+def test_two_adapters_with_one_serial_number_are_distinguished_by_their_sockets() -> None:
     """Clones share a serial number: by that name the wrong bus would be opened."""
     twins = [device(f"/dev/ttyUSB{n}", vid=1, pid=2, serial_number="XYZ123", interface_num=0) for n in (0, 1)]
     found = discovery.describe(twins, {}, {"/dev/ttyUSB0": "/by-path/a", "/dev/ttyUSB1": "/by-path/b"})

@@ -102,7 +102,7 @@ async def test_a_server_that_takes_nothing_costs_the_port_and_its_frames_are_not
         assert len(sink.lost) == 1
 
 
-async def test_a_server_that_hangs_up_is_told_once_and_the_port_opens_again() -> None:
+async def test_a_server_that_hangs_up_is_reported_once_and_the_port_opens_again() -> None:
     async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"bye")
 
@@ -116,7 +116,7 @@ async def test_a_server_that_hangs_up_is_told_once_and_the_port_opens_again() ->
             port.write(b"x")
 
 
-async def test_a_refused_connection_says_that_nothing_listens() -> None:
+async def test_a_rejected_connection_says_that_nothing_listens() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         number = free.getsockname()[1]
@@ -125,7 +125,7 @@ async def test_a_refused_connection_says_that_nothing_listens() -> None:
         assert (error.key, error.params["number"]) == ("ports.net-refused", number)
 
 
-async def test_a_name_that_nobody_knows_is_named() -> None:
+async def test_an_unknown_host_name_is_reported() -> None:
     error = await refused(open_port("tcp://no-such-host.invalid:4001"))
     assert (error.key, error.params["host"]) == ("ports.net-name", "no-such-host.invalid")
 
@@ -183,22 +183,21 @@ async def test_a_server_that_never_acknowledges_a_setting_does_not_hold_the_open
         await port.close()
 
 
-async def test_a_server_that_sets_another_value_is_refused_with_both_numbers() -> None:
-    """F07."""
+async def test_a_server_that_sets_another_value_is_rejected_with_both_numbers() -> None:
     async with server(negotiating(ACCEPT, acknowledged(baud=9600))) as number:
         error = await refused(open_port(f"rfc2217://127.0.0.1:{number}?baud=19200"))
         assert error.key == "ports.rfc2217-value"
         assert (error.params["name"], error.params["expected"], error.params["found"]) == ("baud", 19200, 9600)
 
 
-async def test_a_telnet_server_without_the_option_is_refused_with_the_raw_link() -> None:
+async def test_a_telnet_server_without_the_option_is_rejected_with_the_raw_link() -> None:
     async with server(negotiating(bytes((IAC, DONT, COM_PORT)))) as number:
         error = await refused(open_port(f"rfc2217://127.0.0.1:{number}"))
         assert error.key == "ports.rfc2217-refused"
         assert f"tcp://127.0.0.1:{number}" in str(error)
 
 
-async def test_a_raw_server_is_told_from_a_telnet_server_before_any_setting_is_sent(
+async def test_a_raw_server_is_distinguished_from_a_telnet_server_before_any_setting_is_sent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What we send to a raw server goes to the bus as bytes: no more than the first request must."""
@@ -214,7 +213,7 @@ async def test_a_raw_server_is_told_from_a_telnet_server_before_any_setting_is_s
     assert bytes((IAC, SB)) not in got
 
 
-async def test_a_server_that_hangs_up_while_negotiating_is_told_at_once() -> None:
+async def test_a_server_that_hangs_up_while_negotiating_is_reported_at_once() -> None:
     async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.read(1000)
 
@@ -222,8 +221,8 @@ async def test_a_server_that_hangs_up_while_negotiating_is_told_at_once() -> Non
         assert (await refused(open_port(f"rfc2217://127.0.0.1:{number}"))).key == "ports.net"
 
 
-async def test_a_notice_of_a_bad_byte_becomes_a_mark() -> None:
-    """G20: parity 4, framing 8, break 16, overrun 2; 'data ready' and 'sent' are no errors."""
+async def test_a_notice_of_a_bad_byte_becomes_a_line_error() -> None:
+    """Parity 4, framing 8, break 16, overrun 2; 'data ready' and 'sent' are no errors."""
     notices = b"".join(subnegotiation(106, bytes((bits,))) for bits in (4, 8, 16, 2, 1, 0x60))
     async with server(negotiating(ACCEPT, acknowledged() + b"dropped", b"a" + notices + b"b")) as number:
         port, sink = open_port(f"rfc2217://127.0.0.1:{number}"), FakeReceiver()
@@ -234,7 +233,7 @@ async def test_a_notice_of_a_bad_byte_becomes_a_mark() -> None:
         await port.close()
 
 
-async def test_a_lost_server_is_told_once_and_the_port_opens_again_with_its_settings() -> None:
+async def test_a_lost_server_is_reported_once_and_the_port_opens_again_with_its_settings() -> None:
     async def short(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.read(1000)
         writer.write(ACCEPT + bytes((IAC, WILL, 1)))

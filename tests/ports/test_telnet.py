@@ -70,8 +70,8 @@ def test_an_endless_subnegotiation_is_not_kept() -> None:
     assert len(client._sub) == MAX_SUBNEGOTIATION_BYTES
 
 
-def test_both_ends_agreeing_is_not_answered_for_ever() -> None:
-    """RFC 855: a change of state is answered, its confirmation is not."""
+def test_an_agreement_is_not_confirmed_for_ever() -> None:
+    """RFC 855: a change of state is replied to, its confirmation is not."""
     client = TelnetClient()
     client.start()
     assert client.receive(bytes((IAC, DO, COM_PORT))).reply == b""
@@ -85,7 +85,7 @@ def test_both_ends_agreeing_is_not_answered_for_ever() -> None:
     assert client.receive(bytes((IAC, WONT, 24))).reply == b""
 
 
-def test_only_the_answer_to_our_own_option_says_whether_the_server_does_it() -> None:
+def test_only_the_reply_to_our_own_option_shows_whether_the_server_supports_it() -> None:
     for verb, accepted in ((DO, True), (WILL, True), (DONT, False), (WONT, None)):
         client = TelnetClient()
         client.start()
@@ -93,7 +93,7 @@ def test_only_the_answer_to_our_own_option_says_whether_the_server_does_it() -> 
         assert (client.accepted, client.is_telnet) == (accepted, True)
 
 
-def test_a_line_is_asked_for_in_the_numbers_of_rfc_2217_and_modem_lines_are_left_alone() -> None:
+def test_serial_settings_use_the_numbers_of_rfc_2217_and_modem_lines_stay() -> None:
     sent = TelnetClient().configure(SerialSettings(19200, 8, "E", 2))
     for command, value in (
         (1, b"\x00\x00\x4b\x00"),

@@ -25,7 +25,7 @@ from ports.conftest import Pty, open_descriptors
 
 @pytest.fixture
 def real(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ptys pass for real ports; nobody else is asked who holds them."""
+    """Let ptys pass for real ports, without the check for other users."""
     monkeypatch.setattr(tty, "is_pty", lambda _: False)
     monkeypatch.setattr("drivebus.ports.tty.device_users", lambda paths: {path: [] for path in paths})
 
@@ -38,7 +38,7 @@ async def opened(pty: Pty, sink: FakeReceiver, **options: object) -> SerialPort:
 
 
 @pytest.mark.usefixtures("real")
-async def test_a_real_port_is_paced_marked_and_exclusive(pty: Pty) -> None:
+async def test_a_real_port_has_line_timing_parity_marks_and_an_exclusive_lock(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty, sink, baud=19200)
     assert port.capabilities.has_line_timing
@@ -51,8 +51,8 @@ async def test_a_real_port_is_paced_marked_and_exclusive(pty: Pty) -> None:
 
 
 @pytest.mark.usefixtures("real")
-async def test_a_driver_that_drops_parity_is_refused_and_nothing_stays_open(pty: Pty) -> None:
-    """F07: DZB100 has no other check; a pty's driver drops PARENB without a word."""
+async def test_a_driver_that_drops_parity_is_rejected_and_nothing_stays_open(pty: Pty) -> None:
+    """DZB100 has no other check; a pty's driver drops PARENB silently."""
     await (await opened(pty, FakeReceiver())).close()
     before = open_descriptors()
     with pytest.raises(PortUnavailable) as caught:
@@ -90,7 +90,7 @@ async def test_a_pty_notes_that_its_parity_is_not_checked(pty: Pty) -> None:
 async def test_an_adapter_that_hands_bytes_over_late_is_made_quick_or_noted(
     pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """F04: FTDI's 16 ms."""
+    """An FTDI adapter delays bytes by up to 16 ms unless it is configured."""
     folder = tmp_path / os.path.basename(pty.path) / "device"  # noqa: PTH119
     folder.mkdir(parents=True)
     timer = folder / "latency_timer"
@@ -106,11 +106,11 @@ async def test_an_adapter_that_hands_bytes_over_late_is_made_quick_or_noted(
     await port.close()
 
 
-async def test_kernel_rs485_is_asked_for_and_read_back(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_kernel_rs485_is_set_and_read_back(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
     class Kernel:
-        """fcntl of a driver that can switch the direction."""
+        """An fcntl of a driver that can switch the direction."""
 
         @staticmethod
         def ioctl(fd: int, request: int, data: bytes) -> bytes:
@@ -142,7 +142,7 @@ async def test_a_driver_that_refuses_low_latency_is_used_without(pty: Pty, monke
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """os.read or os.write of the port module fails as an unplugged USB adapter does."""
+    """Let os.read or os.write of the port module fail as an unplugged USB adapter does."""
 
     def fails(*_: object) -> bytes:
         raise OSError(errno.EIO, "Input/output error")
@@ -150,7 +150,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr("drivebus.ports.serial_posix.os." + name, fails)
 
 
-async def test_an_adapter_that_goes_while_a_frame_is_half_sent_is_told_once(
+async def test_an_adapter_that_goes_while_a_frame_is_half_sent_is_reported_once(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sink = FakeReceiver()
@@ -190,7 +190,7 @@ async def test_a_full_kernel_buffer_is_no_error(pty: Pty, monkeypatch: pytest.Mo
     await port.close()
 
 
-async def test_a_captured_serial_port_can_still_be_told_to_be_quiet(pty: Pty, tmp_path: Path) -> None:
+async def test_a_recorded_serial_port_can_still_be_paused(pty: Pty, tmp_path: Path) -> None:
     port, sink = RecordingPort(open_port(pty.path), tmp_path / "a.dbcap"), FakeReceiver()
     assert isinstance(port, PausableReader)
     await port.open(sink)

@@ -1,4 +1,4 @@
-"""LINK: read, completed by explicit arguments, refused with what was found and what to do."""
+"""Port URLs: parsed, completed by arguments, rejected with the text found and the remedy."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_an_explicit_argument_beats_the_query() -> None:
     assert (link.settings, link.options) == (SerialSettings(9600, 8, "O", 1), {"echo": "off"})
 
 
-def test_what_was_not_said_is_a_default_and_not_given() -> None:
+def test_settings_that_are_not_specified_are_defaults_and_not_explicit() -> None:
     link = parse_port_url("COM3")
     assert (link.settings, link.explicit) == (SerialSettings(9600, 8, "N", 1), frozenset())
 
@@ -73,7 +73,7 @@ def test_what_was_not_said_is_a_default_and_not_given() -> None:
         ("tcp://me@host:1", "ports.address", "me@host:1"),
     ],
 )
-def test_a_wrong_link_is_refused_with_what_was_found(text: str, key: str, found: str | None) -> None:
+def test_a_wrong_port_url_is_rejected_with_the_text_found(text: str, key: str, found: str | None) -> None:
     with pytest.raises(PortUrlError) as caught:
         parse_port_url(text)
     assert caught.value.key == key

@@ -148,7 +148,7 @@ def test_a_violated_rule_is_named(broken: type[Toy], rule: str) -> None:
     assert rule in str(caught.value)
 
 
-def test_a_protocol_without_a_check_gets_its_believed_flips_counted() -> None:
+def test_a_protocol_without_a_check_gets_its_accepted_flips_counted() -> None:
     report = check_codec(NoCheck(), EXCHANGES, detects_flips=False)
     assert len(report.accepted_flips["speed"]) == 24
 

@@ -1,4 +1,4 @@
-"""Our own codecs keep the promises that the kit asks of strangers: all five encodings, on proven frames."""
+"""The codecs of this package obey the contract of the conformance kit: all five encodings, on known frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fixtures.vectors import Vector, load_vectors
 
 
 def asked_sifang(fields: dict[str, Any]) -> sunfar.SunfarRequest:
-    """Without the operation of the manual's reads and writes, which no request of ours has (T01)."""
+    """Without the operation of the manual's reads and writes, which no request of ours has."""
     address, kind = fields["address"], fields["class"]
     if kind == 0:
         return sunfar.ReadIdentity(address, fields["group"])
@@ -122,9 +122,9 @@ def test_a_codec_with_a_check_believes_no_flip(family: str, encoding: str, codec
 
 
 def test_dzb100_believes_flips_and_the_kit_counts_them() -> None:
-    """Nothing on its wire detects a flip: a read answer's data digits and the acknowledgement byte are open to them.
+    """Nothing on its wire detects a flip: a read reply's data digits and the acknowledgement byte are open to them.
 
-    A write and a command echo their data, so only byte 2 is left: 07H refuses, 02H and 04H are state digits (T20).
+    A write and a command echo their data, so only byte 2 is left: 07H is an error reply, 02H and 04H are state digits.
     """
     report = check_codec(dzb100.Dzb100Codec(), exchanges("dzb100", "ascii"), detects_flips=False, garbage_frames=60)
     believed = {name: {place for place, _ in flips} for name, flips in report.accepted_flips.items() if flips}

@@ -11,7 +11,7 @@ from drivebus.testing.virtual_time import Deadlock, run
 
 
 def test_a_virtual_day_passes_at_once_and_exactly() -> None:
-    async def story() -> float:
+    async def main() -> float:
         await asyncio.sleep(86400)
         return asyncio.get_running_loop().time()
 
@@ -21,7 +21,7 @@ def test_a_virtual_day_passes_at_once_and_exactly() -> None:
 
 
 def test_timers_run_in_order_and_see_their_own_time() -> None:
-    async def story() -> list[tuple[str, float]]:
+    async def main() -> list[tuple[str, float]]:
         loop = asyncio.get_running_loop()
         seen: list[tuple[str, float]] = []
         loop.call_at(0.3, lambda: seen.append(("late", loop.time())))
@@ -29,30 +29,30 @@ def test_timers_run_in_order_and_see_their_own_time() -> None:
         await asyncio.sleep(1)
         return seen
 
-    assert run(story()) == [("early", 0.1), ("late", 0.3)]
+    assert run(main()) == [("early", 0.1), ("late", 0.3)]
 
 
 def test_a_timeout_is_exact() -> None:
-    async def story() -> float:
+    async def main() -> float:
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(2.5):
                 await asyncio.Event().wait()
         return asyncio.get_running_loop().time()
 
-    assert run(story()) == 2.5
+    assert run(main()) == 2.5
 
 
 def test_waiting_for_what_can_never_come_is_an_error_that_names_the_task() -> None:
-    async def story() -> None:
+    async def main() -> None:
         asyncio.current_task().set_name("the forgotten one")  # type: ignore[union-attr]
         await asyncio.Event().wait()
 
     with pytest.raises(Deadlock, match="the forgotten one"):
-        run(story())
+        run(main())
 
 
 def test_waiting_past_the_longest_time_is_an_error() -> None:
-    async def story() -> None:
+    async def main() -> None:
         while True:  # noqa: ASYNC110
             await asyncio.sleep(1)
 
@@ -61,16 +61,16 @@ def test_waiting_past_the_longest_time_is_an_error() -> None:
 
 
 def test_a_function_for_a_thread_runs_at_once() -> None:
-    async def story() -> int:
+    async def main() -> int:
         return await asyncio.get_running_loop().run_in_executor(None, lambda: 7)
 
-    assert run(story()) == 7
+    assert run(main()) == 7
 
 
 def test_an_error_in_the_story_comes_out() -> None:
-    async def story() -> None:
+    async def main() -> None:
         await asyncio.sleep(1)
         raise KeyError("x")
 
     with pytest.raises(KeyError):
-        run(story())
+        run(main())
