@@ -16,7 +16,7 @@ def test_a_virtual_day_passes_at_once_and_exactly() -> None:
         return asyncio.get_running_loop().time()
 
     begun = time.perf_counter()
-    assert run(story(), start=5.0) == 86405.0
+    assert run(main(), start=5.0) == 86405.0
     assert time.perf_counter() - begun < 10
 
 
@@ -57,7 +57,7 @@ def test_waiting_past_the_longest_time_is_an_error() -> None:
             await asyncio.sleep(1)
 
     with pytest.raises(Deadlock, match="longest"):
-        run(story(), max_s=10)
+        run(main(), max_s=10)
 
 
 def test_a_function_for_a_thread_runs_at_once() -> None:
