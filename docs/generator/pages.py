@@ -43,7 +43,7 @@ def wanted(root: Path) -> Iterator[tuple[Path, str]]:
         suffix = "" if language == "en" else f".{language}"
         readme = root / f"README{suffix}.md"
         yield readme, _filled(readme, {"drives": drives.table(language)})
-        proof = root / "docs" / "explanation" / f"what-we-prove{suffix}.md"
+        proof = root / "docs" / "explanation" / f"verification{suffix}.md"
         yield proof, _filled(proof, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
         yield page, _filled(page, fault_matrix.page_parts(root, language))

@@ -1,4 +1,4 @@
-"""The laboratory's committed reports as a table."""
+"""Committed reports of the campaigns as a table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MISSING = {"en": "no report yet", "zh": "尚无报告"}
 
 
 def campaign_table(reports: Path, language: str) -> str:
-    """One line a campaign, in the order of ``drivebus lab``; one without a report says so."""
+    """One line a campaign, in the order of ``python -m verification all``; one without a report says so."""
     rows = [TABLE_HEADS[language], ("---",) * len(TABLE_HEADS[language])]
     rows += [_row(name, reports / f"{load_campaign(name).stem}.json", language) for name in CAMPAIGN_NAMES]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

@@ -1,6 +1,6 @@
 """The whole comparison: ``PYTHONPATH=tests python -m oracle --seed 1 --messages 1000000 --write``.
 
-Writes docs/reports/second-opinion.json; the pages beside it quote ``rows``.
+Writes docs/reports/reference-codec-comparison.json; the pages beside it quote ``rows``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from oracle.compare import ComparisonTally, compare, sides
 from verification.report import current_commit
 
 ROOT = Path(__file__).resolve().parents[2]
-REPORT = ROOT / "docs" / "reports" / "second-opinion.json"
+REPORT = ROOT / "docs" / "reports" / "reference-codec-comparison.json"
 COMPARED_SOURCES = ("src/drivebus/protocols", "src/drivebus/protocols/codec.py", "tests/oracle")
 
 
