@@ -18,7 +18,7 @@ UNDEFINED = re.compile(
     r"|(?<![\w\])}])\([5-9]\.[1-9](?:[,;] ?\d\.\d)*\)"
 )
 """Codes of documents that are not part of this repository."""
-_DEFINED_TRAP = re.compile(r"^\| \*\*(T\d\d)\*\* \|", re.MULTILINE)
+_DEFINED_TRAP = re.compile(r'^\| (?:<a id="t\d+"></a>)?\*\*(T\d\d)\*\* \|', re.MULTILINE)
 _DEFINED_INVARIANT = re.compile(r'^\| <a id="i\d+"></a>(I\d+) \|', re.MULTILINE)
 
 
