@@ -3,7 +3,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 pin() { uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header "$@"; }
-# The dashboard is part of what a newcomer runs first (make demo).
-pin pyproject.toml --extra server -o requirements/base.txt
-pin pyproject.toml --extra server --group test -o requirements/test.txt
+# The page and the full-screen view are part of `make demo`.
+pin pyproject.toml --extra server --extra tui -o requirements/base.txt
+pin pyproject.toml --extra server --extra tui --group test -o requirements/test.txt
 printf 'hatchling\neditables\n' | pin - -o requirements/build.txt

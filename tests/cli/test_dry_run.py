@@ -135,7 +135,7 @@ def test_a_dry_run_is_told_to_people_in_both_languages(language: str) -> None:
     assert "dry." not in result.output
 
 
-SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion"}
+SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion", "acceptance"}
 """The demo and the lab's campaigns speak to their own simulated plants only."""
 OF_A_PLANT = {"init", "check", "serve", "user", "audit"}
 """What a plant would send is told by ``check`` before it is served; of a stop there is nothing to try. ``init`` reads

@@ -140,3 +140,18 @@ def test_a_right_is_named_in_the_users_language_with_how_a_token_writes_it() -> 
 def test_who_was_added_is_told_with_the_role_in_the_users_language(plant: Path) -> None:
     words = ["user", "add", str(plant), "ann", "--role", "operator", "--lang", "zh"]
     assert "已添加 ann，角色为操作员。" in CliRunner().invoke(cli, words, input="correct horse 77\n").output
+
+
+@pytest.mark.parametrize(
+    ("language", "words"), [("en", "not installed: no_such_package."), ("zh", "未安装：no_such_package。")]
+)
+def test_the_full_screen_view_names_the_missing_extra(
+    language: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from drivebus.errors import ConfigurationError
+
+    monkeypatch.setitem(extras.EXTRA_PACKAGES, "tui", ("no_such_package",))
+    with pytest.raises(ConfigurationError) as caught:
+        extras.require_extra("tui")
+    text = caught.value.text(language)
+    assert words in text and "'drivebus[tui]'" in text and "--plain" in text

@@ -166,6 +166,7 @@ token = _verb(
     Option(
         ["--right"],
         type=Choice(RIGHTS),
+        metavar="RIGHT",
         multiple=True,
         default=["view"],
         key="help.option.right",

@@ -7,6 +7,7 @@ import sys
 
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.extras import require_extra
 from drivebus.cli.tui.row_source import KeyCommands, RowSource
 
 
@@ -16,6 +17,7 @@ def run_view(
     """Until the user, the feed, a signal or ``duration_s`` ends it."""
     if plain or output.as_json() or not (sys.stdout.isatty() and sys.stdin.isatty()):
         return asyncio.run(_run_plain(feed, period_s, duration_s))
+    require_extra("tui")
     from drivebus.cli.tui.app import MonitorApp
     from drivebus.cli.tui.threaded import ThreadedRowSource
 
