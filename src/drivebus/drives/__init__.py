@@ -1,4 +1,4 @@
-"""What the user means: drives of every family, driven by their profiles. ``Drive`` and ``bus_stop`` are the doors."""
+"""Drives of every protocol family, driven by their profiles: ``Drive``, ``Monitor`` and ``stop_bus``."""
 
 from drivebus.drives.bus_stop import StopReport, stop_bus
 from drivebus.drives.context import DriveLimits

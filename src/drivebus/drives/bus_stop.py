@@ -1,6 +1,6 @@
-"""``bus_stop``: every drive of a line, broadcast where the family has one, then one by one until each reports stopped.
+"""Stop every drive of a bus: by broadcast where the family has one, then one by one until each reports standstill.
 
-Not an emergency stop: only a hard-wired STO or SS1 is (RELIABILITY 3).
+Not an emergency stop: only a hard-wired STO or SS1 is.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from drivebus.drives.operations.context import frame_exchange
 from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, StopUnconfirmed
 
-BROADCAST_COUNT = 2
-"""Repeated on purpose (F10): nobody answers, and one may be lost."""
+BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
 
 
 @dataclass(frozen=True, slots=True)
 class StopReport:
-    """What a bus stop did: the broadcasts, and how each drive ended."""
+    """Report of a bus stop: the broadcasts and the outcome of each drive."""
 
     started_at: float
     ended_at: float
     broadcasts: tuple[FrameExchange, ...]
-    outcomes: tuple[tuple[int, Outcome], ...]
-    """Address and outcome, confirmed, acknowledged or unknown, with its frames and times."""
+    outcomes: tuple[tuple[int, Outcome], ...]  # address and outcome
 
     @property
     def unconfirmed(self) -> tuple[int, ...]:
-        """Addresses that did not report stopped: go and look."""
+        """Addresses of drives that did not report standstill and must be checked."""
         return tuple(address for address, outcome in self.outcomes if outcome.status != "confirmed")
 
     @property
     def confirmed(self) -> bool:
-        """Every drive reported stopped."""
+        """Whether every drive reported standstill."""
         return not self.unconfirmed
 
 
 async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
-    """Stop everything on a bus. All drives stay latched until ``bus.release()``: no start leaves before. Never raises
-    for what the bus or a drive does; see ``unconfirmed``."""
+    """Stop all drives of a bus. Starts stay inhibited until ``Bus.release_start``.
+
+    Never raises for what the bus or a drive does; see ``unconfirmed``.
+    """
     begun = bus.now()
     bus.inhibit_start(None)
     broadcasts = await _broadcast(bus, drives)
@@ -53,28 +53,27 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
 
 
 async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, ...]:
-    """One broadcast per different frame; the bus refuses one that is no stop to everybody who hears it."""
-    asks: dict[bytes, BusRequest] = {}
+    """Send one broadcast per different frame."""
+    requests: dict[bytes, BusRequest] = {}
     for drive in drives:
         if "broadcast_stop" not in drive.profile.capabilities:
             continue
         for place, request in enumerate(drive.dialect.broadcast_stop()):
-            lane = (
-                RequestPriority.COMMAND if place else RequestPriority.STOP
-            )  # what follows a stop lets other stops go first (I3)
-            ask = BusRequest(drive.address, request, lane, RetryPolicy.BROADCAST)
-            asks.setdefault(drive.dialect.codec.encode_request(request), ask)
+            # the frames after a stop let the stops of other drives go first
+            priority = RequestPriority.COMMAND if place else RequestPriority.STOP
+            bus_request = BusRequest(drive.address, request, priority, RetryPolicy.BROADCAST)
+            requests.setdefault(drive.dialect.codec.encode_request(request), bus_request)
     sent: list[FrameExchange] = []
-    for _ in range(BROADCAST_COUNT if asks else 0):
-        for ask in asks.values():
-            answer = await bus.transact(ask)
-            if answer.sent:
-                sent.append(frame_exchange(answer))
+    for _ in range(BROADCAST_COUNT if requests else 0):
+        for bus_request in requests.values():
+            result = await bus.transact(bus_request)
+            if result.sent:
+                sent.append(frame_exchange(result))
     return tuple(sent)
 
 
 async def _stop(drive: Drive, drives: int) -> Outcome:
-    """However it ends, the other drives' outcomes are not lost."""
+    """Return the outcome of one stop, whatever it raises."""
     try:
         return await drive.stop_concurrently(drives)
     except StopUnconfirmed as error:

@@ -1,4 +1,4 @@
-"""What the host keeps of one drive between conversations. Values and one counter; no clock, no port."""
+"""State of one drive between operations: limits, pre-flight check, ramps and EEPROM budget."""
 
 from __future__ import annotations
 
@@ -15,29 +15,27 @@ from drivebus.drives.store import Store
 from drivebus.errors import CapabilityError, ConfigurationError, EepromBudgetExceeded, LimitError
 from drivebus.profiles.model import Text
 
-DEFAULT_EEPROM_WRITES_PER_DAY = 20
-"""Writes of one parameter a day: at 100,000 writes an EEPROM lasts 13 years of that, at 10,000 1.4."""
+DEFAULT_EEPROM_WRITES_PER_DAY = 20  # of one parameter: an EEPROM of 100,000 writes lasts 13 years, of 10,000 1.4
 
 
 @dataclass(frozen=True, slots=True)
 class SaveCount:
-    """How often a parameter was saved."""
+    """Number of times a parameter was saved."""
 
     day: str = ""
     today: int = 0
     total: int = 0
-    ram_written: bool = False
-    """A RAM-only write came after the last save: the EEPROM may hold something else (ruling 8)."""
+    ram_written: bool = False  # a RAM-only write came after the last save, so the EEPROM may hold another value
 
 
 class EepromBudget:
-    """Counters of one drive over a Store."""
+    """Budget of EEPROM writes of one drive, counted per parameter and day in a store."""
 
     def __init__(self, store: Store, key: str, budget: int = DEFAULT_EEPROM_WRITES_PER_DAY) -> None:
         self._store, self._key, self.budget = store, key, budget
 
     def count(self, notation: str) -> SaveCount:
-        """What is stored; a record that can't be read counts as a used-up budget, never as none."""
+        """Return the stored count; an unreadable record counts as a used-up budget."""
         return self._parse(self._store.get(self._key_of(notation)))
 
     def _parse(self, text: str | None) -> SaveCount:
@@ -52,13 +50,13 @@ class EepromBudget:
         return f"wear/{self._key}/{notation}"
 
     def consume(self, notation: str, day: str) -> DriveOperation[None]:
-        """Count one save *before* it is sent: a write that may have happened counts. Raises WearBudget.
+        """Count one save before it is sent, as a write that may have happened counts. Raises EepromBudgetExceeded.
 
-        Read, judged and counted as one: two programs never save on the same count.
+        Reading, checking and counting are one step, so that two programs never save on the same count.
         """
 
         def one_more(old: SaveCount) -> SaveCount:
-            today = old.today if day <= old.day else 0  # a clock set back gives no new budget (F21)
+            today = old.today if day <= old.day else 0  # a clock that is set back gives no new budget
             if today >= self.budget:
                 key = "drives.wear_clock" if day < old.day else "drives.wear_budget"
                 raise EepromBudgetExceeded(key, notation=notation, count=today, budget=self.budget, day=old.day)
@@ -67,12 +65,12 @@ class EepromBudget:
         yield from self._change(notation, one_more)
 
     def mark_saved(self, notation: str) -> DriveOperation[None]:
-        """The drive is known to have saved: RAM and EEPROM are the same again. Never before that is known."""
+        """Record that RAM and EEPROM hold the same value again."""
         if self.count(notation).ram_written:
             yield from self._change(notation, lambda old: replace(old, ram_written=False))
 
     def mark_ram_only(self, notation: str) -> DriveOperation[None]:
-        """Remember that RAM and EEPROM may differ from now on."""
+        """Record that RAM and EEPROM may differ from now on."""
         if not self.count(notation).ram_written:
             yield from self._change(notation, lambda old: replace(old, ram_written=True))
 
@@ -82,17 +80,16 @@ class EepromBudget:
 
 @dataclass(frozen=True, slots=True)
 class DriveLimits:
-    """The user's own limits. Those of frequency, in Hz, can only be narrower than the profile's.
+    """Limits set by the user; frequency limits in Hz can only narrow those of the profile.
 
-    Raises ConfigurationError where ``eeprom_writes_per_day`` is no whole number from 0.
+    Raises ConfigurationError where ``eeprom_writes_per_day`` is not a whole number from 0.
     """
 
     minimum_hz: float = 0.0
     maximum_hz: float | None = None
     forward: bool = True
     reverse: bool = True
-    eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY
-    """How often a day each parameter may be written to EEPROM, 0: never (G16). Counted over restarts."""
+    eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY  # per parameter, counted over restarts; 0: never
 
     def __post_init__(self) -> None:
         found = self.eeprom_writes_per_day
@@ -102,7 +99,7 @@ class DriveLimits:
 
 @dataclass(frozen=True, slots=True)
 class UnmetPrecondition:
-    """A precondition that does not hold."""
+    """Precondition of the profile that the drive does not meet."""
 
     notation: str
     found: int | None
@@ -112,7 +109,10 @@ class UnmetPrecondition:
 
 @dataclass(frozen=True, slots=True)
 class Preflight:
-    """Does this drive listen to the bus? What holds, what does not, and what can't be read (named, never assumed)."""
+    """Result of the pre-flight check: does the drive accept commands from the bus?
+
+    What can't be read is named in ``unreadable`` and never assumed to be met.
+    """
 
     satisfied: tuple[str, ...]
     unmet: tuple[UnmetPrecondition, ...]
@@ -121,13 +121,13 @@ class Preflight:
 
     @property
     def passed(self) -> bool:
-        """Everything that can be read holds."""
+        """Whether every precondition that can be read is met."""
         return not self.unmet
 
 
 @dataclass(slots=True)
 class DriveContext:
-    """One drive's dialect, limits, pre-flight, ramps, wear and command numbers."""
+    """Dialect, limits, pre-flight check, ramps, EEPROM budget and command numbers of one drive."""
 
     dialect: Dialect
     eeprom_budget: EepromBudget
@@ -136,16 +136,15 @@ class DriveContext:
     acceleration_s: float | None = None
     deceleration_s: float | None = None
     command_count: int = 0
-    on_read: Callable[[BusResult], None] = lambda _answer: None
-    """Told of every read that a conversation took into its book."""
+    on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 
     def create_command(self, kind: CommandKind, around: BusConditions) -> DriveCommand:
-        """A new wish, made now."""
+        """Create a command now."""
         self.command_count += 1
         return DriveCommand(f"{kind.value}-{self.command_count}", kind, around.now, around.stop_epoch)
 
     def require_capability(self, capability: str) -> None:
-        """Raises CapabilityError where the model can't; nothing is sent."""
+        """Raise CapabilityError where the model lacks a capability."""
         profile = self.dialect.profile
         if capability not in profile.capabilities:
             raise CapabilityError("drives.cannot", model=profile.model, what=capability)
@@ -160,7 +159,7 @@ class DriveContext:
         return max(self.dialect.profile.limits.minimum_hz, self.limits.minimum_hz)
 
     def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
-        """The raw word of a frequency and what the drive makes of it, both within the limits. Raises LimitError."""
+        """Return the raw word of a frequency and the frequency that it means. Raises LimitError."""
         self._check_limits(frequency_hz)
         word = self.dialect.setpoint_word(frequency_hz)
         actual_hz = self.dialect.setpoint_frequency(word)
@@ -174,7 +173,7 @@ class DriveContext:
             raise LimitError("drives.below_minimum", frequency_hz=frequency_hz, limit_hz=self.minimum_hz)
 
     def check_direction(self, direction: Direction | None) -> None:
-        """Raises CapabilityError (the model can't) or LimitError (the user forbids it)."""
+        """Raise CapabilityError where the model can't reverse, LimitError where the user forbids a direction."""
         if direction is Direction.REVERSE:
             self.require_capability("reverse")
         allowed = self.limits.reverse if direction is Direction.REVERSE else self.limits.forward

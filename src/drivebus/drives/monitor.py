@@ -1,4 +1,4 @@
-"""Keeps a drive's readings current by polls on its bus, and says when they are not (I4, G17). A thin shell."""
+"""Monitor of one drive: polls keep its readings current, and readings that are too old are marked bad."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from drivebus.values import Reading
 
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
-READING_VALIDITY_PERIODS = 3.0
-"""Ruling 12: good for max(3 x period, 1 s) + timeout."""
+READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 
 def status_polls(dialect: Dialect, names: tuple[str, ...], min_period_s: float = 0.0) -> list[Poll]:
@@ -29,7 +28,7 @@ def status_polls(dialect: Dialect, names: tuple[str, ...], min_period_s: float =
 
 
 class Monitor:
-    """The newest status of one drive. ``close`` (or the end of the block) ends its polls."""
+    """Newest status of one drive; ``close`` or the end of the block ends its polls."""
 
     def __init__(
         self,
@@ -40,7 +39,7 @@ class Monitor:
         period_s: float = 0.0,
         read_listeners: list[Callable[[BusResult], None]] | None = None,
     ) -> None:
-        """``readers``: whom the drive tells of every read of its commands; this one is among them until closed."""
+        """``read_listeners``: listeners of the drive's own reads; the monitor is one of them until closed."""
         self._bus, self._dialect = bus, dialect
         self._names = tuple(dialect.profile.signals if signals is None else signals)
         self._reading_pairs = ReadingPairs()
@@ -72,9 +71,7 @@ class Monitor:
             self._on_change(self.status())
 
     def _on_command_read(self, answer: BusResult) -> None:
-        """A command's own read: of what the polls bring, it is as good as theirs, and newer. So the outcome of a stop
-        and the state that is shown beside it are one.
-        """
+        """Take a read of a command as a newer poll, so that its outcome and the status agree."""
         if self._watch is not None:
             facts = self._dialect.decode_readings(answer.bus_request.request, answer.reply, answer.received_at)
             self._apply({name: reading for name, reading in facts.items() if self._is_newer(name, reading)})
@@ -99,7 +96,7 @@ class Monitor:
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
 
     def status(self) -> DriveStatus:
-        """The newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
+        """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
         now = self._bus.now()
         verdict = self._current_state(now)
         aged = self._reading_pairs.with_staleness(now, self._validity_s)
@@ -119,7 +116,7 @@ class Monitor:
         return self._derived
 
     def close(self) -> None:
-        """No more polls. Idempotent."""
+        """End the polls. Idempotent."""
         if self._watch is not None:
             self._watch.cancel()
             self._watch = None

@@ -1,4 +1,4 @@
-"""From an outcome to what a caller sees: done is returned, everything else is raised with the outcome on it. Pure."""
+"""Turn an outcome into a return value or an error that carries it."""
 
 from __future__ import annotations
 

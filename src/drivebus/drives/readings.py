@@ -1,4 +1,4 @@
-"""The newest two readings of every value: what two-out-of-two decisions rest on. No clock, no judgement."""
+"""Newest two readings of every value: a decision needs two that agree."""
 
 from __future__ import annotations
 
@@ -8,56 +8,56 @@ from dataclasses import replace
 from drivebus.values import Quality, Reading
 
 Readings = Mapping[str, Reading]
-"""What one reply says: readings by signal name; "state", "fault" and "command" carry raw words."""
+"""Readings of one reply by signal name; "state", "fault" and "command" carry raw words."""
 
 
 class ReadingPairs:
-    """Readings of one drive, newest and the one before it (RELIABILITY 4: two equal reads square the error rate)."""
+    """Newest reading of every value and the one before it: two equal reads square the error rate."""
 
     def __init__(self) -> None:
         self.latest: dict[str, Reading] = {}
         self.previous: dict[str, Reading] = {}
 
     def add(self, facts: Readings) -> None:
-        """Take in one reply."""
+        """Add the readings of one reply."""
         for name, reading in facts.items():
             if name in self.latest:
                 self.previous[name] = self.latest[name]
             self.latest[name] = reading
 
     def pair(self, name: str) -> tuple[Reading, Reading] | None:
-        """The last two readings, older first; None unless both exist and neither is bad."""
+        """Return the last two readings, older first; None unless both exist and neither is bad."""
         older, newer = self.previous.get(name), self.latest.get(name)
         if older is None or newer is None or Quality.BAD in (older.quality, newer.quality):
             return None
         return older, newer
 
     def raw_pair(self, name: str) -> tuple[int, int] | None:
-        """The raw words of the last two readings, older first."""
+        """Return the raw words of the last two readings, older first."""
         pair = self.pair(name)
         if pair is None or pair[0].raw is None or pair[1].raw is None:
             return None
         return pair[0].raw, pair[1].raw
 
     def agreed_raw(self, name: str) -> int | None:
-        """The raw word that the last two readings agree on, else None."""
+        """Return the raw word on which the last two readings agree, else None."""
         pair = self.raw_pair(name)
         return pair[0] if pair is not None and pair[0] == pair[1] else None
 
     def oldest_time(self, *names: str) -> float | None:
-        """When the oldest of these newest readings was true; None where one is missing."""
+        """Return the time of the oldest of these newest readings; None where one is missing."""
         times = [self.latest[name].source_time if name in self.latest else None for name in names]
         known = [time for time in times if time is not None]
         return min(known) if known and len(known) == len(times) else None
 
     def clear(self, *names: str) -> None:
-        """Drop what was read before a command was sent: it can't show the effect."""
+        """Remove readings that are older than a command: they can't show its effect."""
         for name in names or (*self.latest, *self.previous):
             self.latest.pop(name, None)
             self.previous.pop(name, None)
 
     def with_staleness(self, now: float, oldest_s: Mapping[str, float]) -> dict[str, Reading]:
-        """The newest readings, those older than allowed marked bad (I4, G17); the value stays visible, as old."""
+        """Return the newest readings, those beyond their age limit in seconds marked bad; the value stays."""
         return {name: _mark_stale(reading, now, oldest_s.get(name)) for name, reading in self.latest.items()}
 
 

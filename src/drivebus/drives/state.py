@@ -1,4 +1,4 @@
-"""What a drive reports and what became of a command: values only, no decision, no clock."""
+"""Values: the state that a drive reports and the outcome of a command."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ from drivebus.values import Reading
 
 
 class LocalizedEnum(StrEnum):
-    """A word that shows itself in the reader's language (``i18n`` asks for ``en`` and ``zh``)."""
+    """Enumeration whose members have a text in every language of the catalogue."""
 
     @property
     def en(self) -> str:
-        """The word in English."""
         return i18n.text(self._key, "en")
 
     @property
     def zh(self) -> str:
-        """The word in Chinese."""
         return i18n.text(self._key, "zh")
 
     @property
@@ -34,7 +32,7 @@ _KEY_PREFIXES = {"DriveState": "state", "Direction": "way", "CommandKind": "kind
 
 
 class DriveState(LocalizedEnum):
-    """What the drive itself reports. UNKNOWN is a state; it is never replaced by a guess (ruling 4)."""
+    """State that the drive itself reports; UNKNOWN is never replaced by a guess."""
 
     STOPPED = "stopped"
     RUNNING = "running"
@@ -51,17 +49,17 @@ class DriveState(LocalizedEnum):
 
     @property
     def turning(self) -> bool:
-        """The drive drives, brakes or will drive the motor by itself: never "not executed" (ruling 6)."""
+        """Whether the drive turns, brakes or will turn the motor by itself."""
         return self in _TURNING_STATES
 
     @property
     def driven(self) -> bool:
-        """The drive obeys a run command."""
+        """Whether the drive executes a run command."""
         return self in _DRIVEN_STATES
 
     @property
     def output_off(self) -> bool:
-        """A stop is finished; FAULT and NOT_READY finish it too, and are said so (ruling 5)."""
+        """Whether a stop is finished; FAULT and NOT_READY finish it too."""
         return self in _OUTPUT_OFF_STATES
 
 
@@ -73,7 +71,7 @@ _OUTPUT_OFF_STATES = frozenset(
 
 
 class Direction(LocalizedEnum):
-    """Which way round, as the drive counts it."""
+    """Direction of rotation as the drive counts it."""
 
     FORWARD = "forward"
     REVERSE = "reverse"
@@ -81,7 +79,7 @@ class Direction(LocalizedEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault that the drive reports: its own code, the keypad's label, and the maker's words where published."""
+    """Fault that the drive reports: its code, the keypad's label, and the maker's text where published."""
 
     code: int
     label: str
@@ -92,13 +90,12 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class DerivedState:
-    """What a dialect makes of the newest replies."""
+    """State that a dialect derives from the newest replies."""
 
     state: DriveState
     direction: Direction | None = None
     fault_code: int | None = None
-    reason: str | None = None
-    """Why the state is UNKNOWN (an i18n key)."""
+    reason: str | None = None  # i18n key of why the state is UNKNOWN
 
 
 STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")
@@ -106,66 +103,61 @@ STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")
 
 @dataclass(frozen=True, slots=True)
 class DriveStatus:
-    """A drive at one moment: state, direction, fault and readings by signal name; what is not known has a reason."""
+    """Status of a drive at one moment; what is not known has a reason."""
 
     state: DriveState
     direction: Direction | None = None
     fault: Fault | None = None
     readings: Mapping[str, Reading] = field(default_factory=dict)
-    reason: str | None = None
-    """Why the state is unknown (an i18n key), else None."""
-    at: float | None = None
-    """Monotonic second of the oldest reply that the state rests on."""
+    reason: str | None = None  # i18n key of why the state is unknown
+    at: float | None = None  # monotonic time of the oldest reply that the state was derived from
 
 
 class OutcomeStatus(StrEnum):
-    """Ruling 1: how a command ended."""
+    """How a command ended."""
 
     CONFIRMED = "confirmed"
-    """A later read behind a fence shows the effect."""
+    """A later verified read shows the effect."""
     ACKNOWLEDGED = "acknowledged"
-    """The drive said yes and nothing readable can show the effect."""
+    """The drive accepted the command and no read can show the effect."""
     REFUSED = "refused"
-    """The drive said no."""
+    """The drive rejected the command."""
     FAILED = "failed"
-    """Not executed, and that is known."""
+    """The command was not executed."""
     UNKNOWN = "unknown"
-    """Sent, and nothing tells whether it was done."""
+    """The command was sent, and nothing shows whether it was executed."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameExchange:
-    """One frame of a command and what came back: the evidence of an outcome."""
+    """One frame of an operation and its reply: the evidence of an outcome."""
 
     sent: bytes
     received: bytes
     sent_at: float | None
     received_at: float | None
-    error: str | None = None
-    """i18n key of what went wrong."""
-    params: Mapping[str, Any] = field(default_factory=dict)
-    """Of that sentence."""
+    error: str | None = None  # i18n key
+    params: Mapping[str, Any] = field(default_factory=dict)  # of the error
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a command ended, in one word, one sentence (``key`` and ``params``) and its frames."""
+    """Outcome of a command: status, sentence (``key`` and ``params``), frames and drive status."""
 
     status: OutcomeStatus
     key: str
     params: Mapping[str, Any] = field(default_factory=dict)
     exchanges: tuple[FrameExchange, ...] = ()
     drive_status: DriveStatus | None = None
-    notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()
-    """Further sentences: what could not be checked, and how the user can."""
+    notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()  # further sentences: key and parameters
 
     @property
     def succeeded(self) -> bool:
-        """Confirmed, or acknowledged where nothing more can be known."""
+        """Whether the command is confirmed, or acknowledged where no more can be known."""
         return self.status in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
 
     def text(self, language: str = "en") -> str:
-        """The sentence in ``language`` ("en" or "zh")."""
+        """Return the sentence in ``language`` ("en" or "zh")."""
         return i18n.text(self.key, language, **self.params)
 
     def __str__(self) -> str:

@@ -33,7 +33,7 @@ class Store(Protocol):
 
 
 class MemoryStore:
-    """A Store that forgets with the program: simulated drives have no EEPROM that wears."""
+    """Store in memory, for simulated drives, which have no EEPROM that wears."""
 
     def __init__(self) -> None:
         self._values: dict[str, str] = {}
@@ -49,11 +49,10 @@ class MemoryStore:
 
 
 class FileStore:
-    """A Store in a file. ``put`` and ``update`` return when the value would survive a power cut (written, synced,
-    renamed, synced).
+    """Store in a file. ``put`` and ``update`` return when the value would survive a power cut.
 
-    Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the
-    file is not one of ours, or can't be read or written: counters are never started again from nothing.
+    Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the file
+    has another format, or can't be read or written: counters never start again from nothing.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -101,19 +100,18 @@ def drive_key(port_identity: str, address: int) -> str:
 
 
 def default_path() -> Path:
-    """``$XDG_STATE_HOME/drivebus/store.json`` (Windows: ``%LOCALAPPDATA%``)."""
+    """Return ``$XDG_STATE_HOME/drivebus/store.json`` (Windows: ``%LOCALAPPDATA%``)."""
     base = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
     return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "store.json"
 
 
 def _replace(path: Path, text: str) -> None:
-    """Under the lock."""
     atomic_write.atomic_write(path, text.encode(), lambda part: part.open("wb"))
 
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """One writer at a time, also among programs and threads; whoever comes later waits."""
+    """Hold an exclusive lock of a file, also among programs and threads."""
     try:
         from fcntl import LOCK_EX, flock
     except ImportError:  # Windows
@@ -127,7 +125,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _locked_by_msvcrt(fd: int) -> Iterator[None]:
-    """Windows locks bytes, here the first one. ``LK_LOCK`` gives up after ten seconds with EDEADLK: ask again."""
+    """Lock the first byte of a file. ``LK_LOCK`` gives up after ten seconds with EDEADLK and is then repeated."""
     import msvcrt
 
     windows: Any = msvcrt
