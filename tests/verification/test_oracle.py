@@ -18,12 +18,12 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from drivebus.drives.permissives import PermitInputs
 from drivebus.drives.state import DriveStatus
+from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
 from verification.fault_injection.wall_clock import JumpingWallClock, before_midnight, installed_clock
 from verification.reference_tables import RequestEffect, classify_request
 from verification.scenario.scenario import Scenario
-from verification.scenario.verification_loop import running
 from verification.scenario.write_rules import decode_write
 
 
@@ -71,8 +71,8 @@ def test_g13_a_remembered_wish_keeps_nothing_of_the_way_to_its_end(session: Camp
 
 def test_i1_a_move_that_nobody_wished_for(session: CampaignRun) -> None:
     here = stand(session)
-    here.loop.run(here.drives[1].preflight())
-    here.loop.run(here.drives[1].run(12.0))
+    here.loop.run_until_complete(here.drives[1].preflight())
+    here.loop.run_until_complete(here.drives[1].run(12.0))
     assert found(session, "I1")
 
 
@@ -111,7 +111,7 @@ def test_i2_a_start_that_is_sent_again_blindly(
     """Also where the second one finds the motor on and changes nothing."""
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest._max_write_attempts", lambda job: 3)
     here = stand(session, kind)
-    here.loop.run(here.drives[1].preflight())
+    here.loop.run_until_complete(here.drives[1].preflight())
     run = here.command(1, "run", 12.0)
     while 1 not in here.oracle.frame_rules._started:
         here.run(0.005)
@@ -219,7 +219,7 @@ def test_i7_a_frequency_beyond_the_limit(
 ) -> None:
     monkeypatch.setattr("drivebus.drives.context.DriveContext._check_limits", lambda memory, hz: None)
     here = stand(session, kind)
-    here.loop.run(here.drives[1].preflight())
+    here.loop.run_until_complete(here.drives[1].preflight())
     here.finish(here.command(1, "run", kind.maximum_hz + 0.1))
     assert found(session, "I7")
 

@@ -17,6 +17,7 @@ from typing import Any
 from drivebus.drives import Drive, DriveLimits, MemoryStore
 from drivebus.drives.state import DriveStatus
 from drivebus.ports.recording import RecordingPort
+from drivebus.testing.virtual_time import VirtualLoop
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.fault_injection.host_sleep import HostSleepScenario
@@ -29,7 +30,6 @@ from verification.fault_injection.wall_clock import (
 )
 from verification.report import PACKAGE_FOLDER
 from verification.scenario.scenario import Scenario
-from verification.scenario.verification_loop import VerificationLoop
 
 CLOCK_READER = {("clock.py", "datetime.now")}
 """The only reader of a wall clock."""
@@ -52,7 +52,7 @@ class ClockStory:
         self.session = CampaignRun("clock", session.seed, 1, listener=self.lines.append)
         chance, self.jumps = Random(seed), jumps
         self.clock = JumpingWallClock(
-            before_midnight(chance.uniform(0.0, 2 * STORY_DURATION_S)), (loop := VerificationLoop()).time
+            before_midnight(chance.uniform(0.0, 2 * STORY_DURATION_S)), (loop := VirtualLoop()).time
         )
         self.recorder: RecordingPort | None = None
         self.newest: Counter[tuple[int, str]] = Counter()
@@ -149,7 +149,7 @@ class EepromBudgetTrial:
 
     def __init__(self, session: CampaignRun, kind: DriveVariant, name: str, chance: Random) -> None:
         self.session, self.kind, self.chance = session, kind, chance
-        loop = VerificationLoop()
+        loop = VirtualLoop()
         self.clock = JumpingWallClock(before_midnight(chance.uniform(0.0, 30.0)), loop.time)
         self.scenario = Scenario(session, kind, (1,), loop=loop, name=f"{name}/budget")
         self.scenario.drives[1].close()

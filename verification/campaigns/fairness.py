@@ -9,11 +9,11 @@ from typing import Any
 
 from drivebus.bus import Poll
 from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant
 from verification.reference_tables import classify_request
 from verification.scenario.scenario import Scenario
-from verification.scenario.verification_loop import running
 from verification.timing_bounds import TimingBounds
 
 STATION_COUNT = 31

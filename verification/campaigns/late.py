@@ -19,12 +19,12 @@ from typing import Any
 from drivebus.bus import Poll
 from drivebus.ports import open_port
 from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.scenario.baseline_host import BaselineHost
 from verification.scenario.reply_log import LateReplyCounter, ReplyLog
 from verification.scenario.scenario import Scenario
-from verification.scenario.verification_loop import VerificationLoop, running
 
 LATE_ADDRESSES = (1, 2, 3, 4, 5)
 LATE_SHARES = (0.0, 0.001, 0.01, 0.05, 0.1, 0.2)
@@ -124,7 +124,7 @@ class LateReplyBus:
 
     def run_baseline(self, frames: int) -> Counter[str]:
         """The control, under the same weather and seed."""
-        loop, counts = VerificationLoop(), Counter[str]()
+        loop, counts = VirtualLoop(), Counter[str]()
         asked = [
             (address, self.scenario.drives[address].dialect.codec.encode_request(question))
             for address in LATE_ADDRESSES
@@ -143,7 +143,7 @@ class LateReplyBus:
                 counts["misattributed"] += not maker.matches(address, sent_at, now, data)
 
             host = BaselineHost(self.kind, port, loop, asked, believed)
-        loop.run(host.open())
+        loop.run_until_complete(host.open())
         while host.frames < frames:
             loop.run_until(loop.time() + STEP_S)
         counts["transactions"] += host.frames

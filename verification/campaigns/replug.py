@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from math import inf
 
+from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.fault_injection.hotplug_bus import HOTPLUG_ADDRESSES, HotplugBus
 from verification.fault_injection.port_reopening import reopen_ports
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import running
 
 UNPLUGS_PER_BUS = 20
 """Unplugs on one line, before another one is built."""

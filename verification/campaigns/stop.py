@@ -8,12 +8,12 @@ from math import inf
 from drivebus.bus import Poll, estimate_bus_load
 from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import StopUnconfirmed
+from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.scenario.load_generator import LOAD_ADDRESSES, LoadGenerator
 from verification.scenario.stop_timer import PendingStop, SentRequest, StopTimer
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import running
 
 INSTANTS_PER_BUS = 50
 """Instants on one line, before another one is built."""

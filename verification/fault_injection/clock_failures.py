@@ -15,10 +15,10 @@ from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import DrivebusError
 from drivebus.ports import open_port
 from drivebus.simulator import timer
+from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import VC660
 from verification.fault_injection.port_failures import PORT_SUCCESS_WORDS, PortFailureScenario
-from verification.scenario.verification_loop import running
 
 TIMER_TEST_LINK = "sim://vc660@1?baud=38400&ramp=1&echo=off"
 CLOCK_STALL_S = 3.0

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivebus.errors import PortLost, PortUnavailable
-from verification.scenario.verification_loop import VerificationLoop
+from drivebus.testing.virtual_time import VirtualLoop
 
 PORT_ERRORS: dict[str, Callable[[], Exception]] = {
     **{
@@ -88,7 +88,7 @@ class FaultyPort:
         receiver.port_lost(error)
 
 
-class ErrorTolerantLoop(VerificationLoop):
+class ErrorTolerantLoop(VirtualLoop):
     """What the bus says of the injected error is no finding; that it says it is counted."""
 
     injected: Exception | None = None

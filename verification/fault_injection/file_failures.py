@@ -12,6 +12,7 @@ from drivebus.capture.dbcap import read_capture
 from drivebus.drives import Drive, FileStore
 from drivebus.errors import ConfigurationError, NoReply, ProfileError
 from drivebus.ports.recording import RecordingPort
+from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import VC660
 from verification.fault_injection.faulty_disk import FaultyDisk, ProgramKilled, installed_disk
@@ -23,7 +24,6 @@ from verification.fault_injection.port_failures import (
     PortFailureScenario,
 )
 from verification.scenario.scenario import Scenario
-from verification.scenario.verification_loop import running
 
 PROFILE_LOADER: Any = import_module("drivebus.profiles.load")
 WRITTEN_PARAMETER = "F00.02"

@@ -15,13 +15,13 @@ from drivebus.bus import timer as timers
 from drivebus.drives.state import Outcome
 from drivebus.errors import StartInhibited
 from drivebus.simulator.timer import LoopTimer
+from drivebus.testing.virtual_time import VirtualTimer
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.reference_tables import RequestEffect
 from verification.scenario.frame_rules import ClassifiedFrame
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import VerificationTimer
 
 SUSPEND_DURATIONS_S = (10.0, 3600.0)
 """Longer than any command may be old."""
@@ -45,11 +45,11 @@ def suspend_host(stand: Scenario, seconds: float, *, suspended: bool, reader_fir
         later(hear, b"".join(data for data, _ in held), sum(marks for _, marks in held))
 
 
-def is_simulator_timer(timer: VerificationTimer) -> bool:
+def is_simulator_timer(timer: VirtualTimer) -> bool:
     return isinstance(getattr(timer.callback, "__self__", None), LoopTimer)
 
 
-def is_bus_timer(timer: VerificationTimer) -> bool:
+def is_bus_timer(timer: VirtualTimer) -> bool:
     """Its alarm is set on the clock that goes on."""
     return isinstance(getattr(timer.callback, "__self__", None), timers._LoopTimer)
 

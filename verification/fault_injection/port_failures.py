@@ -6,12 +6,12 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from drivebus.errors import DrivebusError
+from drivebus.testing.virtual_time import Deadlock
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.fault_injection.faulty_port import ErrorTolerantLoop, FaultyPort
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import Stuck
 
 BAUD, RAMP_S, PORT_POLL_PERIOD_S = 38400, 1, 0.5
 CALL_TIMEOUT_S = 5.0
@@ -91,11 +91,11 @@ class PortFailureScenario:
     def _timed(self, what: str, call: Callable[[], Coroutine[Any, Any, None]]) -> bool:
         began = self.loop.time()
         try:
-            self.loop.run(call())
+            self.loop.run_until_complete(call())
             return True
         except DrivebusError as error:
             self.session.count(f"port: {what} raised {type(error).__name__}")
-        except Stuck as error:
+        except Deadlock as error:
             self.violation(f"{what} hangs: {error}")
         except Exception as error:
             self.violation(f"{what} raised {type(error).__name__}: {error}")

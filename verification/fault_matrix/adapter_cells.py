@@ -70,7 +70,7 @@ def adapter_unplugged(at: CellRun) -> None:
     """While a start is on the wire, and while one is wished: unknown or never sent, told so, and never sent again."""
     for what in (RequestEffect.MOVE, RequestEffect.READ):
         line = at.bus(1, 2)
-        line.loop.run(line.drives[1].preflight())
+        line.loop.run_until_complete(line.drives[1].preflight())
         line.monitored(2)
         _unplug_during(at, line, what)
         wish, mark = line.command(1, "run", at.random_hz()), len(line.requests)

@@ -9,11 +9,11 @@ from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import NotPermitted
 from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import status_read_key
 from verification.fault_matrix.matrix_bus import MatrixBus, MatrixRequest
 from verification.reference_tables import RequestEffect
-from verification.scenario.verification_loop import running
 
 
 def forbidden_broadcasts(kind: Any) -> Iterator[Any]:
@@ -40,7 +40,9 @@ def only_stops_are_broadcast(at: CellRun) -> None:
     mark = len(line.requests)
     for wanted in forbidden_broadcasts(at.kind):
         for station in (1, at.kind.broadcast or 0):
-            answer = line.loop.run(line.bus.transact(BusRequest(station, wanted, at.rng.choice(list(RequestPriority)))))
+            answer = line.loop.run_until_complete(
+                line.bus.transact(BusRequest(station, wanted, at.rng.choice(list(RequestPriority))))
+            )
             line.expect(isinstance(answer.error, NotPermitted) and not answer.sent, f"{wanted}: {answer.error!r}")
     line.run(1.0)
     line.expect(not line.requests_since(mark), "something was sent")
@@ -96,7 +98,7 @@ def _stop_all(line: MatrixBus) -> StopReport:
         line.bus.release_start()
         return report
 
-    report: StopReport = line.loop.run(stop())
+    report: StopReport = line.loop.run_until_complete(stop())
     with running(line.loop):
         for wish, (_, outcome) in zip(wishes, report.outcomes, strict=True):
             wish.outcome = outcome

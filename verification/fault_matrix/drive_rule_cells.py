@@ -77,7 +77,7 @@ def operation_only_after_status(at: CellRun) -> None:
         for what in ("run", "run", "set_frequency", "stop"):
             line.command_to_end(1, what, *(() if what == "stop" else (at.random_hz(),)))
     line.command_to_end(1, "reset_fault")
-    line.loop.run(line.drives[1].read(("F0.1", "F9.4")))
+    line.loop.run_until_complete(line.drives[1].read(("F0.1", "F9.4")))
     moves = [index for index, one in enumerate(line.requests) if one.effect is RequestEffect.MOVE]
     line.expect(len(moves) == 2, f"{len(moves)} starts for two runs from standstill")
     for one, other in pairwise([0, *moves]):
@@ -92,7 +92,7 @@ def operation_only_after_status(at: CellRun) -> None:
 def jog_ends_with_its_lease(at: CellRun) -> None:
     """Half a second without a renewal ends it; a longer lease is refused (T13)."""
     line = at.bus(1)
-    line.loop.run(line.drives[1].preflight())
+    line.loop.run_until_complete(line.drives[1].preflight())
     drive, lease_s = line.drives[1], at.rng.uniform(0.2, 0.5)
     motor = line.station(1).motor
 

@@ -66,7 +66,7 @@ def _check_frame_not_received(at: CellRun, setting: str) -> None:
     """The drive is there and does not hear the very frame that acts: its echo is no answer of the drive."""
     line = at.bus(1, echo=setting, weather="echo")
     with suppress(DrivebusError):
-        line.loop.run(line.drives[1].preflight())
+        line.loop.run_until_complete(line.drives[1].preflight())
     tricks = [line.manipulate_replies(1, "deaf", does=does) for does in (RequestEffect.SET, RequestEffect.STOP)]
     _check_not_confirmed(line, 1, "set_frequency", at.random_hz())
     line.station(1).keypad_run(at.random_hz())

@@ -88,11 +88,11 @@ DZB100_FAULT_LABELS = {
 def drive_in_fault(at: CellRun) -> None:
     """The fault and its code as the drive tells them, and no start; DF800 tells nothing, and nothing is made up."""
     line = at.bus(1)
-    line.loop.run(line.drives[1].preflight())
+    line.loop.run_until_complete(line.drives[1].preflight())
     station, trip = line.station(1), at.rng.choice(list(Trip))
     line.start_at(1, at.random_hz())
     station.trip(trip)
-    status = line.loop.run(line.drives[1].status())
+    status = line.loop.run_until_complete(line.drives[1].status())
     if not at.kind.reports_running:
         line.expect(str(status.state) == "unknown" and status.fault is None, f"{status}")
         line.expect(status.reason == "drives.no_run_status", f"the reason is {status.reason}")
@@ -118,7 +118,7 @@ def _check_fault_named(line: MatrixBus, fault: Any, code: int) -> None:
 
 def _check_item_missing(line: MatrixBus) -> None:
     """T05: the fault's code stands where the item was: values are shown as what can't be placed."""
-    readings = line.loop.run(line.drives[1].status(("output_frequency", "dc_bus_voltage"))).readings
+    readings = line.loop.run_until_complete(line.drives[1].status(("output_frequency", "dc_bus_voltage"))).readings
     for name in ("output_frequency", "dc_bus_voltage"):
         line.expect(str(readings[name].quality) != "good", f"{name} is {readings[name]}")
         line.expect(readings[name].reason == "drives.item_not_echoed", f"{name}: {readings[name].reason}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.station import Station
+from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
 from verification.reference_tables import RequestEffect
-from verification.scenario.verification_loop import running
 
 FOREIGN_QUIET_S = 61.0
 FOREIGN_PAUSE_S = (0.9, 1.5)
@@ -61,7 +61,7 @@ def _check_only_stops(at: CellRun, line: MatrixBus, two: tuple[Station, Station]
 def foreign_master(at: CellRun) -> None:
     """Two requests that we did not send: told, starts blocked, stops not; a minute of peace ends it."""
     line = at.bus(1, 2)
-    line.loop.run(line.drives[1].preflight())
+    line.loop.run_until_complete(line.drives[1].preflight())
     _, data = line.plain_read(2)
     accepted = line.oracle.accepted_count
     for _ in range(2):

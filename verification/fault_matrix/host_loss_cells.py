@@ -53,7 +53,7 @@ def _check_restart(at: CellRun, line: MatrixBus, hz: float) -> None:
 def communication_loss_reaction(at: CellRun) -> None:
     """Off is told as off; what no manual says is told as unknown, and never as "it stops"."""
     line = at.bus(1)
-    report = line.loop.run(line.drives[1].comm_loss_behaviour())
+    report = line.loop.run_until_complete(line.drives[1].comm_loss_behaviour())
     words = {report.text(language) for language in ("en", "zh")}
     line.expect(len(words) == 2 and report.key not in words, f"{report.key} has no words in both languages")
     if at.kind.model != "c320":
@@ -61,11 +61,11 @@ def communication_loss_reaction(at: CellRun) -> None:
         return
     line.expect(report.stops_on_comm_loss is False and report.key == "drives.host_dies_off", f"F9.4 = 0: {report}")
     line.station(1).keypad_set(0x9_04, at.rng.randrange(10, 100))
-    report = line.loop.run(line.drives[1].comm_loss_behaviour())
+    report = line.loop.run_until_complete(line.drives[1].comm_loss_behaviour())
     line.expect(
         report.stops_on_comm_loss is None and report.key == "drives.host_dies_unknown",
         f"F9.3 is not published: {report}",
     )
     line.station(1).faults.silent = True
-    report = line.loop.run(line.drives[1].comm_loss_behaviour())
+    report = line.loop.run_until_complete(line.drives[1].comm_loss_behaviour())
     line.expect(report.stops_on_comm_loss is None and report.key == "drives.host_dies_unread", f"unread: {report}")

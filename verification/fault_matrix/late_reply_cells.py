@@ -58,9 +58,9 @@ def late_reply_during_another_request(at: CellRun) -> None:
 
 def _check_same_key_other_class(line: MatrixBus) -> None:
     """T04: monitor d.1 and parameter F0.1 have one key; a fence is between them."""
-    line.loop.run(line.drives[1].status(("output_voltage",)))
+    line.loop.run_until_complete(line.drives[1].status(("output_voltage",)))
     mark = len(line.requests)
-    line.loop.run(line.drives[1].read(("F0.1",)))
+    line.loop.run_until_complete(line.drives[1].read(("F0.1",)))
     sent = line.requests_since(mark)
     parameter = next(
         one for one in sent if c320_field(line.kind, one.data, 3, 1) == 2 and c320_field(line.kind, one.data, 6, 1) == 0

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from drivebus.bus import StationStatistics, TraceEvent
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.simulator.wire import Side
+from drivebus.testing.virtual_time import running
 from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
@@ -17,7 +18,6 @@ from verification.fault_matrix.frame_fields import is_sync_probe
 from verification.reference_tables import RequestEffect, classify_request
 from verification.scenario.scenario import ObservedBus, Scenario
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import running
 
 WireSend = Callable[..., Any]
 """``say(data, at, talker=…)``: a drive says these bytes from that second on."""
@@ -167,7 +167,7 @@ class MatrixBus(Scenario):
 
     def transact(self, address: int, wanted: Any) -> BusResult:
         """One transaction."""
-        answer: BusResult = self.loop.run(self.bus.transact(BusRequest(address, wanted)))
+        answer: BusResult = self.loop.run_until_complete(self.bus.transact(BusRequest(address, wanted)))
         return answer
 
     def plain_read(self, address: int) -> tuple[Any, bytes]:
@@ -214,13 +214,13 @@ class MatrixBus(Scenario):
         with running(self.loop):
             for task in list(self.loop.tasks):
                 task.cancel()
-        self.loop.run(self.bus.close())
+        self.loop.run_until_complete(self.bus.close())
         self.oracle.trace("the host has died")
         self.monitors.clear()
         self.bus = ObservedBus(self.port, name=self.name)
         self.bus.oracle = self.oracle
         self.drives = {address: self._drive(address) for address in self.drives}
-        self.loop.run(self.bus.open())
+        self.loop.run_until_complete(self.bus.open())
         self.bus.trace(self.events.append)
 
     def add_absent(self, address: int) -> int:

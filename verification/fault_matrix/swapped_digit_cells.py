@@ -85,7 +85,7 @@ def single_reads_decide_nothing(at: CellRun) -> None:
     line.station(1).faults.frozen_readings = False
     for _ in range(3):
         line.manipulate_replies(1, falsified_replies(at, stands=True), 1)
-        status = line.loop.run(line.drives[1].status())
+        status = line.loop.run_until_complete(line.drives[1].status())
         line.expect(str(status.state) == "running", f"a running drive is called {status.state}")
 
 

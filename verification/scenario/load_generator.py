@@ -7,11 +7,11 @@ from math import nextafter
 
 from drivebus.bus import Poll
 from drivebus.bus.messages import BusRequest, RequestPriority
+from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
-from verification.scenario.verification_loop import running
 
 LOAD_LINE_QUALITIES = ("bytes", "lossy,bytes", "late=0.1:0.12,bytes", "late=0.2:1.5", "clean", "noisy,bytes")
 LOAD_RAMPS_S = (2.0, 0.5, 8.0)

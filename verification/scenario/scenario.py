@@ -11,12 +11,12 @@ from drivebus.bus.messages import BusRequest, BusResult, RetryPolicy
 from drivebus.drives import Drive, MemoryStore, Monitor
 from drivebus.errors import DrivebusError
 from drivebus.ports import open_port
+from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.scenario.invariants import check_invariants, check_memory
 from verification.scenario.oracle import Oracle
 from verification.scenario.user_command import CURRENT_COMMAND, UserCommand, without_traceback
-from verification.scenario.verification_loop import VerificationLoop, running
 
 
 class ObservedBus(Bus):
@@ -49,7 +49,7 @@ class Scenario:
         kind: DriveVariant,
         addresses: Iterable[int],
         *,
-        loop: VerificationLoop | None = None,
+        loop: VirtualLoop | None = None,
         name: str = "",
         drives: bool = True,
         around: Callable[[Any], Any] = lambda port: port,
@@ -57,7 +57,7 @@ class Scenario:
     ) -> None:
         """``around`` makes the bus's port of the simulated one: what records it, or lets its calls fail."""
         self.session, self.kind, self.name = session, kind, name or kind.name
-        self.loop = loop or VerificationLoop()
+        self.loop = loop or VirtualLoop()
         query = {"baud": kind.baud, "ramp": 2, "echo": "off", "seed": session.seed, **kind.options, **options}
         listed = ",".join(map(str, addresses))
         with running(self.loop):
@@ -72,7 +72,7 @@ class Scenario:
             self.drives = {station.address: self._drive(station.address) for station in self.bench.stations if drives}
         self.monitors: dict[int, Monitor] = {}
         self.period_s = 0.0
-        self.loop.run(self.bus.open())
+        self.loop.run_until_complete(self.bus.open())
 
     def _drive(self, address: int) -> Drive:
         kind = self.kind
@@ -155,6 +155,6 @@ class Scenario:
             for task in list(self.loop.tasks):
                 task.cancel()
         self.loop.run_until(self.loop.time())
-        self.loop.run(self.bus.close())
+        self.loop.run_until_complete(self.bus.close())
         self.loop.run_until(self.loop.time())  # whoever still waited is told that the bus has ended
         check_invariants(self)

@@ -1,77 +1,261 @@
 """Virtual time for asyncio: the loop's clock jumps to the next timer whenever nothing is ready.
 
-A day of bus traffic takes seconds and every duration is exact. There are no sockets and no threads:
-``run_in_executor`` calls its function at once, and waiting for something that no timer can bring is an error.
+A day of bus traffic takes seconds, every duration is exact, and events of one instant come in the order in which they
+were scheduled, so that a run repeats to the last event. There is no socket, selector or thread: ``run_in_executor``
+calls its function at once, and waiting for something that no timer can bring is an error.
 """
 
 from __future__ import annotations
 
 import asyncio
-from asyncio import base_events
-from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar
+import logging
+import sys
+import weakref
+from asyncio import events
+from collections import deque
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from contextvars import Context
+from heapq import heapify, heappop, heappush
+from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
 
 MAX_VIRTUAL_S = 30 * 86400.0  # a test still waiting after a virtual month waits for something that never comes
+_log = logging.getLogger("asyncio")
 
 
 class Deadlock(RuntimeError):
-    """Nothing is ready and no timer is set, or the longest virtual time has passed: the test would hang for ever."""
+    """Nothing is ready and no timer is set (or the longest virtual time has passed): the test would hang for ever."""
 
 
-class _JumpingSelector:
-    """Replacement of a selector: instead of sleeping until the next timer, moves the clock to it."""
+class VirtualTimer:
+    """A scheduled callback: asyncio's handle."""
 
-    def __init__(self, loop: VirtualLoop) -> None:
-        self._loop = loop
+    __slots__ = ("_when", "args", "callback")
 
-    def select(self, timeout: float | None) -> list[Any]:
-        if timeout is None or timeout > 0:
-            self._loop.advance()
-        return []
+    def __init__(self, callback: Callable[..., object], args: tuple[Any, ...], when: float) -> None:
+        self.callback: Callable[..., object] | None = callback
+        self.args = args
+        self._when = when
+
+    def when(self) -> float:
+        return self._when
+
+    def cancel(self) -> None:
+        self.callback = None
+        self.args = ()
+
+    def cancelled(self) -> bool:
+        return self.callback is None
 
 
-class VirtualLoop(base_events.BaseEventLoop):
-    """An asyncio loop whose ``time()`` is virtual seconds. Sockets, pipes and signals raise NotImplementedError."""
+if TYPE_CHECKING:
+
+    class _EventLoop:
+        """asyncio's interface has forty more methods than are used here."""
+
+else:
+    _EventLoop = asyncio.AbstractEventLoop
+
+
+class VirtualLoop(_EventLoop):
+    """An asyncio loop whose ``time()`` is virtual seconds from ``start``. It has no sockets, pipes or signals."""
 
     def __init__(self, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> None:
-        super().__init__()
         self._now = start
         self._end = start + max_s
-        self._selector = _JumpingSelector(self)
+        self._heap: list[tuple[float, int, VirtualTimer]] = []
+        self._ready: deque[VirtualTimer] = deque()
+        self._count = 0
+        self._closed = False
+        self._generators: weakref.WeakSet[AsyncGenerator[Any, Any]] = weakref.WeakSet()
+        self._exception_handler: Callable[[Any, dict[str, Any]], object] | None = None
+        self.tasks: dict[asyncio.Task[Any], None] = {}
+        """Unfinished tasks in the order of their creation."""
+        self.failed: list[dict[str, Any]] = []
+        """Contexts given to the exception handler."""
+
+    # --- asyncio's interface ---------------------------------------------------------------------------------------
 
     def time(self) -> float:
         return self._now
 
-    def advance(self) -> None:
-        """Move the clock to the next timer. Raises Deadlock where there is none."""
-        scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[attr-defined]
-        if not scheduled:
-            raise Deadlock(f"at {self._now:.6f} s: {self._waiting()} and no timer is set, so nothing can ever happen")
-        when = scheduled[0].when()
-        if when > self._end:
-            raise Deadlock(f"at {self._now:.6f} s: {self._waiting()}; the longest virtual time has passed")
-        self._now = max(self._now, when)
+    def call_soon(self, callback: Callable[..., object], *args: Any, context: Context | None = None) -> Any:
+        timer = VirtualTimer(callback, args, self._now)
+        if context is not None:
+            timer = VirtualTimer(context.run, (callback, *args), self._now)
+        self._ready.append(timer)
+        return timer
 
-    def run_in_executor(self, executor: Any, func: Callable[..., T], *args: Any) -> asyncio.Future[T]:  # type: ignore[override]
-        """Call the function at once, without a thread."""
-        future: asyncio.Future[T] = self.create_future()
+    call_soon_threadsafe = call_soon
+
+    def call_at(self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None) -> Any:
+        timer = VirtualTimer(callback, args, when)
+        if context is not None:
+            timer = VirtualTimer(context.run, (callback, *args), when)
+        self._count += 1
+        heappush(self._heap, (when, self._count, timer))
+        return timer
+
+    def call_later(
+        self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> Any:
+        return self.call_at(self._now + delay, callback, *args, context=context)
+
+    def create_future(self) -> asyncio.Future[Any]:
+        return asyncio.Future(loop=self)  # type: ignore[arg-type]
+
+    def create_task(self, coro: Any, *, name: Any = None, context: Any = None) -> Any:
+        task = asyncio.Task(coro, loop=self, name=name, context=context)  # type: ignore[arg-type]
+        self.tasks[task] = None
+        task.add_done_callback(self.tasks.pop)
+        return task
+
+    def run_in_executor(self, executor: Any, func: Callable[..., T], *args: Any) -> Any:
+        """Call the function at once: threads have no place in virtual time."""
+        future = self.create_future()
         try:
             future.set_result(func(*args))
         except Exception as error:
             future.set_exception(error)
         return future
 
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        self.failed.append(context)
+        if self._exception_handler is not None:
+            self._exception_handler(self, context)
+        else:
+            _log.error(context.get("message"), exc_info=context.get("exception"))
+
+    def set_exception_handler(self, handler: Callable[[Any, dict[str, Any]], object] | None) -> None:
+        self._exception_handler = handler
+
+    def get_exception_handler(self) -> Callable[[Any, dict[str, Any]], object] | None:
+        return self._exception_handler
+
+    def get_debug(self) -> bool:
+        return False
+
+    def set_debug(self, enabled: bool) -> None:
+        pass
+
+    def is_running(self) -> bool:
+        return not self._closed
+
+    def is_closed(self) -> bool:
+        return self._closed
+
+    def close(self) -> None:
+        self._closed = True
+        self._ready.clear()
+        self._heap.clear()
+
+    async def shutdown_asyncgens(self) -> None:
+        for generator in list(self._generators):
+            await generator.aclose()
+
+    async def shutdown_default_executor(self, timeout: float | None = None) -> None:
+        pass
+
+    # --- running ---------------------------------------------------------------------------------------------------
+
+    def run_until_complete(self, future: Any) -> Any:
+        """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come."""
+        with running(self), self._generators_tracked():
+            task = asyncio.ensure_future(future, loop=self)  # type: ignore[call-overload]
+            while not task.done():
+                if not self._step(self._end):
+                    raise Deadlock(f"at {self._now:.6f} s: {self._waiting()}")
+            if self._ready:
+                self._step(self._now)
+        return task.result()
+
+    def run_until(self, when: float) -> None:
+        """Run everything up to and at that second."""
+        with running(self):
+            while self._step(when):
+                pass
+        self._now = max(self._now, when)
+
+    def next_at(self) -> float | None:
+        """Return the time of the next timer."""
+        return self._heap[0][0] if self._heap else None
+
+    def suspend(
+        self,
+        seconds: float,
+        goes_on: Callable[[VirtualTimer], bool],
+        stands_still: Callable[[VirtualTimer], bool],
+    ) -> None:
+        """Suspend the program: only timers that go on are served in time, the others come late.
+
+        A timer whose clock stands still meanwhile is moved by as much.
+        """
+        end = self._now + seconds
+        late = [entry for entry in self._heap if not goes_on(entry[2])]
+        self._heap = [entry for entry in self._heap if goes_on(entry[2])]
+        heapify(self._heap)
+        self.run_until(end)
+        for when, number, timer in late:
+            heappush(self._heap, (when + seconds if stands_still(timer) else when, number, timer))
+
+    def _step(self, until: float) -> bool:
+        """Run all that is ready, or the next timer; False where there is neither by ``until``."""
+        ready, heap = self._ready, self._heap
+        while heap and heap[0][0] <= self._now:
+            ready.append(heappop(heap)[2])
+        if ready:
+            for _ in range(len(ready)):
+                timer = ready.popleft()
+                if timer.callback is not None:
+                    self._call(timer.callback, timer.args)
+            return True
+        while heap and heap[0][0] <= until:
+            if heap[0][2].callback is not None:
+                self._now = heap[0][0]
+                return True
+            heappop(heap)
+        return False
+
+    def _call(self, callback: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:
+            self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
+
     def _waiting(self) -> str:
-        tasks = sorted(task.get_name() for task in asyncio.all_tasks(self))
-        return f"{len(tasks)} task(s) wait ({', '.join(tasks[:8])})"
+        names = sorted(task.get_name() for task in self.tasks)
+        late = bool(self._heap)
+        reason = "; the longest virtual time has passed" if late else " and no timer is set, so nothing can ever happen"
+        return f"{len(names)} task(s) wait ({', '.join(names[:8])}){reason}"
 
-    def _process_events(self, event_list: list[Any]) -> None:
-        """Do nothing: there are only timers and callbacks."""
+    @contextmanager
+    def _generators_tracked(self) -> Iterator[None]:
+        """Close asynchronous generators that are dropped unfinished, as asyncio's own loops do."""
+        before = sys.get_asyncgen_hooks()
+        sys.set_asyncgen_hooks(
+            firstiter=self._generators.add,
+            finalizer=lambda generator: self.call_soon(self.create_task, generator.aclose()),
+        )
+        try:
+            yield
+        finally:
+            sys.set_asyncgen_hooks(*before)
 
-    def _write_to_self(self) -> None:
-        """Do nothing: the loop never sleeps."""
+
+class running:
+    """``with running(loop):`` the loop is the running one: for calls from outside its callbacks."""
+
+    def __init__(self, loop: VirtualLoop) -> None:
+        self._loop = loop
+
+    def __enter__(self) -> None:
+        self._outer = events._get_running_loop()
+        events._set_running_loop(self._loop)  # type: ignore[arg-type]
+
+    def __exit__(self, *_: object) -> None:
+        events._set_running_loop(self._outer)
 
 
 def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> T:
@@ -79,5 +263,5 @@ def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float =
 
     Raises Deadlock where it waits for something that no timer can bring. Tasks left over are cancelled.
     """
-    with asyncio.Runner(loop_factory=lambda: VirtualLoop(start, max_s)) as runner:
+    with asyncio.Runner(loop_factory=lambda: VirtualLoop(start, max_s)) as runner:  # type: ignore[arg-type, return-value]
         return runner.run(coroutine)
