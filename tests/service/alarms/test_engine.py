@@ -55,7 +55,7 @@ def test_a_value_inside_the_hysteresis_ends_a_delay_that_was_running() -> None:
 
 @pytest.mark.parametrize("quality", [Quality.BAD, Quality.UNCERTAIN])
 def test_a_value_that_is_not_good_neither_raises_nor_clears_nor_begins_the_delay_again(quality: Quality) -> None:
-    """G17: whoever does not know says so by the stale alarm, not by this one."""
+    """Whoever does not know says so by the stale alarm, not by this one."""
     doubtful = [(1, current(0.0, quality)), (3.5, current(99.0, quality)), (4, current(11.0))]
     assert run(book(HIGH), (0, current(11.0)), *doubtful, (5, current(0.0, quality))) == ["4 raised overload"]
 
@@ -82,7 +82,7 @@ def test_another_fault_has_a_delay_of_its_own() -> None:
     assert told == ["5 raised trip", "6 cleared trip", "11 raised trip"]
 
 
-def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
+def test_a_fault_without_a_text_shows_its_label_once() -> None:
     bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
     alarms = book()
     run(alarms, (0, view(fault=bare)), (1, view(fault={"code": 3})))
@@ -92,7 +92,7 @@ def test_a_fault_without_a_text_of_its_own_is_said_once() -> None:
     ]
 
 
-def test_a_drive_that_can_not_be_asked_does_not_clear_its_fault() -> None:
+def test_a_drive_without_reply_does_not_clear_its_fault() -> None:
     alarms = book()
     lost = view(presence="offline", state="unknown")
     unknown = view(state="unknown")
@@ -101,18 +101,18 @@ def test_a_drive_that_can_not_be_asked_does_not_clear_its_fault() -> None:
 
 
 def test_a_drive_without_a_state_clears_its_fault_by_a_good_reading_of_it() -> None:
-    """Ruling 4: DF800 reports no run state."""
+    """DF800 reports no run state."""
     quiet = view({"fault": signal(0)}, state="unknown")
     assert run(book(), (0, view(fault=OVERCURRENT)), (1, quiet)) == ["0 raised fault", "1 cleared fault"]
 
 
-def test_silence_is_told_at_once_and_at_the_start_after_a_while() -> None:
+def test_no_response_is_raised_at_once_and_after_a_start_with_a_delay() -> None:
     lost, fresh = view(presence="offline", state="unknown"), view(presence="never_seen", state="unknown")
     assert run(book(), (0, view()), (1, lost), (2, view())) == ["1 raised no_response", "2 cleared no_response"]
     assert run(book(), (0, fresh), (9.9, fresh), (10, fresh)) == ["10 raised no_response"]
 
 
-def test_stale_values_are_told_and_what_a_family_never_reports_is_not_stale() -> None:
+def test_stale_values_raise_an_alarm_and_never_reported_signals_do_not() -> None:
     never = view({"temperature": signal(None, Quality.BAD, source_time_ms=None)})
     old = view(
         {"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, source_time_ms=None)}
@@ -166,7 +166,7 @@ def test_an_alarm_is_gone_when_it_is_cleared_and_acknowledged_in_either_order() 
 
 
 def test_a_shelf_keeps_its_like_aside_until_it_ends_by_the_monotonic_clock() -> None:
-    """S20, F21: the label may say what it likes."""
+    """The label may say what it likes."""
     alarms = book()
     run(alarms, (0, view(fault=OVERCURRENT)))
     assert alarms.counts("fan-1") == {"critical": 1}
@@ -240,7 +240,6 @@ def test_every_sentence_has_all_its_numbers() -> None:
 
 
 def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> None:
-    """I12."""
     alarms = book()
     for n in range(100):
         run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))
@@ -264,7 +263,7 @@ def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() ->
     assert after.active()[0].id == "a2"
 
 
-def test_after_a_restart_what_the_service_raised_is_over_but_still_to_be_seen() -> None:
+def test_after_a_restart_system_alarms_are_cleared_but_unacknowledged() -> None:
     before = book()
     before.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 5)
     after = book(known=tuple(before.active()), first_number=2, now_ms=70)
@@ -272,7 +271,7 @@ def test_after_a_restart_what_the_service_raised_is_over_but_still_to_be_seen() 
     assert words(after.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 80)) == ["raised control_lost"]
 
 
-def test_a_new_configuration_leaves_alone_what_did_not_change_and_clears_what_nobody_watches() -> None:
+def test_a_new_configuration_keeps_unchanged_conditions_and_clears_removed_ones() -> None:
     alarms = book(HIGH, STALE)
     run(alarms, (0, current(11.0)), (2, view({"output_current": signal(11.0, Quality.BAD)})))
     run(alarms, (3, view({"output_current": signal(11.0, Quality.BAD)})))
@@ -282,7 +281,7 @@ def test_a_new_configuration_leaves_alone_what_did_not_change_and_clears_what_no
     assert run(alarms, (12, current(99.0))) == []
 
 
-def test_a_case_is_kept_with_its_alarm() -> None:
+def test_an_incident_is_attached_to_its_alarm() -> None:
     alarms = book()
     run(alarms, (0, view(fault=OVERCURRENT)))
     (change,) = alarms.attach_incident("a1", "c-1")

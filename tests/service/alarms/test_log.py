@@ -76,7 +76,7 @@ def test_the_history_comes_in_pages_by_span_and_drive(tmp_path: Path) -> None:
             log.history(*EVER, cursor=wrong)
 
 
-def test_i12_the_oldest_are_forgotten_and_the_file_is_written_anew(
+def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(logs, "KEPT", 10)
@@ -90,7 +90,7 @@ def test_i12_the_oldest_are_forgotten_and_the_file_is_written_anew(
     assert len(log.history(*EVER, limit=1000)["items"]) <= 10
 
 
-def test_g14_a_full_disk_stops_no_alarm_and_everything_is_written_when_it_works_again(
+def test_a_full_disk_stops_no_alarm_and_everything_is_written_when_it_works_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> int:

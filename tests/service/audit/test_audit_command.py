@@ -24,14 +24,14 @@ def edited(made: AuditTrail) -> None:
     made.paths.current.write_bytes(made.paths.current.read_bytes().replace(*EDIT))
 
 
-def test_a_whole_trail_is_said_to_be_whole(tmp_path: Path) -> None:
+def test_a_whole_trail_is_reported_as_whole(tmp_path: Path) -> None:
     found = ask("verify", str(written_trail(tmp_path).paths.folder))
     assert found.exit_code == 0
     assert "Whole: 10 records" in found.output and "record 10" in found.output
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_s12_an_edit_is_named_with_its_file_and_line(tmp_path: Path, language: str) -> None:
+def test_an_edit_is_named_with_its_file_and_line(tmp_path: Path, language: str) -> None:
     made = written_trail(tmp_path)
     edited(made)
     found = ask("verify", str(made.paths.folder), language=language)
@@ -41,7 +41,7 @@ def test_s12_an_edit_is_named_with_its_file_and_line(tmp_path: Path, language: s
     assert (told["ok"], [(one["kind"], one["line"]) for one in told["problems"]]) == (False, [("changed", 5)])
 
 
-def test_without_its_key_it_is_said_that_checkpoints_prove_less(tmp_path: Path) -> None:
+def test_without_the_key_the_report_says_that_checkpoints_prove_less(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     made.paths.key.rename(tmp_path / "elsewhere.key")
     found = ask("verify", str(made.paths.folder))
@@ -58,7 +58,7 @@ def test_checkpoints_may_lie_elsewhere(tmp_path: Path) -> None:
     assert ask("verify", str(made.paths.folder), "--checkpoints", str(marks)).exit_code == 0
 
 
-def test_s12_the_plants_file_says_where_checkpoints_and_key_lie(tmp_path: Path) -> None:
+def test_the_plant_file_names_checkpoints_and_key(tmp_path: Path) -> None:
     """A cut is found by the checkpoints that ``[audit]`` puts elsewhere, without naming them again."""
     made = written_trail(tmp_path)
     file = tmp_path / "plant.toml"
@@ -95,7 +95,7 @@ def test_what_is_no_trail_or_can_not_be_read_is_the_users_to_mend(tmp_path: Path
     assert ask("verify", str(tmp_path)).exit_code == 2
 
 
-def test_s13_the_list_shows_escapes_as_escapes(tmp_path: Path) -> None:
+def test_the_list_shows_escapes_as_escapes(tmp_path: Path) -> None:
     async def go() -> AuditTrail:
         made = new_trail(tmp_path)
         await made.open()

@@ -1,4 +1,4 @@
-"""Killed and cut off at any point: what was acknowledged is there, and the chain is whole (G10, G11, G12)."""
+"""Killed and cut off at any point: what was acknowledged is there, and the chain is whole."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def write_some(places: AuditPaths, acknowledged: list[int], start: int) -> None:
 
 
 @pytest.mark.parametrize("cut", [False, True], ids=["killed", "power cut"])
-def test_g11_g12_whatever_call_is_the_last_nothing_acknowledged_is_lost_and_the_chain_is_whole(
+def test_whatever_call_is_the_last_nothing_acknowledged_is_lost_and_the_chain_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut: bool
 ) -> None:
     clean = False
@@ -158,7 +158,7 @@ for folder in sys.stdin:
 """
 
 
-def test_g10_kill_9_at_twenty_random_points_loses_no_acknowledged_record(tmp_path: Path) -> None:
+def test_kill_9_at_twenty_random_points_loses_no_acknowledged_record(tmp_path: Path) -> None:
     places = AuditPaths.of(tmp_path / "plant")
     rng = random.Random(10)
     acknowledged: dict[int, str] = {}

@@ -87,31 +87,31 @@ def where(made: AuditTrail) -> list[tuple[str, int]]:
     return [(problem.kind, problem.line) for problem in verify_report(made).problems]
 
 
-def test_a_deletion_is_told_at_the_line_that_moved_up(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_deletion_is_reported_at_the_line_that_moved_up(made: AuditTrail, lines: list[bytes]) -> None:
     lay(made, lines[:5] + lines[6:])
     assert where(made) == [("broken", 6)]
 
 
-def test_a_swap_is_told_at_every_line_that_does_not_follow(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_swap_is_reported_at_every_line_that_does_not_follow(made: AuditTrail, lines: list[bytes]) -> None:
     lay(made, [*lines[:2], lines[3], lines[2], *lines[4:]])
     assert where(made) == [("broken", 3), ("broken", 4), ("broken", 5)]
 
 
-def test_an_insertion_is_told(made: AuditTrail, lines: list[bytes]) -> None:
+def test_an_insertion_is_detected(made: AuditTrail, lines: list[bytes]) -> None:
     lay(made, [*lines[:3], lines[2], *lines[3:]])
     assert where(made) == [("broken", 4)]
     lay(made, [*lines[:3], b"\n", *lines[3:]])
     assert where(made) == [("changed", 4), ("broken", 5)]
 
 
-def test_a_record_replaced_by_one_with_a_right_hash_is_told_by_the_next(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_replaced_record_with_a_right_hash_is_detected_by_the_next(made: AuditTrail, lines: list[bytes]) -> None:
     old = json.loads(lines[5])
     line, _ = records.encode_record(6, old["prev"], old["checkpoints"], {"time_ms": 1, "what": "x", "target": ""})
     lay(made, [*lines[:5], line, *lines[6:]])
     assert where(made) == [("broken", 7)]
 
 
-def test_a_chain_written_anew_is_told_by_its_checkpoint(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_rewritten_chain_is_detected_by_its_checkpoint(made: AuditTrail, lines: list[bytes]) -> None:
     hash, anew = json.loads(lines[4])["hash"], []
     for n in range(6, 11):
         line, hash = records.encode_record(n, hash, 2, {"time_ms": n, "what": "x", "target": ""})
@@ -120,7 +120,9 @@ def test_a_chain_written_anew_is_told_by_its_checkpoint(made: AuditTrail, lines:
     assert where(made) == [("rewritten", 8), ("rewritten", 10)]
 
 
-def test_a_cut_is_told_back_to_the_last_checkpoint(made: AuditTrail, lines: list[bytes], marks: list[bytes]) -> None:
+def test_a_cut_is_detected_back_to_the_last_checkpoint(
+    made: AuditTrail, lines: list[bytes], marks: list[bytes]
+) -> None:
     lay(made, lines[:9])
     assert where(made) == [("cut", 0)]
     lay(made, lines[:9] + [lines[9][:-1]])
@@ -134,7 +136,7 @@ def test_a_cut_is_told_back_to_the_last_checkpoint(made: AuditTrail, lines: list
     )
 
 
-def test_a_checkpoint_that_is_missing_or_moved_or_doubled_is_told(made: AuditTrail, marks: list[bytes]) -> None:
+def test_a_missing_moved_or_doubled_checkpoint_is_detected(made: AuditTrail, marks: list[bytes]) -> None:
     lay_marks(made, marks[1:])
     assert where(made) == [("checkpoint_broken", 1)]
     lay_marks(made, [marks[0], marks[0], *marks[1:]])
@@ -145,14 +147,14 @@ def test_a_checkpoint_that_is_missing_or_moved_or_doubled_is_told(made: AuditTra
     assert where(made) == [("checkpoints_missing", 0)]
 
 
-def test_a_checkpoint_that_is_changed_or_unfinished_is_told(made: AuditTrail, marks: list[bytes]) -> None:
+def test_a_changed_or_unfinished_checkpoint_is_detected(made: AuditTrail, marks: list[bytes]) -> None:
     lay_marks(made, [*marks[:2], marks[2].replace(b'"n":8', b'"n":7'), marks[3]])
     assert where(made) == [("checkpoint_changed", 3), ("checkpoint_broken", 4)]
     lay_marks(made, [*marks[:3], marks[3][:-1]])
     assert where(made) == [("checkpoint_changed", 4)]
 
 
-def test_checkpoints_of_somebody_without_the_key_are_told(made: AuditTrail, lines: list[bytes]) -> None:
+def test_checkpoints_made_without_the_key_are_detected(made: AuditTrail, lines: list[bytes]) -> None:
     line, _ = records.encode_checkpoint(1, (10, json.loads(lines[9])["hash"]), records.GENESIS_HASH, 1, b"x" * 64)
     lay_marks(made, [line])
     assert set(problem_kinds(made)) == {"checkpoint_changed", "checkpoints_missing"}
@@ -168,7 +170,7 @@ def test_checkpoints_go_on_in_number_and_in_record(made: AuditTrail, lines: list
     assert where(made)[0] == ("checkpoint_broken", 2)
 
 
-def test_a_file_that_is_lost_or_renamed_is_told(tmp_path: Path) -> None:
+def test_a_lost_or_renamed_file_is_detected(tmp_path: Path) -> None:
     made = written_trail(tmp_path, 40, max_file_bytes=2_000)
     first, second = made.paths.files()[:2]
     second.rename(made.paths.folder / "audit-000000000099.jsonl")
@@ -178,7 +180,7 @@ def test_a_file_that_is_lost_or_renamed_is_told(tmp_path: Path) -> None:
     assert problem_kinds(made) == ["name"]
 
 
-def test_many_problems_are_all_counted_and_some_told(made: AuditTrail, lines: list[bytes]) -> None:
+def test_many_problems_are_all_counted_and_some_listed(made: AuditTrail, lines: list[bytes]) -> None:
     lay(made, [*lines, *[b"x\n"] * 1000])
     found = verify_report(made)
     assert (found.problem_count, len(found.problems)) == (1000, 200)

@@ -27,7 +27,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_bytes().splitlines()]
 
 
-def test_a_trail_that_nobody_touched_is_whole(tmp_path: Path) -> None:
+def test_an_untouched_trail_is_whole(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     found = verify_report(made)
     assert (found.ok, found.entries, found.covered, found.keyed) == (True, 10, 10, True)
@@ -57,7 +57,7 @@ def test_a_record_says_who_did_what_when_with_which_frames_and_outcome(tmp_path:
 
 
 @pytest.mark.parametrize("name", ["a\nb", "\x1b[31mred", "x\x9b2J", "\u202egnp", 'q"},{"n":9', "\ud800", "汉字\r\n"])
-def test_s13_names_with_control_characters_stay_in_their_line_and_their_string(tmp_path: Path, name: str) -> None:
+def test_names_with_control_characters_stay_in_their_line_and_their_string(tmp_path: Path, name: str) -> None:
     async def go() -> None:
         made = new_trail(tmp_path)
         await made.open()
@@ -95,7 +95,7 @@ def test_no_secret_is_written(tmp_path: Path) -> None:
     assert (params["url"], params["name"], params["token"]) == ("postgresql://***@db/plant", "li", None)
 
 
-def test_what_is_endless_is_cut_and_told_by_its_hash(tmp_path: Path) -> None:
+def test_a_long_text_is_replaced_by_its_hash(tmp_path: Path) -> None:
     async def go() -> list[dict[str, Any]]:
         made = new_trail(tmp_path)
         await made.open()
@@ -194,7 +194,7 @@ def test_pages_heed_the_span_and_leave_out_a_line_that_was_changed(tmp_path: Pat
     assert [item["n"] for item in items] == [7, 6, 4]
 
 
-def test_g14_a_disk_that_fails_refuses_what_waits_and_keeps_what_does_not(
+def test_a_failed_disk_refuses_waiting_records_and_keeps_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.write
@@ -223,7 +223,7 @@ def test_g14_a_disk_that_fails_refuses_what_waits_and_keeps_what_does_not(
     asyncio.run(go())
 
 
-def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path) -> None:
+def test_a_recovered_disk_is_noticed_without_a_request(tmp_path: Path) -> None:
     from drivebus.testing.virtual_time import run
 
     async def go() -> None:
@@ -246,7 +246,7 @@ def test_g14_a_disk_that_works_again_is_noticed_while_nobody_asks(tmp_path: Path
     run(go())
 
 
-def test_g14_the_alarm_about_the_trail_says_why_and_ends_while_nobody_asks(tmp_path: Path) -> None:
+def test_the_alarm_about_the_trail_names_the_reason_and_clears_without_a_request(tmp_path: Path) -> None:
     """Looked at every five seconds, as every store is."""
     from drivebus.testing.virtual_time import run
 
@@ -265,7 +265,7 @@ def test_g14_the_alarm_about_the_trail_says_why_and_ends_while_nobody_asks(tmp_p
     run(go())
 
 
-def test_i12_what_a_failed_disk_makes_too_much_is_dropped_oldest_first_and_counted(
+def test_records_beyond_the_limit_of_a_failed_disk_are_dropped_oldest_first_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from drivebus.testing.virtual_time import run
@@ -289,7 +289,7 @@ def test_i12_what_a_failed_disk_makes_too_much_is_dropped_oldest_first_and_count
     run(go())
 
 
-def test_s12_a_checkpoint_is_written_at_the_start_each_minute_and_at_the_end(tmp_path: Path) -> None:
+def test_a_checkpoint_is_written_at_the_start_each_minute_and_at_the_end(tmp_path: Path) -> None:
     from drivebus.testing.virtual_time import run
 
     async def go() -> None:
@@ -310,7 +310,7 @@ def test_s12_a_checkpoint_is_written_at_the_start_each_minute_and_at_the_end(tmp
     run(go())
 
 
-def test_a_record_that_a_killed_writer_left_half_is_put_aside_and_said(tmp_path: Path) -> None:
+def test_a_torn_record_of_a_killed_writer_is_quarantined_and_reported(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     whole = made.paths.current.read_bytes()
     made.paths.current.write_bytes(whole + whole[:100])
@@ -323,7 +323,7 @@ def test_a_record_that_a_killed_writer_left_half_is_put_aside_and_said(tmp_path:
     assert (again.paths.folder / found["params"]["file"]).read_bytes() == whole[:100]
 
 
-def test_a_record_has_its_own_number_where_something_had_to_be_told_before_it(tmp_path: Path) -> None:
+def test_a_record_has_its_own_number_after_recovery_entries(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     made.paths.current.write_bytes(made.paths.current.read_bytes() + b"half")
 
@@ -348,7 +348,7 @@ def test_only_the_end_of_a_long_file_is_looked_at_and_its_beginning_is_left_alon
 
 
 def test_holes_that_a_power_cut_left_behind_the_last_checkpoint_are_put_aside(tmp_path: Path) -> None:
-    """G11: blocks of the last batch may reach the disk in any order."""
+    """Blocks of the last batch may reach the disk in any order."""
     marks = written_trail(tmp_path).paths.checkpoints.read_bytes()
     made = written_trail(tmp_path, 3)
     made.paths.checkpoints.write_bytes(marks)
@@ -363,7 +363,7 @@ def test_holes_that_a_power_cut_left_behind_the_last_checkpoint_are_put_aside(tm
     ]
 
 
-def test_a_line_that_somebody_changed_before_the_last_checkpoint_is_never_put_aside(tmp_path: Path) -> None:
+def test_a_line_edited_before_the_last_checkpoint_is_never_quarantined(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     data = made.paths.current.read_bytes()
     made.paths.current.write_bytes(data.replace(b'"frequency_hz":5.0', b'"frequency_hz":9.0'))
@@ -371,7 +371,7 @@ def test_a_line_that_somebody_changed_before_the_last_checkpoint_is_never_put_as
     assert problem_kinds(again) == ["changed"] and verify_report(again).entries == 13
 
 
-def test_an_end_that_was_cut_off_is_still_seen_after_the_service_went_on(tmp_path: Path) -> None:
+def test_a_cut_end_is_still_detected_after_the_service_continued(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     kept = made.paths.current.read_bytes().splitlines(True)[:6]
     made.paths.current.write_bytes(b"".join(kept))
@@ -402,7 +402,7 @@ def test_a_trail_that_can_not_be_read_is_no_good_trail(tmp_path: Path) -> None:
     assert "Is a directory" in str(refused.value)
 
 
-def test_a_trail_that_was_taken_away_is_begun_again_and_the_gap_is_seen(tmp_path: Path) -> None:
+def test_a_removed_trail_is_started_again_and_the_gap_is_detected(tmp_path: Path) -> None:
     async def go() -> None:
         made = new_trail(tmp_path)
         await made.open()
@@ -415,7 +415,7 @@ def test_a_trail_that_was_taken_away_is_begun_again_and_the_gap_is_seen(tmp_path
     asyncio.run(go())
 
 
-def test_what_somebody_else_does_to_the_file_meanwhile_spoils_no_record(tmp_path: Path) -> None:
+def test_a_concurrent_edit_of_the_file_damages_no_record(tmp_path: Path) -> None:
     """A log rotation, an editor: it is found, and what is acknowledged stands on lines of its own."""
 
     async def go() -> None:
@@ -471,6 +471,5 @@ def test_what_another_process_sends_is_recorded_whatever_it_is(tmp_path: Path) -
 
 
 def test_the_clock_may_jump_back_without_harm(tmp_path: Path) -> None:
-    """F21."""
     written_trail(tmp_path)
     assert verify_report(written_trail(tmp_path, wall_clock=counting_clock())).ok

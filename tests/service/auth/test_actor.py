@@ -15,28 +15,28 @@ from drivebus.service.process.tuning import NICE_BATCH, NICE_WEB, relax_gc, set_
 TOLD = {"name": "ann", "rights": ["stop", "view"], "session": "s-1", "remote": True, "address": "10.0.0.9"}
 
 
-def test_s01_an_actor_that_was_told_is_the_same_one() -> None:
+def test_an_actor_survives_its_json_form() -> None:
     ann = Actor("ann", frozenset({Right.VIEW, Right.STOP}), "s-1", address="10.0.0.9")
-    assert ann.remote, "two steps to a start, unless somebody says otherwise (6.5)"
+    assert ann.remote, "two steps to a start, unless somebody says otherwise"
     assert ann.as_json() == TOLD and Actor.from_json(TOLD) == ann
     assert ann.may(Right.STOP) and not ann.may(Right.OPERATE)
 
 
 @pytest.mark.parametrize("name", TOLD)
-def test_s01_an_actor_of_whom_something_is_not_told_is_none(name: str) -> None:
+def test_an_actor_without_a_field_is_rejected(name: str) -> None:
     with pytest.raises(KeyError):
         Actor.from_json({key: value for key, value in TOLD.items() if key != name})
     with pytest.raises(ValueError):
         Actor.from_json(TOLD | {"rights": ["everything"]})
 
 
-def test_whoever_sits_at_the_plant_may_all_and_starts_in_one_step() -> None:
+def test_a_local_actor_has_all_rights_and_starts_in_one_step() -> None:
     me = local_actor("ann", "local-1")
     assert (me.name, me.session, me.remote, me.address) == ("ann", "local-1", False, "local")
     assert me.rights == ROLE_RIGHTS[Role.ADMINISTRATOR] == frozenset(Right)
 
 
-def test_g06_people_and_what_can_wait_leave_the_processor_to_the_buses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_web_and_batch_work_leave_the_processor_to_the_buses(monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[int] = []
     monkeypatch.setattr(os, "nice", steps.append)
     set_nice(NICE_WEB), set_nice(NICE_BATCH)
@@ -45,7 +45,7 @@ def test_g06_people_and_what_can_wait_leave_the_processor_to_the_buses(monkeypat
     set_nice(NICE_WEB)
 
 
-def test_g06_a_system_that_refuses_it_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_refuses_it_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(_: int) -> None:
         raise PermissionError
 
@@ -59,7 +59,7 @@ class Thing:
     itself: Thing
 
 
-def test_g06_what_there_is_is_not_looked_through_again_and_the_rest_seldom() -> None:
+def test_what_there_is_is_not_looked_through_again_and_the_rest_seldom() -> None:
     before, thrown_away = gc.get_threshold(), Thing()
     thrown_away.itself, gone = thrown_away, weakref.ref(thrown_away)
     del thrown_away

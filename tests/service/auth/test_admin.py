@@ -1,4 +1,4 @@
-"""Changing the register from the command line: recorded by the plant where it runs, else in its trail (6.5, G14)."""
+"""Changing the register from the command line: recorded by the plant where it runs, else in its trail."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ async def test_the_plant_itself_records_it_where_it_runs(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("how", ["deaf", "hung up"])
-async def test_g14_nothing_is_changed_where_the_plant_can_not_record_it(how: str, tmp_path: Path) -> None:
+async def test_nothing_is_changed_without_an_audit_record(how: str, tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     server = SocketServer(CountingService(audit_fails=True), tmp_path / SERVICE_SOCKET)
     with single_instance(tmp_path):

@@ -1,4 +1,4 @@
-"""S06: the first administrator, by a secret; and codes that let in once."""
+"""The first administrator, by a secret; and codes that let in once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fixtures.auth import auth_service, new_auth_service
 from fixtures.web_app import PASSWORD
 
 
-def test_s06_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> None:
+def test_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> None:
     access, _ = new_auth_service(tmp_path)
     assert access.needs_setup
     assert access.setup_secret.verify("") is False
@@ -43,7 +43,7 @@ def test_s06_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> No
     assert conflict.value.key == "auth.is_set_up"
 
 
-def test_s06_the_secret_is_put_where_only_the_plants_user_reads_it(tmp_path: Path) -> None:
+def test_the_secret_is_put_where_only_the_plants_user_reads_it(tmp_path: Path) -> None:
     access, _ = new_auth_service(tmp_path / "a" / "state")
     access.setup_secret.issue()
     assert (tmp_path / "a" / "state").stat().st_mode & 0o777 == 0o700
@@ -53,7 +53,7 @@ def test_s06_the_secret_is_put_where_only_the_plants_user_reads_it(tmp_path: Pat
     new_auth_service(tmp_path / "a" / "state")[0].setup_secret.issue()
 
 
-def test_s06_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> None:
+def test_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> None:
     access, _ = new_auth_service(tmp_path)
     secret = access.setup_secret.issue()
 
@@ -67,7 +67,7 @@ def test_s06_of_two_that_set_up_at_once_one_is_administrator(tmp_path: Path) -> 
     assert len(access.database.users) == 1
 
 
-def test_s06_guessing_the_secret_is_throttled(tmp_path: Path) -> None:
+def test_guessing_the_secret_is_throttled(tmp_path: Path) -> None:
     access, _ = new_auth_service(tmp_path)
     secret = access.setup_secret.issue()
     for _ in range(10):
@@ -108,7 +108,7 @@ def test_of_two_who_come_with_one_code_at_once_one_is_let_in(tmp_path: Path) -> 
     assert [one.key for one in found if isinstance(one, NotAuthenticated)] == ["auth.wrong_code"]
 
 
-def test_s04_a_code_of_somebody_who_was_disabled_lets_nobody_in(tmp_path: Path) -> None:
+def test_a_code_of_a_disabled_user_does_not_log_in(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     code = run(access.issue_code("operator", 60))
     access.user_file.change(
@@ -119,7 +119,7 @@ def test_s04_a_code_of_somebody_who_was_disabled_lets_nobody_in(tmp_path: Path) 
     assert refused.value.key == "auth.wrong_code" and access.sessions.of_user("operator") == []
 
 
-def test_s05_codes_that_are_right_do_not_count_and_wrong_ones_do(tmp_path: Path) -> None:
+def test_codes_that_are_right_do_not_count_and_wrong_ones_do(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     for _ in range(11):
         run(access.login_with_code(run(access.issue_code("operator", 60)), "10.0.0.9"))

@@ -1,4 +1,4 @@
-"""S06, S14: which passwords are taken, how they are hashed, and how many may wait for that."""
+"""Which passwords are taken, how they are hashed, and how many may wait for that."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ GUESSED = (
 
 
 @pytest.mark.parametrize("password", GUESSED)
-def test_s06_common_words_rows_and_digits_are_no_password(password: str) -> None:
+def test_common_words_rows_and_digits_are_no_password(password: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         check_password_policy(password, "somebody else")
     assert refused.value.key == "auth.password_common"
@@ -101,7 +101,7 @@ def test_what_goes_on_after_the_end_of_a_row_is_no_run(end: str) -> None:
     assert check_password_policy(f"{end}72k{end}96", "operator")
 
 
-def test_s05_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """RFC 9106, second choice, on one lane."""
     asked: list[dict[str, int]] = []
 
@@ -114,7 +114,7 @@ def test_s05_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: p
     assert asked == [{"time_cost": 3, "memory_cost": 64 * 1024, "parallelism": 1}]
 
 
-def test_s14_one_password_is_hashed_at_a_time() -> None:
+def test_one_password_is_hashed_at_a_time() -> None:
     """Each takes 64 MiB."""
     now, most = 0, 0
 
@@ -135,7 +135,7 @@ def test_s14_one_password_is_hashed_at_a_time() -> None:
     assert most == 1
 
 
-def test_s14_so_many_passwords_wait_and_no_more() -> None:
+def test_the_number_of_waiting_passwords_is_limited() -> None:
     """A flood of logins does not fill the memory; when it is over there is room again."""
     passwords, known = PasswordHashing(FAST_HASHER), FAST_HASHER.hash(PASSWORD)
 
@@ -149,7 +149,7 @@ def test_s14_so_many_passwords_wait_and_no_more() -> None:
         assert isinstance(one_more, AuthUnavailable) and one_more.key == "auth.busy"
 
 
-def test_s06_who_has_no_password_comes_in_with_none() -> None:
+def test_a_user_without_a_password_cannot_log_in() -> None:
     """Though somebody found the one that takes the time of a wrong one."""
     passwords = PasswordHashing(FAST_HASHER)
     passwords._unknown_user_hash = FAST_HASHER.hash(PASSWORD)

@@ -1,4 +1,4 @@
-"""S07: sessions on the server, found by a secret that is kept as a hash; idle, old, replaced, ended."""
+"""Sessions on the server, found by a secret that is kept as a hash; idle, old, replaced, ended."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from fixtures.auth import auth_service, login, restarted
 from fixtures.web_app import FAST_HASHER, PASSWORD, SteppedClock
 
 
-def test_s07_a_secret_has_256_bits_of_chance_and_is_kept_as_a_hash(tmp_path: Path) -> None:
+def test_a_session_secret_has_256_random_bits_and_is_stored_as_a_hash(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     secrets = {login(access)[0] for _ in range(8)}
     assert len(secrets) == 8 and all(len(secret) == 43 for secret in secrets)
@@ -40,12 +40,12 @@ def test_s07_a_secret_has_256_bits_of_chance_and_is_kept_as_a_hash(tmp_path: Pat
     assert all(secret_digest(secret) in kept for secret in secrets)
 
 
-def test_s07_the_times_are_those_of_the_rulings() -> None:
+def test_session_times_are_the_documented_ones() -> None:
     assert (SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S) == (15 * 60, 12 * 3600)
     assert (MAX_SESSIONS_PER_USER, SESSION_SAVE_INTERVAL_S) == (20, 60)
 
 
-def test_s07_what_belongs_to_a_session_is_of_chance_too(tmp_path: Path) -> None:
+def test_session_id_and_csrf_token_are_random(tmp_path: Path) -> None:
     """128 bits and more of it where somebody could guess, and no session is woken with an old secret."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
@@ -54,13 +54,13 @@ def test_s07_what_belongs_to_a_session_is_of_chance_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("secret", ["", "x", "\ud800", "passwörd"])
-def test_s01_a_cookie_that_nobody_was_given_is_nobodys(secret: str, tmp_path: Path) -> None:
+def test_an_unknown_cookie_has_no_credential(secret: str, tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     login(access)
     assert access.session_credential(secret) is None and access.token_credential(secret, "local") is None
 
 
-def test_s07_after_fifteen_idle_minutes_a_session_may_see_and_stop_and_nothing_else(tmp_path: Path) -> None:
+def test_after_fifteen_idle_minutes_a_session_may_see_and_stop_and_nothing_else(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     secret, visitor = login(access)
     clock.now += SESSION_IDLE_TIMEOUT_S - 1
@@ -73,7 +73,7 @@ def test_s07_after_fifteen_idle_minutes_a_session_may_see_and_stop_and_nothing_e
     assert login(access)[1].actor.may(Right.OPERATE)
 
 
-def test_s07_a_touch_in_time_keeps_a_session_awake(tmp_path: Path) -> None:
+def test_activity_in_time_keeps_a_session_active(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
     for _ in range(10):
@@ -82,7 +82,7 @@ def test_s07_a_touch_in_time_keeps_a_session_awake(tmp_path: Path) -> None:
     assert visitor.actor.may(Right.OPERATE)
 
 
-def test_s07_a_password_wakes_an_idle_session_and_its_old_secret_is_void(tmp_path: Path) -> None:
+def test_a_password_unlocks_an_idle_session_and_voids_its_old_secret(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     old, visitor = login(access)
     other, _ = login(access)
@@ -96,14 +96,14 @@ def test_s07_a_password_wakes_an_idle_session_and_its_old_secret_is_void(tmp_pat
         assert [lived.session_credential(one) is not None for one in (old, woken.secret, other)] == [False, True, True]
 
 
-def test_s07_an_idle_viewer_gains_no_stop(tmp_path: Path) -> None:
+def test_an_idle_viewer_gains_no_stop(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path, Role.VIEWER)
     _, visitor = login(access, "viewer")
     clock.now += SESSION_IDLE_TIMEOUT_S
     assert visitor.actor.rights == {Right.VIEW}
 
 
-def test_s07_a_session_ends_after_twelve_hours_whatever_is_done(tmp_path: Path) -> None:
+def test_a_session_ends_after_twelve_hours_whatever_is_done(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     secret, visitor = login(access)
     begun = clock.now
@@ -117,7 +117,7 @@ def test_s07_a_session_ends_after_twelve_hours_whatever_is_done(tmp_path: Path) 
     assert secret_digest(secret) not in repr(access.sessions.__dict__), "nothing of it is left"
 
 
-def test_s07_whoever_holds_a_connection_loses_all_rights_after_twelve_hours(tmp_path: Path) -> None:
+def test_an_open_connection_loses_all_rights_after_twelve_hours(tmp_path: Path) -> None:
     """Nobody looks for its cookie again."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
@@ -127,7 +127,7 @@ def test_s07_whoever_holds_a_connection_loses_all_rights_after_twelve_hours(tmp_
     assert visitor.actor.rights == frozenset() and visitor.end_reason == "expired"
 
 
-def test_s04_why_a_session_ended_first_is_why_it_ended_and_who_waits_hears_it_at_once(tmp_path: Path) -> None:
+def test_the_first_reason_of_an_end_stays_and_wakes_waiting_tasks_at_once(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
 
@@ -144,7 +144,7 @@ def test_s04_why_a_session_ended_first_is_why_it_ended_and_who_waits_hears_it_at
     assert run(story(), max_s=60.0) == visitor.session.end_reason == "logout"
 
 
-def test_s07_ended_for_all_is_ended_at_once(tmp_path: Path) -> None:
+def test_ended_for_all_is_ended_at_once(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     mine = [login(access) for _ in range(3)]
     _, other = login(access, "administrator")
@@ -159,7 +159,7 @@ def test_s07_ended_for_all_is_ended_at_once(tmp_path: Path) -> None:
     assert other.end_reason is None
 
 
-def test_s14_a_users_oldest_session_makes_room(tmp_path: Path) -> None:
+def test_a_users_oldest_session_makes_room(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     found = []
     for _ in range(MAX_SESSIONS_PER_USER + 2):
@@ -170,7 +170,7 @@ def test_s14_a_users_oldest_session_makes_room(tmp_path: Path) -> None:
     assert [visitor.session.end_reason for _, visitor in found] == ["replaced"] * 2 + [None] * MAX_SESSIONS_PER_USER
 
 
-def test_s14_a_session_that_is_too_old_takes_no_room(tmp_path: Path) -> None:
+def test_a_session_that_is_too_old_takes_no_room(tmp_path: Path) -> None:
     """Though somebody was there to its last minute, and at others nobody was for hours."""
     access, clock = auth_service(tmp_path)
     _, oldest = login(access)
@@ -198,7 +198,7 @@ def test_s14_a_session_that_is_too_old_takes_no_room(tmp_path: Path) -> None:
     ],
     ids=["role", "disabled", "password"],
 )
-def test_s04_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
+def test_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
     access, _ = auth_service(tmp_path)
     secret, visitor = login(access)
     access.user_file.change(lambda register: register.with_changed_user(change(register.user("operator"))))
@@ -207,7 +207,7 @@ def test_s04_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, c
     assert visitor.session.end_reason == "rights"
 
 
-def test_s04_whoever_waits_for_the_end_is_told_within_a_second(tmp_path: Path) -> None:
+def test_a_waiting_task_learns_of_the_end_within_a_second(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
 
@@ -224,7 +224,7 @@ def test_s04_whoever_waits_for_the_end_is_told_within_a_second(tmp_path: Path) -
     assert run(story(), max_s=60.0) <= 1.0
 
 
-def test_s07_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_path: Path) -> None:
+def test_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     first, _ = login(access)
     second, visitor = login(access)
@@ -252,7 +252,7 @@ def meanwhile(access: AuthService, monkeypatch: pytest.MonkeyPatch, **changed: o
 
 
 @pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
-def test_s04_a_new_password_of_ones_own_does_not_bring_back_what_was_taken_meanwhile(
+def test_a_password_change_restores_no_right_that_was_withdrawn_meanwhile(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object]
 ) -> None:
     access, _ = auth_service(tmp_path)
@@ -275,7 +275,7 @@ def test_s04_a_new_password_of_ones_own_does_not_bring_back_what_was_taken_meanw
     ],
     ids=["removed", "demoted", "disabled"],
 )
-def test_s04_who_is_changed_while_the_password_is_looked_at_is_not_let_in(
+def test_a_user_changed_during_the_password_check_is_not_logged_in(
     change: Callable[[UserDatabase], UserDatabase], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     access, _ = auth_service(tmp_path)
@@ -292,7 +292,7 @@ def test_s04_who_is_changed_while_the_password_is_looked_at_is_not_let_in(
 
 
 @pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
-def test_s04_a_new_password_by_an_administrator_does_not_either(
+def test_a_new_password_by_an_administrator_does_not_either(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object]
 ) -> None:
     """Each of two administrators changes what that one names, and nothing else."""
@@ -307,7 +307,7 @@ def test_s04_a_new_password_by_an_administrator_does_not_either(
     assert access.session_credential(secret) is None
 
 
-def test_s05_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None:
+def test_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
     for _ in range(10):
@@ -384,7 +384,7 @@ def test_a_touch_of_a_session_that_outlived_a_crash_is_written_down_too(tmp_path
 
 
 def test_a_request_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """6.5, G14: it may be a stop."""
+    """It may be a stop."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
     clock.now += SESSION_SAVE_INTERVAL_S
@@ -399,7 +399,7 @@ def test_a_request_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypat
     asyncio.run(story())
 
 
-def test_s04_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
+def test_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     one, other = login(access), login(access, "administrator")
     run(access.logout(one[1].session))
@@ -414,7 +414,7 @@ def test_s04_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
     assert restarted(access, clock).session_credential(again) is None
 
 
-def test_s07_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The monotonic clock begins anew with the machine: ages would be wrong."""
     access, clock = auth_service(tmp_path)
     secret, _ = login(access)
@@ -437,7 +437,7 @@ def test_a_file_of_sessions_that_can_not_be_read_costs_a_login(tmp_path: Path, c
     login(fresh)
 
 
-def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_prevents_no_login(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     access, _ = auth_service(tmp_path)
 
     def full(*_: object) -> None:
@@ -450,8 +450,8 @@ def test_g14_a_full_disk_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.Mo
     assert access.session_credential(secret) is None
 
 
-def test_a_disk_that_hangs_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """I12: not once for each request that comes meanwhile."""
+def test_a_hanging_disk_is_written_to_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not once for each request that comes meanwhile."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
 
@@ -466,7 +466,7 @@ def test_a_disk_that_hangs_is_asked_once(tmp_path: Path, monkeypatch: pytest.Mon
     assert run(story()) == 2, "this one, and the one that writes"
 
 
-def test_the_users_are_kept_where_the_plant_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_user_file_is_where_the_plant_file_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.service.auth.service.PasswordHashing", lambda: "as they are in earnest")
     assert AuthService(tmp_path).passwords == "as they are in earnest"  # type: ignore[comparison-overlap]
     assert AuthService(tmp_path, passwords=PasswordHashing(FAST_HASHER)).user_file.path == tmp_path / "users.json"
@@ -487,18 +487,18 @@ def test_a_token_acts_in_its_users_name_from_afar_with_its_scope(tmp_path: Path)
     actor = token_of(access, clock, Right.VIEW, Right.STOP).actor
     assert actor == Actor("operator/scada", frozenset({Right.VIEW, Right.STOP}), "token-t1", True, "10.0.0.9")
     _, visitor = login(access)
-    assert visitor.actor.remote, "two steps to a start (6.5)"
+    assert visitor.actor.remote, "two steps to a start"
     assert visitor.actor == Actor("operator", ROLE_RIGHTS[Role.OPERATOR], visitor.session.id, True, "127.0.0.1")
 
 
-def test_s01_a_forged_token_is_nobodys_though_there_are_others(tmp_path: Path) -> None:
+def test_a_forged_token_has_no_credential(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     visitor = token_of(access, clock, Right.VIEW)
     assert access.token_credential("guess", "10.0.0.9") is None and access.token_credential("", "10.0.0.9") is None
     assert not visitor.is_idle
 
 
-def test_s04_a_connection_of_a_token_ends_with_its_date(tmp_path: Path) -> None:
+def test_a_connection_of_a_token_ends_with_its_date(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     visitor = token_of(access, clock, Right.VIEW)
 
@@ -534,7 +534,7 @@ def test_a_token_of_a_disabled_user_may_nothing(tmp_path: Path) -> None:
     assert visitor.actor.rights == frozenset()
 
 
-def test_s04_a_connection_of_a_token_ends_when_its_user_may_less(tmp_path: Path) -> None:
+def test_a_connection_of_a_token_ends_when_its_user_may_less(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     visitor = token_of(access, clock, Right.VIEW, Right.STOP)
 

@@ -1,4 +1,4 @@
-"""S05: guessing is slow, whoever guesses and from wherever; nobody is locked out for ever."""
+"""Guessing is slow, whoever guesses and from wherever; nobody is locked out for ever."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def guesses(throttle: LoginThrottle, keys: list[tuple[str, ...]], hours: float, 
     return done
 
 
-def test_s05_the_numbers_are_those_of_the_rulings() -> None:
+def test_throttle_numbers_are_the_documented_ones() -> None:
     assert (FREE_ATTEMPTS, THROTTLE_WINDOW_S) == (10, 15 * 60)
 
 
-def test_s05_ten_failures_cost_nothing_and_the_next_waits() -> None:
+def test_ten_failures_cost_nothing_and_the_next_waits() -> None:
     throttle = LoginThrottle()
     for n in range(FREE_ATTEMPTS):
         assert throttle.wait_s(("user:li",), float(n)) == 0.0
@@ -47,7 +47,7 @@ def test_s05_ten_failures_cost_nothing_and_the_next_waits() -> None:
     assert throttle.wait_s(("user:wang",), FREE_ATTEMPTS - 1.0) == 0.0
 
 
-def test_s05_whoever_waits_for_one_of_several_reasons_waits() -> None:
+def test_one_throttled_key_of_several_is_enough_to_wait() -> None:
     """A user who is guessed at from many addresses, and an address that guesses at many users."""
     throttle = LoginThrottle()
     for n in range(FREE_ATTEMPTS):
@@ -59,7 +59,7 @@ def test_s05_whoever_waits_for_one_of_several_reasons_waits() -> None:
         assert throttle.wait_s(keys, 2 * MIN_LOGIN_DELAY_S) == 0.0
 
 
-def test_s05_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
+def test_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
     throttle, now, waits = LoginThrottle(), 0.0, []
     for _ in range(FREE_ATTEMPTS + 8):
         wait = throttle.wait_s(("a",), now)
@@ -71,7 +71,7 @@ def test_s05_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
 
 
 @pytest.mark.parametrize("step_s", [0.36, 1.0, 7.0])
-def test_s05_ten_thousand_tries_at_one_user_are_under_a_hundred_guesses_an_hour(step_s: float) -> None:
+def test_ten_thousand_tries_at_one_user_are_under_a_hundred_guesses_an_hour(step_s: float) -> None:
     """From ten thousand addresses: only the user's own count holds them."""
     throttle = LoginThrottle()
     keys = [("user:li", f"address:{n}") for n in range(10_000)]
@@ -79,12 +79,12 @@ def test_s05_ten_thousand_tries_at_one_user_are_under_a_hundred_guesses_an_hour(
     assert guesses(LoginThrottle(), keys, 6, 3.0) <= 600
 
 
-def test_s05_ten_thousand_users_from_one_address_are_under_a_hundred_guesses_an_hour() -> None:
+def test_ten_thousand_users_from_one_address_are_under_a_hundred_guesses_an_hour() -> None:
     keys = [(f"user:{n}", "address:10.0.0.9") for n in range(10_000)]
     assert FREE_ATTEMPTS < guesses(LoginThrottle(), keys, 1, 0.36) <= 100
 
 
-def test_s05_nobody_is_locked_out_for_ever() -> None:
+def test_no_lock_out_lasts_for_ever() -> None:
     """After a whole night of guesses the right user waits two minutes at most."""
     throttle = LoginThrottle()
     guesses(throttle, [("user:li",)], 8, 1.0)
@@ -92,7 +92,7 @@ def test_s05_nobody_is_locked_out_for_ever() -> None:
     assert throttle.wait_s(("user:li",), 8 * HOUR_S + THROTTLE_WINDOW_S) == 0.0
 
 
-def test_s05_a_failure_counts_for_a_quarter_of_an_hour() -> None:
+def test_a_failure_counts_for_a_quarter_of_an_hour() -> None:
     throttle = LoginThrottle()
     for _ in range(FREE_ATTEMPTS):
         throttle.record_attempt(("a",), 100.0)
@@ -101,7 +101,7 @@ def test_s05_a_failure_counts_for_a_quarter_of_an_hour() -> None:
     assert throttle.wait_s(("a",), 100.0 + THROTTLE_WINDOW_S) == 0.0
 
 
-def test_s05_a_right_password_does_not_wipe_the_guesses_of_others() -> None:
+def test_a_right_password_does_not_reset_other_failures() -> None:
     throttle = LoginThrottle()
     for n in range(FREE_ATTEMPTS):
         throttle.record_attempt(("a",), float(n))
@@ -111,7 +111,7 @@ def test_s05_a_right_password_does_not_wipe_the_guesses_of_others() -> None:
     assert throttle.wait_s(("a",), 20.0 - 11.0) == MIN_LOGIN_DELAY_S
 
 
-def test_s14_what_is_remembered_has_an_end() -> None:
+def test_the_number_of_throttled_keys_is_bounded() -> None:
     assert MAX_THROTTLED_KEYS == 10_000
     throttle, chance = LoginThrottle(), random.Random(1)
     for _ in range(FREE_ATTEMPTS):
@@ -123,7 +123,7 @@ def test_s14_what_is_remembered_has_an_end() -> None:
     assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the one that was heard of longest ago"
 
 
-def test_s14_who_is_guessed_at_now_is_not_forgotten_for_others() -> None:
+def test_a_recently_attacked_key_is_not_dropped_for_others() -> None:
     throttle = LoginThrottle()
     for n in range(MAX_THROTTLED_KEYS):
         throttle.record_attempt((f"user:{n}",), 0.0)
@@ -146,7 +146,7 @@ HOSTS = [
 
 
 @pytest.mark.parametrize(("one", "other", "same"), HOSTS)
-def test_s05_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
+def test_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
     """Whoever has an IPv6 network has 2**64 addresses."""
     access, clock = auth_service(tmp_path)
     for n in range(FREE_ATTEMPTS):
@@ -161,7 +161,7 @@ def test_s05_addresses_of_one_network_are_one_guesser(one: str, other: str, same
         run(access.login("operator", "wrong password", other))
 
 
-def test_s05_a_right_password_does_not_count(tmp_path: Path) -> None:
+def test_a_right_password_does_not_count(tmp_path: Path) -> None:
     access, _ = auth_service(tmp_path)
     for _ in range(FREE_ATTEMPTS + 2):
         login(access)

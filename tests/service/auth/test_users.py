@@ -67,7 +67,7 @@ MAY = {
 
 
 @pytest.mark.parametrize("role", list(Role))
-def test_s08_a_role_may_what_the_page_on_security_says(role: Role) -> None:
+def test_a_role_has_the_rights_on_the_security_page(role: Role) -> None:
     """Tokens and files hold these words: none changes its meaning or its spelling."""
     user = User("ann", role, "$", 1)
     assert {str(right) for right in user.rights} == MAY[role]
@@ -76,7 +76,7 @@ def test_s08_a_role_may_what_the_page_on_security_says(role: Role) -> None:
     assert UserDatabase((user,)).rights_of("ANN") == user.rights and UserDatabase().rights_of("ann") == frozenset()
 
 
-def test_a_right_is_told_to_people_in_their_words_and_as_it_is_written() -> None:
+def test_a_right_is_shown_by_its_name_and_its_identifier() -> None:
     assert (Right.STOP.en, Right.STOP.zh) == ("stop", "停止（stop）")
 
 
@@ -89,7 +89,7 @@ def test_names_that_look_alike_are_one_user() -> None:
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
-def test_s13_a_name_that_would_write_more_than_a_name_is_refused(name: str) -> None:
+def test_a_name_with_control_characters_is_refused(name: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
     assert refused.value.key == "auth.bad_name"
@@ -160,7 +160,7 @@ def test_a_change_that_fails_changes_nothing(tmp_path: Path) -> None:
     assert file.path.read_bytes() == before
 
 
-def test_what_another_program_changed_is_seen_at_the_next_look(tmp_path: Path) -> None:
+def test_a_change_by_another_program_is_read_at_the_next_access(tmp_path: Path) -> None:
     one, other = UserFile(tmp_path / "users.json"), UserFile(tmp_path / "users.json")
     one.change(lambda register: register.with_user(ADMIN))
     assert other.read().users == (ADMIN,)
@@ -182,7 +182,7 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
     assert path.read_text() == content
 
 
-def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp_path: Path) -> None:
+def test_a_broken_edit_of_the_user_file_prevents_no_stop_and_is_not_overwritten(tmp_path: Path) -> None:
     file = UserFile(tmp_path / "users.json")
     file.change(lambda register: register.with_user(ADMIN))
     file.read()
@@ -196,7 +196,7 @@ def test_a_slip_of_an_editor_takes_nobodys_stop_away_and_is_not_written_over(tmp
     assert file.read() == mended
 
 
-def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> None:
+def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> None:
     def add(n: int) -> None:
         UserFile(tmp_path / "users.json").change(lambda register: register.with_user(replace(ADMIN, name=f"u{n}")))
 
@@ -209,7 +209,7 @@ def test_of_two_programs_that_change_at_once_both_are_kept(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("No space left on device")])
-def test_g12_a_disk_that_is_full_leaves_the_old_file(
+def test_a_disk_that_is_full_leaves_the_old_file(
     error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = UserFile(tmp_path / "users.json")
@@ -227,7 +227,7 @@ def test_g12_a_disk_that_is_full_leaves_the_old_file(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["users.json", "users.lock"]
 
 
-def test_what_a_killed_program_left_is_in_nobodys_way(tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_program_are_harmless(tmp_path: Path) -> None:
     """Nor is a file that somebody else put there: it is not written into, and no link is followed."""
     for left in (".users.json.new", "users.lock"):
         (tmp_path / left).touch(0o644)

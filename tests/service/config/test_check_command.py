@@ -58,13 +58,13 @@ def test_a_bad_plant_is_refused_with_every_complaint_and_exit_code_2() -> None:
     assert all(first[name] for name in ("expected", "remedy"))
 
 
-def test_demands_that_are_kept_change_nothing(plant: Path) -> None:
+def test_met_requirements_change_nothing(plant: Path) -> None:
     result = check(plant, "--assert", "stop<250ms", "--assert", "refresh <= 63 s", "--assert", "load<100%")
     assert result.exit_code == 0
     assert result.output.count("Met: ") == 3
 
 
-def test_a_demand_that_is_not_kept_names_the_drive_and_both_numbers(plant: Path) -> None:
+def test_a_missed_requirement_names_the_drive_and_both_numbers(plant: Path) -> None:
     result = check(plant, "--assert", "stop<95ms", "--assert", "refresh<2s")
     assert result.exit_code == 1
     assert "drive conveyor: stop within 204 ms, < 95 ms required" in result.output
@@ -103,13 +103,13 @@ def test_a_demand_is_read_in_seconds_and_percent() -> None:
 
 
 def test_the_stop_bound_is_the_longest_question_its_deadline_the_gap_and_the_stop() -> None:
-    """5.1, for one C320 at 9600 8E1: 18 characters asked, 18 answered."""
+    """One C320 at 9600 8E1: 18 characters asked, 18 answered."""
     bus = bus_loads(config.loads(PLANT))[0]
     assert bus.stop_bound_s == bus.drives[0].stop_bound_s == pytest.approx(0.0933, abs=1e-3)
     assert bus.load_percent == pytest.approx(sum(one.load_percent for one in bus.drives))
 
 
-def test_a_line_that_is_asked_for_nothing_special_is_never_overloaded() -> None:
+def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
     """Every drive of the model's whole range of addresses, each with all its signals, on one line."""
     drives = "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "c320"\n' for n in range(31))
     text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "tcp://127.0.0.1:1"\n{drives}'

@@ -1,4 +1,4 @@
-"""Whatever stands in the file: a plant or a refusal in words, never anything else (F05 for files)."""
+"""Whatever stands in the file: a plant or a refusal in words, never anything else."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_no_value_of_a_key_is_more_than_a_complaint(value: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["/proc/kcore", "/proc/kmsg", "/proc/self/mem"])
-def test_s19_a_models_path_reads_nothing_without_an_end(path: str) -> None:
+def test_a_models_path_reads_nothing_without_an_end(path: str) -> None:
     """A text may come from afar: the service that judges it must not hang, nor fill its memory."""
     with pytest.raises(ConfigurationError) as caught:
         config.loads("\n".join(SAMPLE).replace('"vc660"', f'"{path}"'))

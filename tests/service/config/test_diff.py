@@ -151,7 +151,7 @@ def test_what_becomes_of_a_drive_and_that_its_neighbour_is_left_alone(
     assert change.actions == {"fan": ReloadAction.UNCHANGED, "fan-2": fate}
 
 
-def test_another_link_takes_all_its_drives_anew_and_another_title_none() -> None:
+def test_another_link_recreates_all_drives_of_the_bus_and_another_title_none() -> None:
     old = config.loads(TEXT)
     other = config_diff(old, config.loads(TEXT.replace(":1", ":2")))
     assert other.reopened == ("a",) and set(other.actions.values()) == {ReloadAction.RECREATE}
@@ -159,7 +159,7 @@ def test_another_link_takes_all_its_drives_anew_and_another_title_none() -> None
     assert titled.buses.changed and not titled.reopened and titled.unchanged == ("fan", "fan-2")
 
 
-def test_one_more_drive_on_a_line_with_room_touches_nobody() -> None:
+def test_a_further_drive_on_a_bus_with_capacity_changes_no_other() -> None:
     more = TEXT + '[drive.fan-3]\nbus = "a"\naddress = 3\nmodel = "c320"\n'
     change = config_diff(config.loads(TEXT), config.loads(more))
     assert change.unchanged == ("fan", "fan-2") and list(change.drives.added) == ["fan-3"]

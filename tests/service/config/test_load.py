@@ -33,7 +33,6 @@ def test_the_sample_loads(path: Path) -> None:
 
 
 def test_a_running_drive_is_left_alone_by_a_restart_and_stopped_by_an_end_unless_the_file_says_otherwise() -> None:
-    """Ruling 7, 6.6."""
     drive = config.loads(SMALL).drive("fan")
     policies = (drive.on_client_lost, drive.on_service_stop, drive.on_restart)
     assert policies == (OnClientLost.HOLD, OnServiceStop.STOP, OnRestart.ADOPT)

@@ -34,7 +34,7 @@ def test_a_bad_plant_is_refused_with_file_line_key_found_expected_and_remedy(pat
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_refusal_is_said_in_both_languages_without_an_empty_place(path: Path) -> None:
+def test_a_refusal_is_complete_in_both_languages(path: Path) -> None:
     for complaint in refusal(path).params["complaints"]:
         english, chinese = complaint.text("en"), complaint.text("zh")
         assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
@@ -51,11 +51,11 @@ def test_every_mistake_of_a_file_is_named_in_one_go() -> None:
     assert [one.line for one in found["complaints"]] == [6, 9, 12, 14, 16, 17, 19, 19]
 
 
-def test_t18_two_families_on_one_line_are_refused_when_the_file_is_read() -> None:
+def test_two_protocol_families_on_one_bus_are_refused_when_the_file_is_read() -> None:
     assert [one.kind for one in refusal(REFUSED / "mixed-families.toml").params["complaints"]] == ["mixed"]
 
 
-def test_s15_no_page_for_the_network_without_a_certificate() -> None:
+def test_no_page_for_the_network_without_a_certificate() -> None:
     kinds = [one.kind for one in refusal(REFUSED / "web-for-everybody.toml").params["complaints"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
@@ -65,7 +65,7 @@ def test_s15_no_page_for_the_network_without_a_certificate() -> None:
     assert config.loads(closed).web.enabled is False
 
 
-def test_s13_no_complaint_carries_a_control_character_into_a_log() -> None:
+def test_no_issue_carries_a_control_character_into_a_log() -> None:
     text = (REFUSED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
@@ -82,7 +82,7 @@ def test_a_password_in_a_database_url_is_not_repeated() -> None:
     assert "secret" not in said and "root" in said
 
 
-def test_a_file_that_is_not_there_or_can_not_be_read_is_said_so(tmp_path: Path) -> None:
+def test_a_missing_or_unreadable_file_is_reported(tmp_path: Path) -> None:
     assert refusal(tmp_path / "none.toml").params["complaints"][0].kind == "no_file"
     assert refusal(tmp_path).params["complaints"][0].kind == "unreadable"
     large = tmp_path / "large.toml"

@@ -117,7 +117,7 @@ def test_answers_that_make_no_plant_are_refused_and_nothing_is_written(
     assert not (tmp_path / "plant.toml").exists()
 
 
-def test_without_a_terminal_nobody_is_asked(tmp_path: Path) -> None:
+def test_without_a_terminal_there_are_no_questions(tmp_path: Path) -> None:
     result = init("/dev/ttyUSB0", "-o", tmp_path / "plant.toml")
     assert result.exit_code == 2 and "--answers" in result.output
 
@@ -154,7 +154,7 @@ def test_a_scan_writes_what_answered(tmp_path: Path) -> None:
     assert (bus.baud, bus.format) == (9600, "8N1")
 
 
-def test_a_scan_that_finds_nobody_writes_nothing(tmp_path: Path) -> None:
+def test_a_scan_without_a_reply_writes_nothing(tmp_path: Path) -> None:
     words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen-seconds", "0", "-o", tmp_path / "plant.toml"]
     result = init("sim://vc660@1?drives=1200-8N1&baud=38400&format=8N1", *words)
     assert result.exit_code == 1 and "nothing is written" in result.output
@@ -173,7 +173,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
     )
 
 
-def test_t18_whoever_speaks_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
     line = verb._bus_answer("/dev/x", everybody)
     assert [(one.address, one.encoding, one.others) for one in line.drives] == [
@@ -198,7 +198,7 @@ def test_any_names_become_a_file_that_says_them(title: str, names: list[str], la
     assert all(re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", id) for id in raw["drive"])
 
 
-def test_a_file_of_answers_that_is_not_there_is_said_so(tmp_path: Path) -> None:
+def test_a_missing_answers_file_is_reported(tmp_path: Path) -> None:
     assert init("--answers", tmp_path / "none.toml", "-o", tmp_path / "p.toml").exit_code == 2
     (tmp_path / "gbk.toml").write_bytes('title = "锅炉"'.encode("gbk"))
     assert init("--answers", tmp_path / "gbk.toml", "-o", tmp_path / "p.toml").exit_code == 2

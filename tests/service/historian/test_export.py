@@ -1,4 +1,4 @@
-"""Files for other programs: every value with its quality, nothing a spreadsheet would run (S17), in parts that fit."""
+"""Files for other programs: every value with its quality, nothing a spreadsheet would run, in parts that fit."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ async def test_csv_tells_time_value_unit_and_quality(database: HistoryDatabase) 
 
 
 async def test_no_text_of_a_drive_becomes_a_formula(database: HistoryDatabase) -> None:
-    """S17: a negative number stays a number."""
+    """A negative number stays a number."""
     async with database.historian() as historian:
         await filled(historian)
         found = await rows(historian)

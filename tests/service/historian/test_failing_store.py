@@ -1,4 +1,4 @@
-"""A database that fails, at any call, before or after it was done (G12, G14): what was acknowledged stays, nothing
+"""A database that fails, at any call, before or after it was done: what was acknowledged stays, nothing
 counts twice, what is lost is counted and marked, and nobody waits.
 """
 
@@ -52,7 +52,7 @@ class Failing:
 
 @pytest.mark.parametrize("done", [False, True], ids=["before", "after"])
 async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database: HistoryDatabase, done: bool) -> None:
-    """G12: the sweep goes on until the story passes without the failure's turn; one tag for each n."""
+    """The sweep goes on until the story passes without the failure's turn; one tag for each n."""
     n, failing = 0, True
     while failing:
         n += 1
@@ -87,7 +87,7 @@ async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database:
 
 
 async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() -> None:
-    """G14: whoever appends never waits and never fails."""
+    """Whoever appends never waits and never fails."""
     intake = WriteQueue(max_samples=5)
     intake.append(samples([1.0, 2.0, 3.0]))
     intake.append(samples([4.0, 5.0, 6.0], start_ms=NOON_MS + 3000))
@@ -110,10 +110,10 @@ async def test_events_and_documents_are_bounded_too() -> None:
     assert (len(intake.take(1).events), intake.lost_notes) == (2, 1)
 
 
-async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
+async def test_a_full_disk_is_logged_once_and_recovers_when_there_is_space(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """G14. A limit of pages is SQLite's own full disk."""
+    """A limit of pages is SQLite's own full disk."""
     stores: list[Any] = []
 
     def made(setting: HistoryConfig, directory: Path) -> Any:
@@ -151,7 +151,7 @@ async def test_a_full_disk_is_told_once_and_forgotten_when_there_is_room(
 
 
 async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """G14: the service starts, drives run, and history begins when the disk can be written again."""
+    """The service starts, drives run, and history begins when the disk can be written again."""
     stores: list[Any] = []
 
     def made(setting: HistoryConfig, directory: Path) -> Any:

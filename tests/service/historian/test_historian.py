@@ -91,7 +91,7 @@ async def test_a_late_sample_finds_its_minute_and_its_hour(database: HistoryData
 
 
 async def test_a_clock_that_is_set_back_loses_and_reorders_nothing(database: HistoryDatabase) -> None:
-    """G15: numbers follow the coming, times follow the clock; both jumps and both hours are kept."""
+    """Numbers follow the coming, times follow the clock; both jumps and both hours are kept."""
     jumps = [0, 1000, -HOUR, -HOUR + 1000, 2000, 10 * 365 * 24 * HOUR, 3000, 3000]
     async with database.historian() as historian:
         historian.append([Sample("a.b", NOON_MS + jump, float(n), Quality.GOOD) for n, jump in enumerate(jumps)])
@@ -155,7 +155,7 @@ async def test_markers_come_newest_first_and_page_by_page(database: HistoryDatab
     assert [item["id"] for item in of_one["items"]] == ["e-8", "e-7", "e-5", "e-4"]
 
 
-async def test_documents_are_kept_replaced_and_forgotten(database: HistoryDatabase) -> None:
+async def test_documents_are_stored_replaced_and_deleted(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         historian.put_document("statistics", "fan-1", {"starts": 1})
         historian.put_document("statistics", "fan-2", {"starts": 7})
@@ -167,7 +167,7 @@ async def test_documents_are_kept_replaced_and_forgotten(database: HistoryDataba
         assert await historian.documents("statistics") == {"fan-1": {"starts": 2}}
 
 
-async def test_what_nobody_knows_and_what_makes_no_sense_is_refused(database: HistoryDatabase) -> None:
+async def test_unknown_and_invalid_values_are_refused(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         historian.append(samples([1.0]))
         await historian.flush()
@@ -180,7 +180,7 @@ async def test_what_nobody_knows_and_what_makes_no_sense_is_refused(database: Hi
                 await historian.queries.events(TimeRangeParams(cursor=cursor))
 
 
-async def test_an_answer_has_as_many_points_as_asked_for_at_most(database: HistoryDatabase) -> None:
+async def test_a_trend_has_at_most_the_requested_points(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         historian.append(samples([float(n) for n in range(4000)], step_ms=250))
         await historian.flush()
@@ -247,7 +247,7 @@ def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
 
 
 async def test_a_thousand_jumps_of_the_clock_lose_and_reorder_nothing(database: HistoryDatabase) -> None:
-    """G15: a second, an hour, ten years, both ways, at random moments; blocks are made in between."""
+    """A second, an hour, ten years, both ways, at random moments; blocks are made in between."""
     chance = random.Random(15)
     jumps = [sign * size for sign in (-1, 1) for size in (1000, HOUR, 10 * 365 * 24 * HOUR)]
     now_ms, given = NOON_MS + 30 * 365 * 24 * HOUR, []

@@ -1,4 +1,4 @@
-"""A writer killed at random moments (G10): what was flushed is there once, and the file is whole. Some 10 s.
+"""A writer killed at random moments: what was flushed is there once, and the file is whole. Some 10 s.
 
 DRIVEBUS_KILLS=1000 makes the long run.
 """
@@ -67,7 +67,7 @@ async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]
 
 
 async def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> None:
-    """G10: the file is whole, and every life's acknowledged samples and events are there exactly once."""
+    """The file is whole, and every life's acknowledged samples and events are there exactly once."""
     chance = random.Random(20)
     nursery = Nursery(tmp_path)
     acknowledged = [nursery.killed(life, chance.uniform(0.0, 0.25)) for life in range(KILLS)]

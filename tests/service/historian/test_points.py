@@ -111,7 +111,7 @@ def test_a_batch_is_the_same_after_the_journal(given: Given) -> None:
     assert repr(blocks.decode_batch(blocks.encode_batch(groups))) == repr(groups)
 
 
-def test_damaged_bytes_are_said_so() -> None:
+def test_damaged_bytes_are_reported() -> None:
     """A flipped byte is Damaged or changes nothing, a missing one is Damaged: deflate's own check sum tells."""
     time, value = [NOON_MS + n for n in range(50)], [float(n) for n in range(50)]
     good = blocks.encode_samples(NOON_MS, time, value, bytes(50))

@@ -1,4 +1,4 @@
-"""The power fails (G11): whatever was not synced may be there, or not, or half. What was flushed is there.
+"""The power fails: whatever was not synced may be there, or not, or half. What was flushed is there.
 
 A library between the writer and the system notes every write and every sync. From that note come the files as a disk
 may hold them after a cut at any moment: all that was synced, and of the rest a random part, each 512 bytes for itself.
@@ -135,7 +135,6 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: bytes, tmp_path: Path) -> None:
-    """G11."""
     chance = random.Random(11)
     unsynced = 0
     for n, (files, told) in enumerate(images(log, chance, CUTS)):

@@ -1,4 +1,4 @@
-"""How long history stays: by age at each level, by size, and never by a clock that jumped (G15)."""
+"""How long history stays: by age at each level, by size, and never by a clock that jumped."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ async def test_what_is_gone_at_a_fine_level_is_shown_from_a_coarse_one(database:
 
 @pytest.mark.parametrize("jump", [-TEN_YEARS, -HOUR_MS, HOUR_MS, TEN_YEARS])
 async def test_a_clock_that_jumps_deletes_nothing(database: HistoryDatabase, jump: int) -> None:
-    """G15: neither while the service runs nor over a restart; and what came under the wrong clock stays as long."""
+    """Neither while the service runs nor over a restart; and what came under the wrong clock stays as long."""
     wall = FakeWallClock()
     async with database.historian(wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)

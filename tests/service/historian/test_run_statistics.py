@@ -67,7 +67,7 @@ def test_hours_count_while_the_drive_says_that_it_turns() -> None:
     assert (found.running_s, found.starts) == (4.0, 1)
 
 
-def test_a_start_that_nobody_saw_begin_still_counts_but_an_adopted_run_does_not() -> None:
+def test_an_unobserved_start_counts_but_an_adopted_run_does_not() -> None:
     assert seen(view("unknown"), view("running")).starts == 0
     assert seen(view("stopped"), view("unknown"), view("running"), view("unknown"), view("running")).starts == 1
 

@@ -142,7 +142,7 @@ def test_a_drive_that_chatters_has_one_case(tmp_path: Path) -> None:
     assert run(go()) == ["000001-fan-1", "000001-fan-1", "000002-fan-1"]
 
 
-def test_a_trip_of_no_drive_and_of_one_that_nobody_heard_has_a_case_too(tmp_path: Path) -> None:
+def test_a_trip_without_drive_or_samples_has_an_incident_too(tmp_path: Path) -> None:
     async def go() -> str | None:
         return await IncidentRecorder(IncidentStore(tmp_path)).capture(tripped(""), None, None, 5.0, 5)
 
@@ -151,7 +151,7 @@ def test_a_trip_of_no_drive_and_of_one_that_nobody_heard_has_a_case_too(tmp_path
 
 
 @pytest.mark.parametrize("nth", range(1, 40))
-def test_g12_a_disk_that_fails_at_any_call_leaves_a_whole_case_or_none(
+def test_a_disk_that_fails_at_any_call_leaves_a_whole_incident_or_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nth: int
 ) -> None:
     calls = 0
@@ -180,7 +180,7 @@ def test_g12_a_disk_that_fails_at_any_call_leaves_a_whole_case_or_none(
     assert [one for one in (tmp_path / "cases").iterdir() if one.name.startswith(".")] == []
 
 
-def test_a_disk_that_fails_is_told_and_stops_nothing(tmp_path: Path) -> None:
+def test_a_failed_disk_is_reported_and_stops_nothing(tmp_path: Path) -> None:
     async def go() -> None:
         (tmp_path / "cases").write_text("a file where the folder should be")
         recorder = IncidentRecorder(IncidentStore(tmp_path / "cases"))
@@ -243,7 +243,7 @@ def test_cases_come_in_pages_by_span_and_drive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])
-def test_s19_no_name_reaches_out_of_the_folder(tmp_path: Path, id: str) -> None:
+def test_no_incident_id_reaches_outside_the_folder(tmp_path: Path, id: str) -> None:
     store = IncidentStore(tmp_path / "cases")
     store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
     (tmp_path / "secret").mkdir()
@@ -252,7 +252,7 @@ def test_s19_no_name_reaches_out_of_the_folder(tmp_path: Path, id: str) -> None:
         store.get(id)
 
 
-def test_i12_memory_is_bounded() -> None:
+def test_memory_of_the_ring_buffer_is_bounded() -> None:
     ring = RingBuffer()
     for n in range(MAX_BUFFERED_SAMPLES + 10):
         ring.add_samples([sample(1.0)], 1.0)
@@ -268,7 +268,7 @@ def test_i12_memory_is_bounded() -> None:
     assert len(ring._samples) == 1
 
 
-def test_what_a_silent_drive_said_more_than_a_minute_ago_is_not_in_its_case() -> None:
+def test_samples_older_than_a_minute_are_not_in_an_incident() -> None:
     ring = RingBuffer()
     ring.add_samples([sample(1.0)], 39.0)
     assert ring.as_json(100.0)["signals"] == {}
