@@ -1,4 +1,5 @@
-"""Honest pretend drives: motors, a wire, stations written from the manuals, and benches that other masters can talk to.
+"""Simulator: motors, a wire, stations written from the manuals, and buses that other masters can use.
 
-Nothing here imports the host's side (bus, ports, profiles, drives): a misreading of a manual can't pass both ends.
+Nothing here imports the master's side (bus, ports, profiles, drives), so that one misreading of a manual can't be on
+both ends.
 """

@@ -1,8 +1,7 @@
-"""How stations of one family hear: from characters and silence to one frame. Pure; shared by the stations of a bench.
+"""Framing of requests by the stations of one family: from characters and silence to one frame.
 
-Two habits: a frame ends with its length (C320, DZB100, Modbus ASCII) or with silence (RTU). Bytes with a parity or
-framing error spoil the frame that they are in. A frame that begins too soon after other traffic is counted, and where
-the manual says so, not recognised.
+A frame ends by its length (C320, DZB100, Modbus ASCII) or by silence (RTU). A parity or framing error corrupts its
+frame. A frame after too little silence is counted, and ignored where the manual says so.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ from drivebus.serial_settings import SerialSettings
 
 @dataclass(frozen=True, slots=True)
 class FramingRule:
-    """A family's framing."""
+    """Framing of one family."""
 
     gap_characters: float
-    """Silence that begins a frame afresh."""
+    """Silence before a frame, in characters."""
     gap_floor_s: float = 0.0
     requires_gap: bool = False
-    """Without the silence before it a frame is not recognised (C320 2.2.4)."""
+    """Whether a frame without the silence before it is ignored (C320 2.2.4)."""
     ends_by_silence: bool = False
     start_bytes: bytes = b""
-    """First bytes that can begin a frame; empty = any."""
+    """First bytes of a frame; empty for any."""
     restarts_on_start_byte: bool = False
-    """A start byte always begins a new frame (Modbus ASCII ':')."""
+    """Whether a start byte always begins a new frame (Modbus ASCII ':')."""
 
     def gap_s(self, line: SerialSettings) -> float:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)
@@ -36,22 +35,22 @@ class FramingRule:
 
 @dataclass(frozen=True, slots=True)
 class ReceivedFrame:
-    """A whole frame: its request, or the error that it was refused with."""
+    """Received frame: its request, or the error of its decoding."""
 
     codec: Codec
     message: Any
     error: ProtocolError | None
     frame: bytes
     address: int | None
-    """Whom it speaks to, None where nobody can tell."""
+    """Address of the request; None where it can't be decoded."""
     short_gap: bool
-    """It began after less silence than the rule asks for."""
+    """Whether the silence before it was too short."""
     silence_s: float
-    """Silence before its first byte."""
+    """Silence before its first byte in seconds."""
 
 
 class FrameReceiver:
-    """The receiver of one family (or one encoding of it) on one wire."""
+    """Frame receiver for one family, or one encoding of it, on one wire."""
 
     def __init__(
         self, codecs: tuple[Codec, ...], rule: FramingRule, line: SerialSettings, tolerance_s: float = 1e-6
@@ -60,15 +59,15 @@ class FrameReceiver:
         self.rule = rule
         self.gap_s = rule.gap_s(line)
         self.tolerance_s = tolerance_s
-        """By how much a measured silence may be short (the operating system's jitter on real ports)."""
+        """Tolerance of measured silences in seconds (jitter of the operating system)."""
         self.decision_delay_s = self.gap_s if rule.ends_by_silence else 0.0
-        """How long after the last byte a frame is decided on."""
+        """Delay from the last byte to the decision on a frame, in seconds."""
         self._buffer = bytearray()
         self._corrupted = self._ignoring = self._short_gap = False
         self._silence_s = 0.0
 
     def feed(self, data: bytes, line_errors: int, silence_s: float) -> list[ReceivedFrame]:
-        """Characters without a pause, after ``quiet_s`` of silence; the frames that they complete by their length."""
+        """Feed characters after ``silence_s`` of silence; return the frames that are complete by length."""
         if silence_s >= self.gap_s - self.tolerance_s:
             self._begin_frame(silence_s, short=False)
         elif not self._buffer:
@@ -84,7 +83,7 @@ class FrameReceiver:
         return [] if self.rule.ends_by_silence else self._take_complete_frame()
 
     def on_silence(self) -> list[ReceivedFrame]:
-        """The silence that ends a frame has passed: the frame, if it is one from its first byte to its last."""
+        """Return the frame that silence has ended, if its first to last byte are one request."""
         frame, self._buffer = bytes(self._buffer), bytearray()
         if not frame or self._corrupted:
             return []
@@ -102,7 +101,7 @@ class FrameReceiver:
         self._silence_s = quiet_s
 
     def _take_complete_frame(self) -> list[ReceivedFrame]:
-        """At most one frame: what follows it without silence belongs to nothing."""
+        """Return at most one frame; what follows it without silence is ignored."""
         frame = bytes(self._buffer)
         heard = self._decode(frame)
         if heard is None:
@@ -112,7 +111,7 @@ class FrameReceiver:
         return [] if self._corrupted else [heard]
 
     def _decode(self, frame: bytes) -> ReceivedFrame | None:
-        """The frame at offset 0; None while it is incomplete. A frame that nobody may answer is dropped."""
+        """Decode the frame at offset 0; None while it is incomplete."""
         codec = self._codec_for(frame)
         try:
             verdict = codec.decode_request(frame)
@@ -129,7 +128,7 @@ class FrameReceiver:
         return ReceivedFrame(codec, message, None, frame[: verdict.size], address, self._short_gap, self._silence_s)
 
     def _codec_for(self, frame: bytes) -> Codec:
-        """C320 tells its encodings by the first byte; the others have one codec."""
+        """Return the codec: a C320 frame names its encoding by the first byte, other families have one codec."""
         if len(self.codecs) == 1:
             return self.codecs[0]
         return self.codecs[self.rule.start_bytes.index(frame[:1])]

@@ -1,4 +1,4 @@
-"""What goes wrong on a wire, and how often: the ``weather`` of a bench, read from a short text. Values only.
+"""Line quality of a simulated bus: impairments and their probabilities, read from a short text.
 
 ``clean`` · ``bytes`` · ``lossy`` · ``late`` · ``echo`` · ``batches`` · ``noisy``, or
 ``loss=0.05,flip=0.001,late=0.1:0.4,batch=16``; names and keys may be mixed, the last one wins.
@@ -20,40 +20,40 @@ NAMED_QUALITIES = {
     "batches": "batch=16",
     "noisy": "loss=0.02,flip=0.002,junk=0.05,cut_first=0.01,cut_last=0.01",
 }
-"""Names and what they stand for; ``bytes`` and ``echo`` are switches of their own."""
+"""Named qualities; ``bytes`` and ``echo`` are switches of their own."""
 
 _PROBABILITY_KEYS = ("loss", "flip", "duplicate", "cut_first", "cut_last", "junk")
 
 
 @dataclass(frozen=True, slots=True)
 class LineQuality:
-    """Shares are probabilities 0…1."""
+    """Impairments of a line; probabilities are 0…1."""
 
     per_byte: bool = False
-    """A host hears each byte when its last bit ends; else each frame as one piece when it has ended."""
+    """A master receives each byte when its last bit ends, otherwise each frame as one piece."""
     echo: bool = False
-    """The adapter gives the host its own bytes back."""
+    """The adapter returns the master's own bytes."""
     loss: float = 0.0
-    """Of a frame, in either direction, to reach nobody."""
+    """Probability that a frame is lost, in either direction."""
     flip: float = 0.0
-    """Of a character to have one wrong bit."""
+    """Probability that a character has one wrong bit."""
     duplicate: float = 0.0
-    """Of a reply to be sent twice."""
+    """Probability that a reply is sent twice."""
     cut_first: float = 0.0
-    """Of a frame to lose its first byte (the driver came on late)."""
+    """Probability that a frame loses its first byte (driver enabled late)."""
     cut_last: float = 0.0
-    """Of a frame to lose its last byte (the driver went off early)."""
+    """Probability that a frame loses its last byte (driver disabled early)."""
     junk: float = 0.0
-    """Of a reply to be preceded by a stray byte (driver-enable glitch)."""
+    """Probability that a stray byte precedes a reply (driver-enable glitch)."""
     late: float = 0.0
-    """Of a reply to come late, by up to ``late_s``."""
+    """Probability that a reply is late, by up to ``late_s``."""
     late_s: float = 0.0
     batch_s: float = 0.0
-    """The adapter hands bytes over on this grid (FTDI's 16 ms), 0 = at once."""
+    """Interval at which the adapter delivers bytes in seconds (FTDI: 16 ms), 0 for immediately."""
 
 
 def parse_line_quality(text: str) -> LineQuality:
-    """Read a weather. Raises ConfigurationError with what was found and expected."""
+    """Parse a line quality. Raises ConfigurationError with what was found and expected."""
     weather = LineQuality()
     for item in text.split(","):
         word = item.strip().lower()

@@ -13,7 +13,7 @@ from math import atan, copysign, exp, hypot, sqrt, tan
 
 
 class Trip(Enum):
-    """Why a drive switched its output off."""
+    """Reason why a drive switched its output off."""
 
     OVERCURRENT_ACCELERATING = "over-current accelerating"
     OVERCURRENT_DECELERATING = "over-current decelerating"
@@ -28,7 +28,7 @@ class Trip(Enum):
 
 
 class OutputPhase(Enum):
-    """What the output is doing."""
+    """Phase of the output."""
 
     OFF = "off"
     ACCELERATING = "accelerating"
@@ -39,7 +39,7 @@ class OutputPhase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Nameplate:
-    """The rating plate. ``inertia_s`` is the time that rated torque needs from standstill to rated speed."""
+    """Nameplate of a motor. ``inertia_s`` is the time from standstill to rated speed at rated torque."""
 
     power_kw: float = 2.2
     voltage_v: float = 380.0
@@ -60,12 +60,12 @@ class MotorLoad:
 
     @classmethod
     def fan(cls, torque: float = 0.8) -> MotorLoad:
-        """A fan or pump that needs ``torque`` at rated speed."""
+        """Return a fan or pump that needs ``torque`` at rated speed."""
         return cls(0.0, torque, 0.0)
 
     @classmethod
     def hoist(cls, torque: float = 0.6) -> MotorLoad:
-        """A hanging load: brakes forward (lifting), overhauls in reverse (lowering)."""
+        """Return a hanging load: it opposes forward motion (lifting) and drives reverse motion (lowering)."""
         return cls(0.0, 0.0, torque)
 
 
@@ -146,11 +146,11 @@ class Motor:
         self.mains = 1.0
         """Mains voltage per unit; 0 is a power cut."""
         self.hold = False
-        """The ramp stands still."""
+        """The ramp is held."""
         self.energised = self._stopping = False
         self.trip: Trip | None = None
         self.starts = 0
-        """How often the output was switched on: counts executions of a start (I2)."""
+        """Number of times the output was switched on: counts executed starts."""
         self.output_hz = self.target_hz = self.speed_hz = 0.0
         self.torque = self.current_a = self.power_kw = 0.0
         self.energy_j = self.loss_j = self.brake_j = self._overload = 0.0
@@ -181,22 +181,22 @@ class Motor:
         self.torque = self.current_a = self.power_kw = 0.0
 
     def force_trip(self, trip: Trip) -> None:
-        """Switch off and remember why; the first reason stays."""
+        """Switch off with a trip; the first trip stays."""
         self.trip = self.trip or trip
         self.coast()
 
     def reset(self) -> None:
-        """Forget the trip. What still holds (heat, no mains) trips again at the next start."""
+        """Reset the trip. A cause that persists (heat, no mains) trips again at the next start."""
         self.trip, self._overload = None, 0.0
 
     @property
     def ready(self) -> bool:
-        """The DC bus is charged."""
+        """Whether the DC bus is charged."""
         return self.bus_v > 0.65 * self._nominal_v
 
     @property
     def stopping(self) -> bool:
-        """On the way down to switch off."""
+        """Whether the output ramps down to switch off."""
         return self.energised and self._stopping
 
     @property
@@ -225,7 +225,7 @@ class Motor:
 
     @property
     def energy_kwh(self) -> float:
-        """Taken from the mains since power-up."""
+        """Energy taken from the mains since power-up."""
         return self.energy_j / 3.6e6
 
     def step(self, dt: float) -> None:

@@ -1,4 +1,4 @@
-"""The parameters of a pretend drive: RAM and EEPROM, what guards them, and how often each was written. Pure."""
+"""Parameters of a simulated drive: RAM and EEPROM, access rules and write counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import Enum
 
 
 class Access(Enum):
-    """What stands between the bus and a parameter."""
+    """Access to a parameter from the bus."""
 
     OPEN = "open"
     LOCKED_WHILE_RUNNING = "not while running"
@@ -18,7 +18,7 @@ class Access(Enum):
 
 
 class RejectReason(Enum):
-    """Why a parameter could not be read or written."""
+    """Reason why a read or write is rejected."""
 
     UNKNOWN = "no such parameter"
     HIDDEN = "hidden or reserved"
@@ -30,7 +30,7 @@ class RejectReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
-    """One parameter, in raw words."""
+    """Specification of one parameter in raw words."""
 
     factory: int = 0
     minimum: int = 0
@@ -39,7 +39,7 @@ class ParameterSpec:
 
 
 class ParameterMemory:
-    """RAM and EEPROM words by key. ``eeprom_writes`` counts what wears the chip (G16)."""
+    """RAM and EEPROM words by key; ``eeprom_writes`` counts the wear of the EEPROM."""
 
     def __init__(self, cells: Mapping[int, ParameterSpec]) -> None:
         self.specs = cells
@@ -48,7 +48,7 @@ class ParameterMemory:
         self.eeprom_writes: Counter[int] = Counter()
         self.ram_writes: Counter[int] = Counter()
         self.locked = False
-        """A password forbids every write from the bus."""
+        """Whether a password forbids every write from the bus."""
 
     def read_rejection(self, key: int) -> RejectReason | None:
         cell = self.specs.get(key)
@@ -57,7 +57,7 @@ class ParameterMemory:
         return RejectReason.HIDDEN if cell.access is Access.HIDDEN else None
 
     def write_rejection(self, key: int, value: int, running: bool) -> RejectReason | None:
-        """The first reason against a write, None where there is none."""
+        """Return the first reason to reject a write, or None."""
         unreadable = self.read_rejection(key)
         if unreadable is not None:
             return unreadable
@@ -71,7 +71,7 @@ class ParameterMemory:
         return None if cell.minimum <= value <= cell.maximum else RejectReason.RANGE
 
     def write(self, key: int, value: int, save: bool) -> None:
-        """Write without asking anybody: RAM, and EEPROM where ``save``."""
+        """Write without access checks to RAM, with ``save`` also to EEPROM."""
         self.ram[key] = value
         self.ram_writes[key] += 1
         if save:
@@ -79,9 +79,9 @@ class ParameterMemory:
             self.eeprom_writes[key] += 1
 
     def __getitem__(self, key: int) -> int:
-        """What the drive works with now."""
+        """Return the value in RAM."""
         return self.ram[key]
 
     def power_cycle(self) -> None:
-        """RAM is what EEPROM holds."""
+        """Load RAM from EEPROM."""
         self.ram = dict(self.eeprom)

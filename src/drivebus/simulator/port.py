@@ -1,7 +1,7 @@
-"""``sim://``: a port whose far end is a bench in the same process. Satisfies the port protocol structurally.
+"""``sim://``: a port whose far end is a simulated bus in the same process.
 
-Benches with a ``name=`` are shared: opening the same name again joins the same wire (a second master, a restarted
-host).
+Buses with a ``name=`` are shared: opening the same name again joins the same wire, as a second master or after a
+restart.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
 class SimPort:
-    """One host's plug on a bench; ``bench`` is there for tests and demos."""
+    """Port of one master on a simulated bus."""
 
     capabilities = Capabilities(has_line_timing=True, parity=True)
 
-    def __init__(self, bench: SimulatedBus, settings: SerialSettings, url: str, echo: EchoSetting) -> None:
-        self.simulated_bus = bench
+    def __init__(self, bus: SimulatedBus, settings: SerialSettings, url: str, echo: EchoSetting) -> None:
+        self.simulated_bus = bus
         self.settings: SerialSettings | None = settings
         self.url = url
         self.echo = echo
@@ -33,7 +33,7 @@ class SimPort:
         return f"sim:{self.simulated_bus.name or self.url}"
 
     async def open(self, receiver: Receiver) -> None:
-        """Raises PortUnavailable while the bench is unplugged or this port is open."""
+        """Open the port. Raises PortUnavailable while the bus is unplugged or this port is open."""
         if not self.simulated_bus.wire.plugged:
             raise PortUnavailable("sim.unplugged", port=self.url)
         if self._receiver is not None and self in self.simulated_bus.masters:
@@ -42,13 +42,13 @@ class SimPort:
         self._receiver = receiver
 
     def write(self, data: bytes, /) -> None:
-        """Raises PortLost where the port is not open."""
+        """Transmit bytes. Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("sim.not-open", port=self.url)
         self.simulated_bus.transmit(self, data)
 
     async def close(self) -> None:
-        """The drives go on."""
+        """Close the port; the drives go on."""
         self._receiver = None
         self.simulated_bus.detach(self)
 
@@ -66,12 +66,12 @@ _named_buses: dict[str, SimulatedBus] = {}
 
 
 def find_simulated_bus(name: str) -> SimulatedBus:
-    """The bench of ``sim://…?name=``. Raises KeyError."""
+    """Return the simulated bus of ``sim://…?name=``. Raises KeyError."""
     return _named_buses[name]
 
 
 def clear_simulated_buses() -> None:
-    """Forget every named bench: the next ``name=`` makes a new one."""
+    """Remove every named bus: the next ``name=`` creates a new one."""
     _named_buses.clear()
 
 
@@ -83,14 +83,14 @@ def open_port(link: Any) -> SimPort:
     """
     link.reject_unknown_options("seed", "weather", "name", "echo", "load", "ramp", "drives", *station_option_names())
     name = link.options.get("name", "")
-    bench = _named_buses.get(name)
-    if bench is None:
-        bench = _create_bus(link, name)
+    bus = _named_buses.get(name)
+    if bus is None:
+        bus = _create_bus(link, name)
         if name:
-            _named_buses[name] = bench
-    settings = _master_settings(link, bench.stations[0].factory_settings)
-    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bench.line_quality.echo else "off")
-    return SimPort(bench, settings, link.text, echo)
+            _named_buses[name] = bus
+    settings = _master_settings(link, bus.stations[0].factory_settings)
+    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bus.line_quality.echo else "off")
+    return SimPort(bus, settings, link.text, echo)
 
 
 def _create_bus(link: Any, name: str) -> SimulatedBus:
@@ -106,7 +106,7 @@ def _create_bus(link: Any, name: str) -> SimulatedBus:
 
 
 def _master_settings(link: Any, factory: SerialSettings) -> SerialSettings:
-    """The host's line: what the link does not say is as the drives leave the factory."""
+    """Return the master's serial settings: the URL's, and the factory settings for what it omits."""
     chosen: SerialSettings = link.settings
     if "baud" not in link.explicit:
         chosen = replace(chosen, baud=factory.baud)

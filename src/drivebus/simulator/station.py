@@ -1,7 +1,7 @@
-"""What every pretend drive has: an address, a motor, parameters, time, faults to inject and a keypad. Pure.
+"""Base of the simulated stations: address, motor, parameters, time, injected faults and keypad.
 
-A station is a slave: it never speaks by itself. ``heard`` takes a request at a second and gives the reply to send, with
-its delay. What a request means is the family's own module; nothing of the host's side is used.
+A station is a slave: it transmits only replies. ``handle_frame`` takes a request and returns the reply with its delay;
+the meaning of a request is the model's own.
 """
 
 from __future__ import annotations
@@ -22,40 +22,40 @@ from drivebus.simulator.parameter_memory import ParameterMemory, ParameterSpec
 
 @dataclass(slots=True)
 class InjectedFaults:
-    """What is wrong with a station. Set and cleared by tests, demos and the CLI."""
+    """Faults injected into a station by tests, demos and the CLI."""
 
     silent: bool = False
-    """Hears nothing and says nothing; its motor goes on."""
+    """The station receives and sends nothing; its motor goes on."""
     mute: bool = False
-    """Obeys, but its replies never leave (a broken driver)."""
+    """The station executes requests but its replies are lost (broken driver)."""
     added_delay_s: float = 0.0
-    """Added to every reply delay."""
+    """Added to every reply delay, in seconds."""
     next_added_delays_s: list[float] = field(default_factory=list)
-    """Added to the next replies, one each."""
+    """Added to the delays of the next replies, one each."""
     wrong_address: int | None = None
-    """Answers under this address."""
+    """The station replies under this address."""
     frozen_readings: bool = False
-    """Monitors show what they showed when this was set."""
+    """Monitors keep the values of the moment at which this was set."""
     rebooting_until: float = float("-inf")
-    """Rebooting."""
+    """The station is rebooting until this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class StationReply:
-    """A reply: its bytes, and the seconds from the request's last bit to its first."""
+    """Reply and its delay from the last bit of the request to its first bit."""
 
     data: bytes
     delay_s: float
 
 
 class Station(ABC):
-    """One drive on a bus. ``frames`` counts the requests that it heard, ``gap_violations`` those that came too soon."""
+    """One simulated drive. ``frame_count`` counts its requests, ``gap_violations`` those after too little silence."""
 
     family: ClassVar[str]
     rule: FramingRule
     broadcast: ClassVar[int]
     factory_settings: ClassVar[SerialSettings]
-    """Factory line settings."""
+    """Factory serial settings."""
     ramp_keys: ClassVar[tuple[int, int]]
     """Parameters of acceleration and deceleration time, in 0.1 s."""
     codecs: tuple[Codec, ...]
@@ -77,33 +77,33 @@ class Station(ABC):
 
     @abstractmethod
     def handle_request(self, message: Any, codec: Codec) -> Any:
-        """Obey a request and give the reply message, or None for silence."""
+        """Execute a request and return the reply message, or None for no reply."""
 
     def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
-        """The reply to a frame that could not be understood; None for silence."""
+        """Return the reply to a frame that can't be decoded, or None."""
         return None
 
     @abstractmethod
     def reply_delay_s(self, line: SerialSettings) -> float:
-        """From the last bit of a request to the first of the reply."""
+        """Return the delay from the last bit of a request to the first of the reply."""
 
     def elapse(self, dt: float) -> None:
-        """Time passes: families add their timers."""
+        """Advance motor and timers by ``dt`` seconds."""
         self.motor.step(dt)
 
     @abstractmethod
     def power_up(self) -> None:
-        """Family state as after switching on; memory and motor are done already."""
+        """Reset the model's state after switching on; memory and motor are reset already."""
 
     @abstractmethod
     def trip_code(self, trip: Trip) -> int:
-        """The family's fault code."""
+        """Return the model's fault code."""
 
     # What all do alike.
 
     @property
     def displayed_motor(self) -> Motor:
-        """The motor as its monitors show it."""
+        """Motor as the monitors show it."""
         if not self.faults.frozen_readings:
             self._frozen_motor = None
             return self.motor
@@ -116,7 +116,7 @@ class Station(ABC):
         return self.motor.energised
 
     def advance(self, now: float) -> None:
-        """Let time pass until ``now``."""
+        """Advance to ``now``."""
         if self.now is not None and now > self.now:
             self.elapse(now - self.now)
         if self.now is None or now > self.now:
@@ -132,7 +132,7 @@ class Station(ABC):
         error: ProtocolError | None = None,
         is_broadcast: bool = False,
     ) -> StationReply | None:
-        """A frame for this station ended at ``now``. ``everybody``: a broadcast, obeyed in silence."""
+        """Handle a request that ended at ``now``. A broadcast is executed without reply."""
         self.advance(now)
         if self.faults.silent or now < self.faults.rebooting_until:
             return None
@@ -147,20 +147,20 @@ class Station(ABC):
         return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + self.faults.added_delay_s + late_s)
 
     def on_foreign_frame(self, now: float) -> None:
-        """A frame for another station ended at ``now``."""
+        """Handle a frame for another station that ended at ``now``."""
         return  # most families take no notice
 
     def record_gap(self, quiet_s: float, short: bool) -> None:
-        """A frame for this station came after so much silence."""
+        """Record the silence before a request."""
         self.shortest_gap_s = min(self.shortest_gap_s, quiet_s)
         self.gap_violations += short
 
     def trip(self, trip: Trip) -> None:
-        """Make the drive trip."""
+        """Trip the drive."""
         self.motor.force_trip(trip)
 
     def power_cycle(self, off_s: float = 2.0) -> None:
-        """Switch off and on: RAM is lost, the output is off, nothing is answered for ``off_s``."""
+        """Switch the drive off and on: RAM is lost, the output is off, no reply for ``off_s``."""
         self.memory.power_cycle()
         self.motor.coast()
         self.motor.reset()
@@ -178,16 +178,16 @@ class Station(ABC):
         self.motor.run(-frequency_hz if self.reverse else frequency_hz)
 
     def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
-        """A person starts the drive at the keypad."""
+        """Start the drive at its keypad."""
         self.setpoint_hz, self.reverse, self.jogging = frequency_hz, reverse, False
         self.run_towards(frequency_hz)
 
     def keypad_stop(self) -> None:
-        """A person stops the drive at the keypad."""
+        """Stop the drive at its keypad."""
         self.motor.stop()
 
     def keypad_set(self, key: int, value: int) -> None:
-        """A person changes a parameter at the keypad: saved, and asked nobody."""
+        """Change a parameter at the keypad: saved, without access checks."""
         self.memory.write(key, value, save=True)
 
 

@@ -1,6 +1,6 @@
-"""A bench behind a TCP port, as a raw serial server. Real time, paced at the line's own baud rate.
+"""Simulated bus behind a TCP port, as a raw serial server, paced at its baud rate.
 
-Each connection is a host of its own: two of them are two masters. Unplugging closes the connections and the port.
+Every connection is a master of its own. Unplugging the bus closes the connections.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.bus import SimulatedBus
 
 TCP_JITTER_S = 0.001
-"""By how much network and operating system may shorten a silence that a host kept."""
+"""Time by which network and operating system may shorten a silence."""
 
 
 class _TcpMaster(asyncio.Protocol):
-    """One host. A TCP client has no line settings that could be wrong."""
+    """Master of one TCP connection, which has no serial settings."""
 
     settings: SerialSettings | None = None
 
-    def __init__(self, bench: SimulatedBus) -> None:
-        self._bench = bench
+    def __init__(self, bus: SimulatedBus) -> None:
+        self._bus = bus
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -30,17 +30,17 @@ class _TcpMaster(asyncio.Protocol):
         connected = transport.get_extra_info("socket")
         if connected is not None:
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if self._bench.wire.plugged:
-            self._bench.attach(self)
+        if self._bus.wire.plugged:
+            self._bus.attach(self)
         else:
             transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        self._bench.transmit(self, data)
+        self._bus.transmit(self, data)
 
     def connection_lost(self, error: Exception | None) -> None:
         self._transport = None
-        self._bench.detach(self)
+        self._bus.detach(self)
 
     def receive(self, data: bytes, marks: int) -> None:
         if self._transport is not None:
@@ -52,16 +52,16 @@ class _TcpMaster(asyncio.Protocol):
 
 
 class TcpServer:
-    """A listening bench. Made by ``serve_tcp``."""
+    """TCP server of a simulated bus. Created by ``serve_tcp``."""
 
-    def __init__(self, bench: SimulatedBus, server: asyncio.Server, host: str) -> None:
-        self.simulated_bus = bench
+    def __init__(self, bus: SimulatedBus, server: asyncio.Server, host: str) -> None:
+        self.simulated_bus = bus
         self.host = host
         self._server = server
 
     @property
     def port(self) -> int:
-        """The port that is listened on, also where 0 was asked for."""
+        """Port number, also where port 0 was requested."""
         found: int = self._server.sockets[0].getsockname()[1]
         return found
 
@@ -70,7 +70,7 @@ class TcpServer:
         return f"tcp://{self.host}:{self.port}?baud={self.simulated_bus.settings.baud}&format={self.simulated_bus.settings.format}"
 
     async def close(self) -> None:
-        """Stop listening and drop the connections of this bench's TCP hosts."""
+        """Stop listening and close the connections."""
         self._server.close()
         for host in list(self.simulated_bus.masters):
             if isinstance(host, _TcpMaster):
@@ -79,9 +79,9 @@ class TcpServer:
         await self._server.wait_closed()
 
 
-async def serve_tcp(bench: SimulatedBus, host: str = "127.0.0.1", port: int = 0) -> TcpServer:
-    """Listen; port 0 takes a free one. Raises OSError where the port is taken."""
+async def serve_tcp(bus: SimulatedBus, host: str = "127.0.0.1", port: int = 0) -> TcpServer:
+    """Serve a simulated bus; port 0 takes a free one. Raises OSError where the port is in use."""
     loop = asyncio.get_running_loop()
-    bench.set_jitter_tolerance(TCP_JITTER_S)
-    server = await loop.create_server(lambda: _TcpMaster(bench), host, port)
-    return TcpServer(bench, server, host)
+    bus.set_jitter_tolerance(TCP_JITTER_S)
+    server = await loop.create_server(lambda: _TcpMaster(bus), host, port)
+    return TcpServer(bus, server, host)

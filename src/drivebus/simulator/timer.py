@@ -1,7 +1,7 @@
-"""A precise alarm for an asyncio loop.
+"""Precise timer for an asyncio loop.
 
-On Linux' selector loops a timerfd (the loop's own timer rounds up to milliseconds); on every other loop, virtual ones
-among them, the loop's own timer.
+On Linux selector loops it is a timerfd, because the loop's own timer rounds up to milliseconds; on other loops, virtual
+time among them, it is the loop's own timer.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from drivebus.timerfd import TimerFd
 
 
 class LoopTimer:
-    """Calls ``ring`` once when the loop's time reaches what was ``set`` last; an earlier ``set`` is forgotten."""
+    """Timer that calls ``ring`` once at the time that was set last."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, ring: Callable[[], None]) -> None:
         self._loop = loop
@@ -27,7 +27,7 @@ class LoopTimer:
                 self._timer = self._open_timerfd(loop)
 
     def _open_timerfd(self, loop: asyncio.AbstractEventLoop) -> TimerFd:
-        """Raises OSError where the system has none left, or the selector has no room for it."""
+        """Open a timerfd. Raises OSError where the system has none left or the selector can't watch it."""
         timer = TimerFd()
         try:
             loop.add_reader(timer.fd, self._on_readable)
@@ -37,7 +37,7 @@ class LoopTimer:
         return timer
 
     def set(self, when: float | None) -> None:
-        """Ring at ``when`` (loop time; the past rings at the next turn), or not at all."""
+        """Set the timer to ``when`` (loop time; the past fires at the next turn), or to None."""
         if when == self._at:
             return
         self._at = when

@@ -1,7 +1,7 @@
-"""A wire between hosts and stations: character times, collisions, noise, echo, delay. Pure: ``now`` is an argument.
+"""Wire between masters and stations: character times, collisions, noise, echo, delay.
 
-What is said becomes a ``Transmission``; the wire says when which part of it reaches whom (``pop``). Two that overlap
-in time garble each other: of the earlier one the overlapped characters are wrong, of the later one they are swallowed.
+A transmission reaches its receivers in parts, which ``pop_event`` returns with the time as an argument. Of two that
+overlap, the earlier one has wrong characters and the later one loses them.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from drivebus.simulator.line_quality import LineQuality
 
 _EPSILON_S = 1e-9
 _PAUSE_CHARACTERS = 5.0
-"""Silence that a station keeps between two frames of its own."""
+"""Silence of a station between two frames of its own, in characters."""
 
 
 class Side(Enum):
-    """Who listens."""
+    """Receivers of a transmission."""
 
     MASTERS = "hosts"
     STATIONS = "stations"
 
 
 class Transmission:
-    """Characters of one talker, one after another without a pause."""
+    """Characters of one source, without a pause between them."""
 
     __slots__ = ("character_s", "data", "dropped", "end", "marked", "quiet_s", "start", "talker")
 
@@ -38,13 +38,13 @@ class Transmission:
         self.character_s = character_s
         self.end = start + len(data) * character_s
         self.quiet_s = quiet_s
-        """Silence on the wire before it."""
+        """Silence on the wire before it, in seconds."""
         self.marked: set[int] = set()
         """Characters with a parity or framing error."""
         self.dropped: set[int] = set()
 
     def received(self, first: int = 0, last: int | None = None) -> tuple[bytes, int]:
-        """The characters first…last-1 as a receiver gets them, and how many of them are marked."""
+        """Return the characters first…last-1 as received, and the number of line errors among them."""
         last = len(self.data) if last is None else last
         if not self.dropped and not self.marked:
             return bytes(self.data[first:last]), 0
@@ -52,7 +52,7 @@ class Transmission:
         return bytes(self.data[index] for index in kept), sum(index in self.marked for index in kept)
 
     def corrupt(self, index: int, byte: int, marked: bool) -> None:
-        """Make one character another one."""
+        """Replace one character."""
         if isinstance(self.data, bytes):
             self.data = bytearray(self.data)
         self.data[index] = byte
@@ -60,7 +60,7 @@ class Transmission:
             self.marked.add(index)
 
     def overlapped(self, other: Transmission) -> range:
-        """The characters of this one that are on the wire together with some of ``other``."""
+        """Return the characters that overlap with ``other``."""
         size = len(self.data)
         first = int(max(0.0, (other.start - self.start) / self.character_s + _EPSILON_S))
         last = ceil(min(size, (other.end - self.start) / self.character_s - _EPSILON_S))
@@ -68,18 +68,18 @@ class Transmission:
 
 
 class Wire:
-    """One pair of copper with its noise. ``settings`` are those of the stations."""
+    """One pair of wires with its noise. ``settings`` are those of the stations."""
 
     def __init__(self, settings: SerialSettings, weather: LineQuality, rng: Rng) -> None:
         self.settings = settings
         self.line_quality = weather
         self.station_delays: tuple[float, ...] = (0.0,)
-        """How long after a transmission stations look at it: RTU 3.5 characters, 0 where length decides."""
+        """Delays after which stations decide on a frame: RTU 3.5 characters, 0 where its length decides."""
         self.plugged = True
-        """False: nothing passes between hosts and stations."""
+        """False: nothing passes between masters and stations."""
         self.collisions = 0
         self.busy_s = 0.0
-        """Seconds with somebody talking."""
+        """Seconds with a transmission on the wire."""
         self._rng = rng
         self._recent: list[Transmission] = []
         self._last_end = float("-inf")
@@ -95,7 +95,7 @@ class Wire:
         settings: SerialSettings | None = None,
         at: float | None = None,
     ) -> Transmission:
-        """``talker`` starts to send at ``at`` (default ``now``), or when its earlier bytes have left.
+        """Transmit from ``at`` (default ``now``), or after the earlier bytes of the same source.
 
         ``settings`` other than the wire's own (a wrong baud rate) make all of it unreadable.
         """
@@ -104,51 +104,50 @@ class Wire:
         for recent in self._recent:
             if recent.talker is source and recent.end > start:
                 start = recent.end
-        said = Transmission(source, data, start, (settings or self.settings).character_s, self._silence_before(start))
-        self._impair(said, foreign=settings is not None and settings != self.settings)
-        self._collide(said)
-        self._recent.append(said)
-        self.busy_s += said.end - said.start
+        transmission = Transmission(
+            source, data, start, (settings or self.settings).character_s, self._silence_before(start)
+        )
+        self._impair(transmission, foreign=settings is not None and settings != self.settings)
+        self._collide(transmission)
+        self._recent.append(transmission)
+        self.busy_s += transmission.end - transmission.start
         if self.plugged and not self._chance(self.line_quality.loss):
-            self._schedule(said, sides)
-        return said
+            self._schedule(transmission, sides)
+        return transmission
 
     def transmit_reply(self, source: object, data: bytes, now: float, at: float) -> Transmission:
-        """A station answers the hosts at ``at``, subject to lateness, stray bytes and duplication.
-
-        However late, a station answers in order.
-        """
+        """Transmit a reply at ``at``, subject to lateness, stray bytes and duplication; replies keep their order."""
         weather = self.line_quality
         late = at + (self._rng.random() * weather.late_s if self._chance(weather.late) else 0.0)
         if self._chance(weather.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
         pause = self.settings.seconds(_PAUSE_CHARACTERS)
         at = max((recent.end + pause for recent in self._recent if recent.talker is source), default=at)
-        said = self.transmit(source, data, now, (Side.MASTERS,), at=max(at, late))
+        transmission = self.transmit(source, data, now, (Side.MASTERS,), at=max(at, late))
         if self._chance(weather.duplicate):
-            self.transmit(source, data, now, (Side.MASTERS,), at=said.end + pause)
-        return said
+            self.transmit(source, data, now, (Side.MASTERS,), at=transmission.end + pause)
+        return transmission
 
     def silent_since(self, now: float) -> float:
-        """When the last bit that began before ``now`` ended (or will end)."""
+        """Return the time at which the last bit that began before ``now`` ends."""
         return max((recent.end for recent in self._recent if recent.start < now - _EPSILON_S), default=self._last_end)
 
     def next_event_at(self) -> float | None:
-        """When ``pop`` will have something."""
+        """Return the time of the next event."""
         return self._events[0][0] if self._events else None
 
     def pop_event(self, now: float) -> tuple[Side, Transmission, int, int] | None:
-        """The next part that has reached somebody by ``now``: who, of what, characters first…last-1.
+        """Return the next part that is received by ``now``: its side, transmission and characters first…last-1.
 
-        For stations ``last`` is the place in ``waits`` of those whose turn it is.
+        For stations ``last`` is the index of their delay in ``station_delays``.
         """
         if not self._events or self._events[0][0] > now + _EPSILON_S:
             return None
-        _, _, side, said, first, last = heappop(self._events)
-        return side, said, first, last
+        _, _, side, transmission, first, last = heappop(self._events)
+        return side, transmission, first, last
 
     def discard_pending(self) -> None:
-        """Everything on its way is lost."""
+        """Discard everything on its way."""
         self._events.clear()
         self._recent.clear()
 
@@ -158,63 +157,71 @@ class Wire:
     def _chance(self, share: float) -> bool:
         return share > 0.0 and self._rng.random() < share
 
-    def _impair(self, said: Transmission, foreign: bool) -> None:
-        weather, rng, size = self.line_quality, self._rng, len(said.data)
+    def _impair(self, transmission: Transmission, foreign: bool) -> None:
+        weather, rng, size = self.line_quality, self._rng, len(transmission.data)
         if foreign:
             for index in range(size):
-                said.corrupt(index, rng.randrange(0, 256), True)
+                transmission.corrupt(index, rng.randrange(0, 256), True)
         if weather.flip > 0.0:
             for index in range(size):
                 if rng.random() < weather.flip:
-                    said.corrupt(index, said.data[index] ^ 1 << rng.randrange(0, 8), self.settings.parity != "N")
+                    transmission.corrupt(
+                        index, transmission.data[index] ^ 1 << rng.randrange(0, 8), self.settings.parity != "N"
+                    )
         if size and self._chance(weather.cut_first):
-            said.dropped.add(0)
+            transmission.dropped.add(0)
         if size and self._chance(weather.cut_last):
-            said.dropped.add(size - 1)
+            transmission.dropped.add(size - 1)
 
-    def _collide(self, said: Transmission) -> None:
+    def _collide(self, transmission: Transmission) -> None:
         for other in self._recent:
-            if other.talker is said.talker or other.end <= said.start or said.end <= other.start:
+            if (
+                other.talker is transmission.talker
+                or other.end <= transmission.start
+                or transmission.end <= other.start
+            ):
                 continue
             self.collisions += 1
-            earlier, later = (other, said) if other.start <= said.start else (said, other)
+            earlier, later = (other, transmission) if other.start <= transmission.start else (transmission, other)
             for index in earlier.overlapped(later):
                 self._corrupt_overlap(earlier, index)
             later.dropped.update(later.overlapped(earlier))
 
-    def _corrupt_overlap(self, said: Transmission, index: int) -> None:
-        """Two drivers on one pair: any byte may come of it; a parity bit notices every other time."""
-        said.corrupt(index, self._rng.randrange(0, 256), self.settings.parity != "N" and self._rng.random() < 0.5)
+    def _corrupt_overlap(self, transmission: Transmission, index: int) -> None:
+        """Corrupt an overlapped character; a parity bit detects every other one."""
+        transmission.corrupt(
+            index, self._rng.randrange(0, 256), self.settings.parity != "N" and self._rng.random() < 0.5
+        )
 
     def _drop_ended(self, now: float) -> None:
-        """What has ended can't collide any more; only its end is remembered."""
+        """Drop ended transmissions, which can't collide any more."""
         for old in self._recent:
             if old.end <= now:
                 self._last_end = max(self._last_end, old.end)
         self._recent = [recent for recent in self._recent if recent.end > now]
 
-    def _schedule(self, said: Transmission, sides: tuple[Side, ...]) -> None:
-        size = len(said.data)
+    def _schedule(self, transmission: Transmission, sides: tuple[Side, ...]) -> None:
+        size = len(transmission.data)
         if Side.STATIONS in sides:
             for place, wait in enumerate(self.station_delays):
-                self._push(said.end + wait, Side.STATIONS, said, 0, place)
+                self._push(transmission.end + wait, Side.STATIONS, transmission, 0, place)
         if Side.MASTERS not in sides:
             return
         if not self.line_quality.per_byte and not self.line_quality.batch_s:
-            self._push(said.end, Side.MASTERS, said, 0, size)
+            self._push(transmission.end, Side.MASTERS, transmission, 0, size)
             return
         first = 0
         for index in range(size):
-            at = self._delivery_time(said, index)
-            if index + 1 == size or self._delivery_time(said, index + 1) > at:
-                self._push(at, Side.MASTERS, said, first, index + 1)
+            at = self._delivery_time(transmission, index)
+            if index + 1 == size or self._delivery_time(transmission, index + 1) > at:
+                self._push(at, Side.MASTERS, transmission, first, index + 1)
                 first = index + 1
 
-    def _delivery_time(self, said: Transmission, index: int) -> float:
-        at = said.start + (index + 1) * said.character_s
+    def _delivery_time(self, transmission: Transmission, index: int) -> float:
+        at = transmission.start + (index + 1) * transmission.character_s
         grid = self.line_quality.batch_s
         return ceil(at / grid - _EPSILON_S) * grid if grid else at
 
-    def _push(self, at: float, side: Side, said: Transmission, first: int, last: int) -> None:
+    def _push(self, at: float, side: Side, transmission: Transmission, first: int, last: int) -> None:
         self._event_number += 1
-        heappush(self._events, (at, self._event_number, side, said, first, last))
+        heappush(self._events, (at, self._event_number, side, transmission, first, last))

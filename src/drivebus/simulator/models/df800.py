@@ -1,7 +1,7 @@
-"""A pretend DF800: Modbus ASCII or RTU with its own error form, from the RS485 supplement of its manual. Pure.
+"""Simulated DF800: Modbus ASCII or RTU with its own error form, after the RS485 supplement of its manual.
 
-No status register exists. Monitors beyond F0.03 and F0.05, the jog frequency and scales that the supplement does not
-print are the sim's own.
+It has no status register. Monitors beyond F0.03 and F0.05, the jog frequency and the scales that the supplement does
+not print are the simulator's own.
 """
 
 from __future__ import annotations
@@ -46,8 +46,11 @@ def parameter_specs(address: int, encoding: str) -> dict[int, ParameterSpec]:
 
 
 class DF800Station(Station):
-    """Settings for what the supplement leaves open: ``direction_field`` "b3b2" or "b2b3" (which bit is the left digit),
-    ``hears_broadcast`` (not mentioned), ``reads_command`` (one table reads 2000H, another marks it write-only)."""
+    """Simulated DF800, with settings for what the supplement leaves open.
+
+    ``direction_field``: the left digit is b3 or b2. ``accepts_broadcast``: not mentioned. ``reads_command``: one table
+    reads 2000H, another marks it write-only.
+    """
 
     family: ClassVar[str] = "df800"
     broadcast: ClassVar[int] = 0
@@ -106,7 +109,7 @@ class DF800Station(Station):
         return modbus.ExceptionReply(message.address, message.function, None)
 
     def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
-        """Its error is the function unchanged and one byte 00 (T15), whatever was wrong."""
+        """Return its error form: the function unchanged and one byte 00."""
         if not isinstance(error, modbus.IllegalRequest):
             return None
         return modbus.ExceptionReply(error.address, error.function, None)
@@ -129,7 +132,7 @@ class DF800Station(Station):
         return None if self.memory.read_rejection(register) else self.memory[register]
 
     def _monitor(self, number: int) -> int:
-        """F0.03 is the current and F0.05 the speed; the other places are the sim's own."""
+        """Return the value of F0.nn: F0.03 is the current, F0.05 the speed, the others are the simulator's own."""
         motor = self.displayed_motor
         match number:
             case 0:
@@ -168,7 +171,7 @@ class DF800Station(Station):
         return True
 
     def _command(self, word: int) -> None:
-        """2000H. Ignored, though answered, unless F1.02 = 2. A toggle is executed if somebody sends it (T16)."""
+        """Execute a write to 2000H: without effect unless F1.02 = 2. A direction toggle is executed."""
         self.command = word
         if self.memory[COMMAND_SOURCE] != 2:
             return

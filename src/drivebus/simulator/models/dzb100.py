@@ -1,7 +1,7 @@
-"""A pretend DZB100: the 11-byte protocol, from its manual (sections one to three). Pure.
+"""Simulated DZB100: the 11-byte protocol, after its manual (sections one to three).
 
-Codings, the parity, the meaning of B and the fault digits are open in the manual and settings here. State bits of Q03,
-limits and places of parameters that the manual does not name are the sim's own.
+The manual leaves codings, parity, the meaning of B and the fault digits open; they are settings here. State bits of
+Q03, limits and unnamed parameters are the simulator's own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drivebus.simulator.station import SimulatedModel, Station
 WordCoding = Literal["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"]
 
 FREQUENCY_SOURCE, COMMAND_SOURCE, ACCEL_TIME, DECEL_TIME, JOG_HZ, BAUD, ADDRESS = 0, 1, 10, 11, 23, 77, 78
-"""00, 01, 77, 78 by the last page; 10 (15.0 s) and 23 (10.0 Hz) by examples 2 and 3; 11 is the sim's own."""
+"""Parameters 00, 01, 77, 78 by the last page, 10 and 23 by examples 2 and 3; 11 is the simulator's own."""
 FREQUENCY_FROM_BUS, COMMANDS_FROM_BUS = 2, 3
 LAST_PARAMETER = 80
 MAX_SETPOINT_WORD = 4000
@@ -43,12 +43,12 @@ _STEPS_PER_HZ = {"hex-0.1": 10, "hex-0.01": 100, "decimal-0.1": 10, "hex-1": 1}
 
 
 def encode_steps(number: int, coding: WordCoding) -> int:
-    """A count of steps as the word that is sent: itself, or its decimal digits."""
+    """Return the word of a number of steps: itself, or its decimal digits."""
     return int(f"{min(number, 9999):04d}", 16) if coding == "decimal-0.1" else min(number, 0xFFFF)
 
 
 def decode_steps(word: int, coding: WordCoding) -> int | None:
-    """The count of steps that a word says; None where it is no decimal number."""
+    """Return the number of steps of a word; None where it is no decimal number."""
     if coding != "decimal-0.1":
         return word
     return int(f"{word:X}") if f"{word:X}".isdecimal() else None
@@ -70,9 +70,9 @@ def parameter_specs(address: int, parameter_coding: WordCoding) -> dict[int, Par
 
 
 class DZB100Station(Station):
-    """Settings: the three codings, ``b_digit`` "06" or "state" (what B of a C reply holds), ``fault_coding``.
+    """Simulated DZB100, with settings for the three codings, the meaning of B in a C reply and the fault digits.
 
-    Address 0 is the factory setting: obeys what is said to all, answers nothing (T10).
+    Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
     family: ClassVar[str] = "dzb100"
@@ -101,7 +101,7 @@ class DZB100Station(Station):
         self.b_digit = b_digit
         self.fault_coding = fault_coding
         self.delay_characters = delay_characters
-        """Not given by the manual [OPEN]."""
+        """Not stated in the manual."""
         self.command = 0
 
     def power_up(self) -> None:
@@ -129,7 +129,7 @@ class DZB100Station(Station):
         return None
 
     def _control(self, request: dzb100.Dzb100Control) -> Any:
-        """B says 06 (example 1) or the state digit (the text): neither proves that anything turns (T20)."""
+        """Reply with B as 06 (example 1) or as the state digit (text): neither proves that the motor turns."""
         self._execute(int(request.command), request.data)
         accepted, digit = (True, None) if self.b_digit == "06" else (None, self.command)
         return dzb100.Dzb100Reply("C", self.address, int(request.command), request.data, accepted, digit)
@@ -153,7 +153,7 @@ class DZB100Station(Station):
             self.motor.reset()
 
     def _take_setpoint(self, word: int) -> None:
-        """The frequency of every control frame. A word that can't be one is not taken."""
+        """Take the frequency of a control frame; a word that can't be one is ignored."""
         steps = decode_steps(word, self.setpoint_coding)
         if steps is not None and steps <= MAX_SETPOINT_WORD:
             self.setpoint_hz = steps / _STEPS_PER_HZ[self.setpoint_coding]
@@ -175,7 +175,7 @@ class DZB100Station(Station):
         return dzb100.Dzb100Reply("Q", self.address, request.item, word or 0, word is not None)
 
     def query_word(self, item: int) -> int | None:
-        """The word of Q00-Q03; None for an item that does not exist."""
+        """Return the word of Q00-Q03; None for an item that does not exist."""
         motor, steps = self.displayed_motor, _STEPS_PER_HZ[self.query_coding]
         match item:
             case 0:
@@ -189,7 +189,7 @@ class DZB100Station(Station):
         return None
 
     def _state_word(self, motor: Motor) -> int:
-        """A the last command, B bits of the sim's own choice (running, reverse), CD the fault code."""
+        """Return A the last command, B the simulator's own bits (running, reverse), CD the fault code."""
         bits = int(motor.energised) | int(motor.output_hz < 0.0) << 1
         code = self.trip_code(motor.trip) if motor.trip else 0
         return self.command << 12 | bits << 8 | (int(str(code), 16) if self.fault_coding == "decimal" else code)

@@ -1,4 +1,7 @@
-"""A pretend VC660 spindle drive: Modbus RTU, from its debugging guide (§ one, four, five, six). Pure."""
+"""Simulated VC660 spindle drive: Modbus RTU, after its debugging guide (§ one, four, five, six).
+
+Sizes of the parameter groups, places beyond F00.00-F00.03 and fault bits beyond b0 are the simulator's own.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +19,10 @@ from drivebus.simulator.station import SimulatedModel, Station
 PARAMETERS = 451
 """Indices 0-450 (0-1C2H)."""
 SAVE_BIT = 0x8000
-"""Index with this bit: EEPROM as well (T14)."""
+"""Bit of an index that also writes the EEPROM."""
 MAX_READ = 4
 GROUP_SIZES = (30, 40, 60, 60, 50, 60, 20, 50, 40, 41)
-"""Parameters of F00, F01, … The guide does not publish them: the sim's own, 451 in all."""
+"""Number of parameters of F00, F01, …: not published, the simulator's own, 451 in all."""
 
 START, STOP, REVERSE, JOG_FORWARD, JOG_REVERSE = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
 COAST, EMERGENCY, PAUSE, HOLD, RESET = 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9
@@ -31,9 +34,9 @@ ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILED = 1, 2, 3, 4
 FAULT_BITS = {Trip.UNDERVOLTAGE: 0} | {
     trip: 1 + n for n, trip in enumerate(t for t in Trip if t is not Trip.UNDERVOLTAGE)
 }
-"""b0 of the first fault word is under-voltage; the others are the sim's own."""
+"""b0 of the first fault word is under-voltage; the others are the simulator's own."""
 ANALOG_LIMIT = 0x3FFF
-"""The guide prints "0~3ffff", which no register holds [OPEN]."""
+"""The guide prints "0~3ffff", which fits no register."""
 
 
 def parameter_index(group: int, number: int) -> int:
@@ -72,9 +75,9 @@ def parameter_specs() -> dict[int, ParameterSpec]:
 
 
 class VC660Station(Station):
-    """``pulses``: "edge" acts on 0→1 only (default, the stricter reading), "write" on every write of a 1 [OPEN].
+    """Simulated VC660. ``pulses``: a bit acts on 0→1 ("edge", the stricter reading) or on every write of a 1 ("write").
 
-    Address 0 is the factory setting: obeys broadcasts, answers nothing.
+    Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
     family: ClassVar[str] = "vc660"
