@@ -1,4 +1,4 @@
-"""Who asks: carried by every call to the plant, written into the audit trail."""
+"""Actor of a call to the service: identity and rights, recorded in the audit trail."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """A person or a program, what it may do, and through which session it speaks."""
+    """Person or program with its rights and its session."""
 
     name: str
     rights: frozenset[Right]
     session: str
-    """Opaque id of the session, token or local connection: leases belong to it. Never a secret."""
+    """Opaque id of the session, token or local connection: control leases belong to it. Never a secret."""
     remote: bool = True
-    """Not on the local socket by its own hand: a start takes two steps (6.5)."""
+    """Whether the call comes from another machine or a browser; then a start takes two steps (arm, start)."""
     address: str = ""
-    """Where it connected from, for the audit trail."""
+    """Address of the client, for the audit trail."""
 
     def may(self, right: Right) -> bool:
         return right in self.rights
@@ -36,11 +36,11 @@ class Actor:
 
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Actor:
-        """Raises KeyError, ValueError for what is no actor."""
+        """Return the actor of its JSON form. Raises KeyError, ValueError for anything else."""
         rights = frozenset(Right(right) for right in found["rights"])
         return cls(str(found["name"]), rights, str(found["session"]), bool(found["remote"]), str(found["address"]))
 
 
 def local_actor(name: str, session: str) -> Actor:
-    """Whoever may open the plant's own socket: the user that runs it."""
+    """Return the actor of the local socket, which only the service's own user can open."""
     return Actor(name, ROLE_RIGHTS[Role.ADMINISTRATOR], session, remote=False, address="local")

@@ -1,8 +1,4 @@
-"""Rights and roles: what a person or a program may ask of the plant. Values only.
-
-Every operation (``plant.operations``) names the one right that it needs; the plant itself refuses whoever lacks it,
-whatever door the request came through (S01, S08, S09).
-"""
+"""Rights and roles. Each operation declares the right that it needs; the service checks it for every caller."""
 
 from __future__ import annotations
 
@@ -12,14 +8,14 @@ from drivebus import i18n
 
 
 class Right(StrEnum):
-    """What an operation needs."""
+    """Right that an operation needs."""
 
     VIEW = "view"
     """See drives, buses, frames, history, alarms."""
     STOP = "stop"
-    """Stop a drive, a group, everything. Needs no lease and no second step."""
+    """Stop a drive, a group or everything, without control lease and arm token."""
     OPERATE = "operate"
-    """Run, jog, change the setpoint, reset, take a lease, acknowledge and shelve alarms."""
+    """Run, jog, change the setpoint, reset, take a control lease, acknowledge and shelve alarms."""
     WRITE_PARAMETERS = "write_parameters"
     """Write parameters to the drive's RAM."""
     SAVE = "save"
@@ -31,21 +27,21 @@ class Right(StrEnum):
     AUDIT = "audit"
     """Read the audit trail."""
     ADMINISTER = "administer"
-    """Users and everybody's tokens."""
+    """Change users and the tokens of all users."""
 
     @property
     def en(self) -> str:
-        """As tokens, the API and the command line write it."""
+        """Identifier in tokens, the API and the command line."""
         return self.value
 
     @property
     def zh(self) -> str:
-        """The word for people, with how it is written."""
+        """Chinese name with the identifier."""
         return f"{i18n.text(f'page.right_{self.value}', 'zh')}（{self.value}）"
 
 
 class Role(StrEnum):
-    """What a user is; each role may all that the one before may."""
+    """Role of a user; each has all rights of the one before."""
 
     VIEWER = "viewer"
     OPERATOR = "operator"

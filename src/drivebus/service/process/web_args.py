@@ -1,4 +1,4 @@
-"""How the plant tells the web process what to be: ``python -m drivebus.web SOCKET SETTING``, the setting as JSON."""
+"""Command line of the web process: ``python -m drivebus.web SOCKET ARGUMENTS``, the arguments as JSON."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from pydantic import TypeAdapter
 from drivebus.service.config.model import PlantConfig, WebConfig
 
 AddressOutput = Literal["plain", "json", "not"]
-"""How the page's address is told on standard output: by itself, as a line of JSON, or by somebody else."""
+"""Output of the page's address: as text, as a line of JSON, or not at all."""
 
 
 @dataclass(frozen=True, slots=True)
 class WebArguments:
-    """What the web process needs to know besides the plant's socket."""
+    """Arguments of the web process besides the service's socket."""
 
     directory: Path
-    """The state directory: where the set-up secret is put."""
+    """State directory, which holds the set-up secret."""
     user_file: Path
     web: WebConfig
     address_output: AddressOutput = "plain"
     parent_pid: int = field(default_factory=os.getpid)
-    """The plant's own number, told and not asked for: it may be gone before its child can look."""
+    """Process id of the service, passed because the service may end before its child can ask for it."""
 
 
 _WEB_ARGUMENTS_ADAPTER = TypeAdapter(WebArguments)
 
 
 def web_command(setting: PlantConfig, socket: Path, announce: AddressOutput = "plain") -> list[str]:
-    """The command line that starts it."""
+    """Return the command line of the web process."""
     child = WebArguments(setting.directory, setting.users or setting.directory / "users.json", setting.web, announce)
     return [sys.executable, "-m", "drivebus.web", str(socket), _WEB_ARGUMENTS_ADAPTER.dump_json(child).decode()]
 
 
 def parse_web_arguments(arguments: list[str]) -> tuple[Path, WebArguments]:
-    """What ``command`` said after ``drivebus.web``; defaults beside the socket where it says no setting.
+    """Return socket and arguments of a command line of ``web_command``; without arguments, defaults beside the socket.
 
-    Raises ValueError where that is no such command line.
+    Raises ValueError for any other command line.
     """
     match arguments:
         case [socket]:
