@@ -30,7 +30,7 @@ def test_the_first_start_takes_the_printed_secret_and_makes_the_administrator(no
     page.click("button[type=submit]")
     page.locator(".line.live").wait_for()
     assert page.locator(".user").inner_text() == "ada"
-    assert [user.name for user in nobody.access.register.users] == ["ada"]
+    assert [user.name for user in nobody.access.database.users] == ["ada"]
 
 
 def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) -> None:

@@ -52,12 +52,12 @@ def test_a_topic_that_a_snapshot_lacks_is_gone(page: Any) -> None:
 
 
 STOPS = (
-    ("{outcome: {word: 'confirmed', text: 'x'}}", True),
-    ("{outcome: {word: 'acknowledged', text: 'x'}}", True),
-    ("{outcome: {word: 'unknown', text: 'x'}}", False),
-    ("{outcomes: {a: {word: 'confirmed'}, b: {code: 'bus.no_reply'}}}", False),
-    ("{outcomes: {a: {word: 'confirmed'}}, buses: {l: {confirmed: true, unconfirmed: []}}}", True),
-    ("{outcomes: {a: {word: 'confirmed'}}, buses: {l: {confirmed: false, unconfirmed: ['b']}}}", False),
+    ("{outcome: {status: 'confirmed', text: 'x'}}", True),
+    ("{outcome: {status: 'acknowledged', text: 'x'}}", True),
+    ("{outcome: {status: 'unknown', text: 'x'}}", False),
+    ("{outcomes: {a: {status: 'confirmed'}, b: {code: 'bus.no_reply'}}}", False),
+    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: true, unconfirmed: []}}}", True),
+    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: false, unconfirmed: ['b']}}}", False),
     ("{outcomes: {}, buses: {l: {confirmed: false, unconfirmed: []}}}", False),
 )
 

@@ -6,16 +6,14 @@ from typing import Any
 
 import pytest
 
-from drivebus.service.auth.service import AuthService
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from fixtures.browser import Stage
 from fixtures.web_app import PASSWORD
 
 
 def fall_idle(stage: Stage) -> None:
-    """As if nobody had touched anything for a quarter of an hour."""
-    access: AuthService = stage._app.user_middleware[0].kwargs["access"]  # type: ignore[union-attr,assignment]
-    for session in access.sessions.of_user("operator"):
+    """Let the sessions of the operator become idle."""
+    for session in stage.access.sessions.of_user("operator"):
         session.active -= SESSION_IDLE_TIMEOUT_S
 
 
