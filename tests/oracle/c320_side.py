@@ -8,14 +8,15 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Complete
-from oracle import naive_c320 as naive
 from oracle.mutate import ANY_FRAME
+from verification.reference import sunfar as reference
+from verification.reference.sunfar import SunfarReference
 
 REFUSE = "refuse"
 KINDS = ("read identity", "read monitor", "read parameter", "write RAM", "control", "write EEPROM")
-OPERATIONS = tuple(naive.OPERATIONS)
+OPERATIONS = tuple(reference.OPERATIONS)
 PLAIN_STOPS = (0x03, 0x06, 0x21)
-STATES = tuple(naive.STATES)
+STATES = tuple(reference.STATES)
 
 
 class C320Comparison:
@@ -24,6 +25,7 @@ class C320Comparison:
     def __init__(self, encoding: str, codec: Any = None) -> None:
         self.name = f"c320-{encoding}"
         self.encoding = encoding
+        self.reference = SunfarReference(encoding)
         self.other = "hex" if encoding == "ascii" else "ascii"
         self.codec = codec or sunfar.SunfarCodec(encoding)  # type: ignore[arg-type]
         self.mutations = (
@@ -60,7 +62,7 @@ class C320Comparison:
 
     def reference_request(self, asked: dict[str, int]) -> bytes | None:
         try:
-            return naive.build(self.encoding, **on_the_wire(asked))
+            return self.reference.build(**on_the_wire(asked))
         except ValueError:
             return None
 
@@ -72,7 +74,7 @@ class C320Comparison:
 
     def wanted_request(self, asked: dict[str, int], plain: bytes | None) -> tuple[str | None, bytes | None]:
         """What drivebus is to build, and the name of the choice where that is not what the manual would let it."""
-        if asked["kind"] in (0, 1, 2) and asked["address"] == naive.BROADCAST:
+        if asked["kind"] in (0, 1, 2) and asked["address"] == reference.BROADCAST:
             return "no read of everybody", None
         if asked["kind"] == 4 and asked["data"]:
             if asked["operation"] in PLAIN_STOPS:
@@ -82,9 +84,9 @@ class C320Comparison:
         return None, plain
 
     def station_reads(self, rng: Random, asked: dict[str, int]) -> bool:
-        """A station reads the naive frame, whatever operation it carries (2.4.4: every class has one)."""
+        """Check that the station side reads the reference frame, with any operation (2.4.4: every class has one)."""
         operation = asked.get("operation", rng.choice(OPERATIONS))
-        frame = naive.build(self.encoding, **{**on_the_wire(asked), "operation": operation})
+        frame = self.reference.build(**{**on_the_wire(asked), "operation": operation})
         try:
             verdict = self.codec.decode_request(frame)
         except ProtocolError:
@@ -101,23 +103,28 @@ class C320Comparison:
     def _answer(self, rng: Random, asked: dict[str, int], encoding: str, address: int) -> bytes:
         response = rng.choice((0, 0, 0, 0, rng.randrange(16), rng.choice((1, 2, 3, 4, 6, 7, 8))))
         state = rng.choice((rng.choice(STATES), rng.choice(STATES), rng.choice(STATES), 0x20, rng.randrange(0x24)))
-        if response in naive.SHORT_RESPONSES:
+        if response in reference.SHORT_RESPONSES:
             state = rng.choice((0, 0, 0, state))
         group = maybe(rng, asked.get("group", 0), rng.randrange(16))
         if asked["kind"] == 0 and rng.randrange(8):
             digits = rng.randrange(16), rng.randrange(16)
-            if response not in naive.SHORT_RESPONSES:
-                return naive.build_identity(encoding, address, response, state, group, *digits, rng.randrange(0x10000))
+            if response not in reference.SHORT_RESPONSES:
+                return SunfarReference(encoding).build_identity(
+                    address, response, state, group, *digits, rng.randrange(0x10000)
+                )
         item = maybe(rng, asked.get("item", asked.get("expected_item", rng.randrange(256))), rng.randrange(256))
         set_data = rng.choice((0, asked.get("data", 0))) if response else asked.get("data", rng.randrange(0x10000))
         data = maybe(rng, set_data, rng.randrange(0x10000))
-        return naive.build_reply(encoding, address, response, state, group, item, data)
+        return SunfarReference(encoding).build_reply(address, response, state, group, item, data)
 
     def reference_verdict(self, request: bytes, reply: bytes) -> Any:
-        return naive.judge(request, reply)
+        found = self.reference.decode_reply(request, reply)
+        if found is None or (self.encoding == "hex" and found["response"] == 7):
+            return REFUSE  # 2.4.5: response 7 is for "where data is sent in ASCII"
+        return found
 
     def product_verdict(self, asked: dict[str, int], reply: bytes) -> Any:
-        """The same shape as the naive one's. Any exception but ProtocolError escapes: that would be a finding too."""
+        """Return the meaning in the reference's form. Any exception but ProtocolError escapes as a finding."""
         try:
             verdict = self.codec.decode_reply(product_message(asked), reply)
         except ProtocolError:
@@ -141,10 +148,9 @@ class C320Comparison:
         return None, plain
 
     def _seven(self, request: bytes, reply: bytes) -> bool:
-        """The naive one would take the same reply with code 8 in it: code 7 alone is what it does not believe."""
-        if len(reply) != 11 or reply[3] != 7 or reply != naive.seal("hex", reply[1:-5]):
-            return False
-        return naive.judge(request, naive.seal("hex", reply[1:3] + bytes((8,)) + reply[4:-5])) != REFUSE
+        """Return whether only the response code 7 makes the manual reject this reply."""
+        found = self.reference.decode_reply(request, reply)
+        return found is not None and found["response"] == 7
 
     # -- hands -------------------------------------------------------------------------------------------------
 
@@ -153,26 +159,26 @@ class C320Comparison:
         fields = bytearray(frame[1:-5])
         digits = b"0123456789ABCDEF" if self.encoding == "ascii" else bytes(range(34))
         fields[rng.randrange(len(fields))] = rng.choice((rng.choice(digits), rng.randrange(256)))
-        return naive.seal(self.encoding, fields)
+        return self.reference.seal(bytes(fields))
 
     def other_alphabet(self, rng: Random, frame: bytes) -> bytes:
         """The misprints of 4.5 and 4.6: 3AH-3FH for A-F, or one nibble a byte; the sum fits."""
         if self.encoding == "ascii":
             fields = bytes(byte - 7 if byte >= 0x41 else byte for byte in frame[1:-5])
-            return naive.seal("ascii", fields)
+            return self.reference.seal(fields)
         fields = bytearray(frame[1:-5])
         if len(fields) > 6:
             high, low = fields[-2:]
             fields[-4:] = bytes((high >> 4, high & 15, low >> 4, low & 15))
-        return naive.seal("hex", fields)
+        return self.reference.seal(bytes(fields))
 
     def other_encoding(self, rng: Random, frame: bytes) -> bytes:
         """The other header over these fields, with a sum in that header's own spelling."""
-        return naive.seal(self.other, frame[1:-5])
+        return SunfarReference(self.other).seal(frame[1:-5])
 
     def wrong_address(self, rng: Random, frame: bytes) -> bytes:
-        address = naive.write_field(self.encoding, 2, rng.randrange(256))
-        return naive.seal(self.encoding, bytes(address) + frame[3:-5])
+        address = self.reference.write_field(2, rng.randrange(256))
+        return self.reference.seal(address + frame[3:-5])
 
     def earlier_reply(self, rng: Random, frame: bytes) -> bytes:
         """The reply to something else."""
@@ -209,7 +215,7 @@ def product_message(asked: dict[str, int]) -> sunfar.SunfarRequest:
 
 
 def reply_fields(reply: sunfar.SunfarReply) -> dict[str, int]:
-    """A reply of ours as the naive one's dict."""
+    """Return a reply of the product in the reference's form."""
     names = ("address", "response", "state", "group", "item", "fault_code", "data", "nibble_data")
     found = {name: int(getattr(reply, name)) for name in names if getattr(reply, name) is not None}
     if reply.info is not None:

@@ -1,4 +1,4 @@
-"""Shows the same messages to the naive codecs and to ours, and counts where they agree."""
+"""Comparison of the reference codecs with the product's on the same messages."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _request(side: ComparedSide, rng: Random, asked: dict[str, Any], tally: Comp
     kind, plain, ours = side.kind(asked), side.reference_request(asked), side.product_request(asked)
     choice, wanted = side.wanted_request(asked, plain)
     if ours != wanted:
-        tally.disagree(kind, f"{kind} request {asked}: naive {_hex(plain)}, ours {_hex(ours)}")
+        tally.disagree(kind, f"{kind} request {asked}: reference {_hex(plain)}, product {_hex(ours)}")
         return None
     if choice is not None:
         tally.choices[choice] += 1
@@ -79,7 +79,7 @@ def _reply(side: ComparedSide, rng: Random, asked: dict[str, Any], request: byte
     word = "refused" if plain == "refuse" else "accepted"
     if ours != wanted:
         word = "disagreements"
-        tally.disagree(kind, f"{kind} {hand}: {_hex(request)}, reply {_hex(reply)}: naive {plain}, ours {ours}")
+        tally.disagree(kind, f"{kind} {hand}: {_hex(request)}, reply {_hex(reply)}: reference {plain}, product {ours}")
     elif choice is not None:
         word = "chosen"
         tally.choices[choice] += 1

@@ -8,11 +8,13 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols import dzb100
 from drivebus.protocols.codec import Complete
-from oracle import naive_dzb100 as naive
 from oracle.mutate import ANY_FRAME
+from verification.reference.dzb100 import HEADS, Dzb100Reference
+from verification.reference.dzb100 import KINDS as KINDS_BY_HEAD
 
 REFUSE = "refuse"
-KINDS = tuple(naive.HEADS)
+REFERENCE = Dzb100Reference()
+KINDS = tuple(HEADS)
 
 
 class Dzb100Comparison:
@@ -50,7 +52,7 @@ class Dzb100Comparison:
 
     def reference_request(self, asked: dict[str, Any]) -> bytes | None:
         try:
-            return naive.build(**asked)
+            return REFERENCE.build(**asked)
         except ValueError:
             return None
 
@@ -70,8 +72,8 @@ class Dzb100Comparison:
         return None, plain
 
     def station_reads(self, rng: Random, asked: dict[str, Any]) -> bool:
-        """A station reads the naive frame."""
-        frame = naive.build(**asked)
+        """Check that the station side reads the reference frame."""
+        frame = REFERENCE.build(**asked)
         try:
             return bool(self.codec.decode_request(frame) == Complete(product_message(asked), len(frame)))
         except ProtocolError:
@@ -89,13 +91,13 @@ class Dzb100Comparison:
             data = rng.choice((data, rng.randrange(10) << 12 | rng.randrange(16) << 8 | rng.randrange(0x24)))
         data = maybe(rng, asked.get("data", data), rng.randrange(0x10000))
         number = maybe(rng, asked["number"], rng.randrange(100))
-        return naive.build_reply(asked["kind"], b, asked["address"], number, data)
+        return REFERENCE.build_reply(asked["kind"], b, asked["address"], number, data)
 
     def reference_verdict(self, request: bytes, reply: bytes) -> Any:
-        return naive.judge(request, reply)
+        return REFERENCE.decode_reply(request, reply) or REFUSE
 
     def product_verdict(self, asked: dict[str, Any], reply: bytes) -> Any:
-        """The same shape as the naive one's, Q03 read as the drives room reads it."""
+        """Return the meaning in the reference's form, Q03 read as the drive layer reads it."""
         try:
             verdict = self.codec.decode_reply(product_message(asked), reply)
             if not isinstance(verdict, Complete) or verdict.size != len(reply):
@@ -123,7 +125,7 @@ class Dzb100Comparison:
         return bytes((rng.choice(b"CPRQ"),)) + frame[1:]
 
     def wrong_address(self, rng: Random, frame: bytes) -> bytes:
-        return frame[:3] + bytes(naive.two_decimal(rng.randrange(100))) + frame[5:]
+        return frame[:3] + (REFERENCE.two_decimal(rng.randrange(100))) + frame[5:]
 
     def earlier_reply(self, rng: Random, frame: bytes) -> bytes:
         """The reply to something else."""
@@ -150,9 +152,9 @@ def product_message(asked: dict[str, Any]) -> dzb100.Dzb100Request:
 
 
 def reply_fields(reply: dzb100.Dzb100Reply) -> dict[str, Any]:
-    """A reply of ours as the naive one's dict. Raises CodeError for a state word that is not the manual's."""
+    """Return a reply of the product in the reference's form. Raises CodeError for an unknown state word."""
     found: dict[str, Any] = {
-        "kind": naive.NAMES[ord(reply.head)],
+        "kind": KINDS_BY_HEAD[ord(reply.head)],
         "address": reply.address,
         "number": reply.index,
         "result": {True: "right", False: "wrong", None: reply.digit}[reply.accepted],

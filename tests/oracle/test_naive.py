@@ -1,10 +1,11 @@
-"""The naive codecs read the manuals' own worked frames (C320 section 4, DZB100 section 3), typed from there."""
+"""The reference codecs read the manuals' own worked frames (C320 section 4, DZB100 section 3)."""
 
 from __future__ import annotations
 
 import pytest
 
-from oracle import naive_c320, naive_dzb100
+from verification.reference.dzb100 import Dzb100Reference
+from verification.reference.sunfar import SunfarReference
 
 # (section, asked, request, reply, data of the reply); the misprinted forms of 4.5 and 4.6 are left out.
 C320 = [
@@ -32,19 +33,20 @@ C320 = [
 
 
 @pytest.mark.parametrize(("section", "asked", "request_hex", "reply_hex", "data"), C320)
-def test_the_naive_c320_builds_and_reads_the_manuals_frames(
+def test_the_reference_c320_builds_and_reads_the_manuals_frames(
     section: str, asked: dict[str, int], request_hex: str, reply_hex: str, data: int
 ) -> None:
     request, reply = bytes.fromhex(request_hex), bytes.fromhex(reply_hex)
     encoding = "ascii" if request[0] == 0x2A else "hex"
-    assert naive_c320.build(encoding, 0, operation=1, **asked) == request, section
-    read = naive_c320.judge(request, reply)
+    assert SunfarReference(encoding).build(0, operation=1, **asked) == request, section
+    read = SunfarReference(encoding).decode_reply(request, reply)
+    assert read is not None
     assert (read["address"], read["response"], read["state"], read["data"]) == (0, 0, 1, data), section
 
 
-def test_the_naive_c320_builds_example_4_6() -> None:
+def test_the_reference_c320_builds_example_4_6() -> None:
     request = bytes.fromhex("2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D")
-    assert naive_c320.build("ascii", 0, 4, operation=0x11, data=999) == request
+    assert SunfarReference("ascii").build(0, 4, operation=0x11, data=999) == request
 
 
 DZB100 = [
@@ -55,10 +57,11 @@ DZB100 = [
 
 
 @pytest.mark.parametrize(("example", "asked", "request_hex", "reply_hex", "data"), DZB100)
-def test_the_naive_dzb100_builds_and_reads_the_manuals_frames(
+def test_the_reference_dzb100_builds_and_reads_the_manuals_frames(
     example: str, asked: tuple[str, int, int, int], request_hex: str, reply_hex: str, data: int
 ) -> None:
     request, reply = bytes.fromhex(request_hex), bytes.fromhex(reply_hex)
-    assert naive_dzb100.build(*asked) == request, example
-    read = naive_dzb100.judge(request, reply)
+    assert Dzb100Reference().build(*asked) == request, example
+    read = Dzb100Reference().decode_reply(request, reply)
+    assert read is not None
     assert (read["result"], read["data"]) == ("right", data), example

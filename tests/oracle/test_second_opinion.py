@@ -1,4 +1,4 @@
-"""Our C320 and DZB100 codecs against naive ones that were written from the manuals alone (T02, T03, T05, T06, T19).
+"""The C320 and DZB100 codecs agree with the reference codecs (T02, T03, T05, T06, T19).
 
 Both must build the same bytes, refuse the same replies and read the same fields out of the others. What drivebus does
 on purpose otherwise than the manual's letter is a named choice. The whole run: ``oracle.__main__``.
@@ -14,11 +14,11 @@ import pytest
 from drivebus.protocols.codec import DecodeResult
 from drivebus.protocols.dzb100 import Dzb100Codec
 from drivebus.protocols.sunfar import SunfarCodec
-from oracle import naive_c320 as naive
 from oracle.__main__ import totals
 from oracle.c320_side import C320Comparison
 from oracle.compare import ComparedSide, compare
 from oracle.dzb100_side import Dzb100Comparison
+from verification.reference.sunfar import SunfarReference
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,9 @@ def test_both_readings_of_the_manual_agree(side: ComparedSide, count: int) -> No
 
 class SumBlind(SunfarCodec):
     def decode_reply(self, request: Any, data: bytes) -> DecodeResult:
-        return super().decode_reply(request, naive.seal(self.encoding, data[1:-5]) if len(data) in (11, 18) else data)
+        return super().decode_reply(
+            request, SunfarReference(self.encoding).seal(data[1:-5]) if len(data) in (11, 18) else data
+        )
 
 
 class AddressBlind(SunfarCodec):

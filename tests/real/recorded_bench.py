@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 
 PROCESS_TIMEOUT_S = 20.0
 """A loaded machine may be slow; nothing is asserted about how long it takes."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from real.conftest import Start
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, wait_until
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 FREEZE_S = float(os.environ.get("DRIVEBUS_REAL_FREEZE", "3"))
@@ -48,7 +48,7 @@ def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(pla
     plant.settle()
     for line in range(LINES):
         assert [one for one in plant.requests(line, since=thawed) if one.effect is not RequestEffect.READ] == []
-        moved = {one.address for one in plant.requests(line) if one.effect is RequestEffect.MOVE}
+        moved = {one.address for one in plant.requests(line) if one.effect is RequestEffect.MOTION}
         for each in told[line]:
             assert each["address"] in moved or each.get("error") == "Expired", each
     assert sum(each.get("error") == "Expired" for line in told for each in line) >= LINES, "the freeze came too late"

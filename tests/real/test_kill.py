@@ -30,7 +30,7 @@ from real.recorded_bench import (
     slow_machine_c320,
     wait_until,
 )
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 
@@ -84,7 +84,7 @@ async def test_whenever_the_host_is_killed_a_drive_that_runs_trips_by_itself_and
     await asyncio.sleep(chance.uniform(0.0, 1.2))
     back = kill(host, plant)
     for line in range(4):
-        moves = [one for one in plant.requests(line) if one.effect is RequestEffect.MOVE]
+        moves = [one for one in plant.requests(line) if one.effect is RequestEffect.MOTION]
         assert len(moves) <= 1
         if any(turn.on for turn in plant.motor_changes(line)):
             assert moves

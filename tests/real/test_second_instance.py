@@ -20,7 +20,7 @@ from drivebus.ports import open_port
 from real.conftest import Start
 from real.host_process import made
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, vc660, wait_until
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 FIRST_USER, SECOND_USER, ROOT = 65534, 65533, 0
@@ -123,7 +123,7 @@ async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_a
         os.close(stranger)
     plant.settle()
     ours = [one.effect for one in plant.requests() if one.data != data]
-    assert RequestEffect.STOP in ours and RequestEffect.MOVE not in ours
+    assert RequestEffect.STOP in ours and RequestEffect.MOTION not in ours
 
 
 def foreign(plant: RecordedPlant, data: bytes, since: float) -> int:

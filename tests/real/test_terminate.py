@@ -13,13 +13,13 @@ from typing import Any
 
 from real.conftest import Start
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, slow_machine_c320, wait_until
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (
     ("the first read is out", lambda plant, line: len(plant.requests(line)) >= 1),
     ("it is being looked at", lambda plant, line: len(plant.requests(line)) >= 4),
-    ("the start is out", lambda plant, line: RequestEffect.MOVE in host_actions(plant, line)),
+    ("the start is out", lambda plant, line: RequestEffect.MOTION in host_actions(plant, line)),
     ("the motor turns", lambda plant, line: plant.on(line)),
     ("it has run for a while", lambda plant, line: len(host_actions(plant, line, reads_after_the_start=True)) > 6),
 )
@@ -29,7 +29,7 @@ def host_actions(plant: RecordedPlant, line: int, *, reads_after_the_start: bool
     """What hosts had the drive do, in order."""
     all_of_them = [one.effect for one in plant.requests(line)]
     if reads_after_the_start:
-        return all_of_them[all_of_them.index(RequestEffect.MOVE) :] if RequestEffect.MOVE in all_of_them else []
+        return all_of_them[all_of_them.index(RequestEffect.MOTION) :] if RequestEffect.MOTION in all_of_them else []
     return [one for one in all_of_them if one is not RequestEffect.READ]
 
 
@@ -60,10 +60,10 @@ def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_
         assert (said[line]["event"], said[line]["outcome"]) == ("stopped", "confirmed"), moment
         done = host_actions(plant, line)
         assert not plant.on(line), moment
-        assert done[-1] is RequestEffect.STOP and RequestEffect.MOVE not in done[done.index(RequestEffect.STOP) :], (
+        assert done[-1] is RequestEffect.STOP and RequestEffect.MOTION not in done[done.index(RequestEffect.STOP) :], (
             moment
         )
-    assert [host_actions(plant, line).count(RequestEffect.MOVE) for line in (2, 3, 4)] == [1, 1, 1]
+    assert [host_actions(plant, line).count(RequestEffect.MOTION) for line in (2, 3, 4)] == [1, 1, 1]
 
 
 def test_a_run_whose_drive_does_not_answer_the_stop_says_that_it_is_not_confirmed(

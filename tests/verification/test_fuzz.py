@@ -24,9 +24,9 @@ from verification.codec_fuzz import decode_cost, fuzz_block
 from verification.codec_fuzz.collision_odds import CollisionOdds, false_accept_limit, noise_odds
 from verification.codec_fuzz.frame_damage import DAMAGE_KINDS, DamageBase
 from verification.codec_fuzz.incremental_feed import RefusedBytes, accepted_size, decode_outcome, feed_incrementally
-from verification.codec_fuzz.reference.frame_shapes import FrameShape
 from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec
 from verification.pool import map_in_order
+from verification.reference.frame_shapes import FrameShape
 
 every_entry = pytest.mark.parametrize("entry", FUZZED_CODECS.values(), ids=FUZZED_CODECS)
 
@@ -69,7 +69,7 @@ def test_codec_and_judge_agree_on_all_lawful_talk(entry: FuzzedCodec) -> None:
         assert not isinstance(verdict, Incomplete)
         assert verdict.size == len(exchange.received)
         assert any(form.matches(exchange.received) for form in entry.forms(exchange.sent))
-        assert entry.reference.seal(exchange.received) == exchange.received
+        assert entry.reference.reseal(exchange.received) == exchange.received
 
 
 @every_entry
@@ -267,7 +267,9 @@ def test_garbled_ends_hit_as_often_as_reckoned(entry: FuzzedCodec) -> None:
     for _ in range(10):
         exchange = entry.make_exchange(rng, entry.codec)
         target, _ = fuzz_block.fuzz_targets(entry, exchange)
-        base = DamageBase(exchange.received, exchange.sent, entry.alphabet, entry.reference.marks, entry.reference.seal)
+        base = DamageBase(
+            exchange.received, exchange.sent, entry.alphabet, entry.reference.marks, entry.reference.reseal
+        )
         for _ in range(100):
             data, places = DAMAGE_KINDS["garbled"](rng, base)
             expected += target.odds.garbled(places[0])

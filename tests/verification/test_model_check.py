@@ -19,12 +19,12 @@ from drivebus.protocols.codec import Effect
 from verification.campaign import CampaignRun
 from verification.campaigns import gate as campaign
 from verification.model_check import core_copy as gate_copy
-from verification.model_check.frame_effects import EFFECT_READERS, FrameEffect
 from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import MODEL_NAMES, model_subject
 from verification.model_check.search import SearchDomain, SearchResult, StateSearch
 from verification.model_check.time_grid import TimeGrid
 from verification.model_check.wire_state import WireState
+from verification.reference.request_effects import RequestEffect, worst_effect
 
 COARSE, HALVES = TimeGrid(1.0, fine=False), TimeGrid(0.5, fine=False)
 EVERYTHING = frozenset(
@@ -68,22 +68,22 @@ def found(text: str, **options: Any) -> None:
 @pytest.mark.parametrize(
     ("model", "frame", "act"),
     [
-        ("c320", b"*0040100000185\r", FrameEffect.MOTION),
-        ("c320", b"*01401000001B6\r", FrameEffect.MOTION),
-        ("c320", b"*01403000001B8\r", FrameEffect.STOP),
-        ("c320", b"*011010000183\r", FrameEffect.MOTION),
-        ("dzb100", b"C\x03\x0101010005", FrameEffect.MOTION),
-        ("dzb100", b"C\x03\x0101000000", FrameEffect.STOP),
-        ("dzb100", b"C\x03\x0101020005", FrameEffect.MOTION),
-        ("vc660", bytes.fromhex("0106200000014200"), FrameEffect.MOTION),
-        ("df800", bytes.fromhex("0106200000024200"), FrameEffect.MOTION),
-        ("df800", bytes.fromhex("0106200000014200"), FrameEffect.STOP),
-        ("df800", bytes.fromhex("01062000000c4200"), FrameEffect.MOTION),
+        ("c320", b"*0040100000185\r", RequestEffect.MOTION),
+        ("c320", b"*01401000001B6\r", RequestEffect.MOTION),
+        ("c320", b"*01403000001B8\r", RequestEffect.STOP),
+        ("c320", b"*011010000183\r", RequestEffect.MOTION),
+        ("dzb100", b"C\x03\x0101010005", RequestEffect.MOTION),
+        ("dzb100", b"C\x03\x0101000000", RequestEffect.STOP),
+        ("dzb100", b"C\x03\x0101020005", RequestEffect.MOTION),
+        ("vc660", bytes.fromhex("0106200000014200"), RequestEffect.MOTION),
+        ("df800", bytes.fromhex("0106200000024200"), RequestEffect.MOTION),
+        ("df800", bytes.fromhex("0106200000014200"), RequestEffect.STOP),
+        ("df800", bytes.fromhex("01062000000c4200"), RequestEffect.MOTION),
     ],
 )
-def test_the_manuals_say_what_a_frame_does(model: str, frame: bytes, act: FrameEffect) -> None:
+def test_the_manuals_say_what_a_frame_does(model: str, frame: bytes, act: RequestEffect) -> None:
     """T01, T11, T16: a start, a stop that is none, a toggle; a class-1 "read" that carries a run is a run."""
-    assert EFFECT_READERS[model](frame, 0) is act
+    assert worst_effect(model, frame, 0) is act
 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
@@ -92,7 +92,7 @@ def test_what_the_manual_calls_motion_no_dialect_calls_less(model: str) -> None:
     dialect = model_subject(model, CommandKind.RESET, COARSE).dialect
     encode = dialect.codec.encode_request
     for frame in _every_command(model, encode):
-        if EFFECT_READERS[model](frame, 0) is FrameEffect.MOTION:
+        if worst_effect(model, frame, 0) is RequestEffect.MOTION:
             assert dialect.station_config.effect_of(frame) is Effect.MOTION, frame
 
 

@@ -22,7 +22,7 @@ from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
 from verification.fault_injection.wall_clock import JumpingWallClock, before_midnight, installed_clock
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 from verification.scenario.scenario import Scenario
 from verification.scenario.write_rules import decode_write
 
@@ -345,16 +345,16 @@ def test_the_manuals_tables_know_every_request() -> None:
     """T01, T07, T16: what the observer's own tables say of frames from the manuals."""
     told = {
         ("c320", "ascii", "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D"): (0, RequestEffect.READ),
-        ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, RequestEffect.MOVE),
-        ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, RequestEffect.MOVE),
+        ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, RequestEffect.MOTION),
+        ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, RequestEffect.MOTION),
         ("c320", "ascii", "2A 31 46 34 32 31 30 30 30 30 30 31 43 45 0D"): (31, RequestEffect.STOP),
-        ("c320", "hex", "5A 00 00 03 00 00 00 00 02 00 00 17 72 00 00 00 8E 0D"): (0, RequestEffect.SET),
-        ("vc660", "rtu", "01 06 20 00 00 01 43 CA"): (1, RequestEffect.MOVE),
+        ("c320", "hex", "5A 00 00 03 00 00 00 00 02 00 00 17 72 00 00 00 8E 0D"): (0, RequestEffect.SETTING),
+        ("vc660", "rtu", "01 06 20 00 00 01 43 CA"): (1, RequestEffect.MOTION),
         ("vc660", "rtu", "01 06 20 00 00 02 03 CB"): (1, RequestEffect.STOP),
         ("vc660", "rtu", "01 06 20 00 00 84 00 00"): (1, RequestEffect.RELEASE),
         ("df800", "rtu", "01 06 20 00 00 01 43 CA"): (1, RequestEffect.STOP),
-        ("df800", "rtu", "01 06 20 00 00 0A 00 00"): (1, RequestEffect.MOVE),
-        ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, RequestEffect.MOVE),
+        ("df800", "rtu", "01 06 20 00 00 0A 00 00"): (1, RequestEffect.MOTION),
+        ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, RequestEffect.MOTION),
         ("dzb100", "ascii", "43 03 01 30 31 30 30 30 30 30 30"): (1, RequestEffect.STOP),
     }
     for (family, encoding, frame), meaning in told.items():

@@ -12,7 +12,7 @@ from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant
-from verification.reference_tables import classify_request
+from verification.reference.request_effects import classify_request
 from verification.scenario.scenario import Scenario
 from verification.timing_bounds import TimingBounds
 

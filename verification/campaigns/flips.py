@@ -13,8 +13,8 @@ from typing import Any
 from verification.campaign import Campaign, CampaignRun
 from verification.codec_fuzz import bit_flips, check_strength
 from verification.codec_fuzz.bit_flips import FLIP_COUNTS, FlipCase
-from verification.codec_fuzz.reference.modbus import reference_crc
 from verification.pool import map_in_order
+from verification.reference.modbus import reference_crc
 
 IN_PROCESS_MAX_FLIPS = 2_000_000
 """No more flips than this are done by one process."""

@@ -17,8 +17,8 @@ from __future__ import annotations
 from functools import cache
 from math import prod, sqrt
 
-from verification.codec_fuzz.reference.frame_shapes import FrameShape
-from verification.codec_fuzz.reference.modbus import reference_crc
+from verification.reference.frame_shapes import FrameShape
+from verification.reference.modbus import reference_crc
 
 NEAR_FORMS_MISFITS = 3
 """Forms that differ in more places than ever are substituted can't be hit."""

@@ -19,8 +19,8 @@ from verification.codec_fuzz.incremental_feed import (
     accepted_size,
     feed_incrementally,
 )
-from verification.codec_fuzz.reference.frame_shapes import FrameShape
 from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec
+from verification.reference.frame_shapes import FrameShape
 
 BLOCK_BYTES = 200_000
 """Bytes of a block."""
@@ -101,7 +101,7 @@ def run_block(entry: FuzzedCodec, rng: Random, size: int = BLOCK_BYTES) -> Block
             pool[rng.randrange(EXCHANGES_PER_BLOCK)][rng.random() > 0.7],
         )
         kind = rng.choices(kinds, DAMAGE_WEIGHTS)[0]
-        base = DamageBase(target.frame, other.frame, entry.alphabet, entry.reference.marks, entry.reference.seal)
+        base = DamageBase(target.frame, other.frame, entry.alphabet, entry.reference.marks, entry.reference.reseal)
         data, places = DAMAGE_KINDS[kind](rng, base)
         found.bytes += len(data)
         found.frames[kind] += 1

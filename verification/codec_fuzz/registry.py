@@ -14,10 +14,10 @@ from drivebus.protocols.modbus import ModbusAsciiCodec, ModbusRtuCodec
 from drivebus.protocols.sunfar import SunfarCodec
 from verification.codec_fuzz import exchanges
 from verification.codec_fuzz.exchanges import LawfulExchange
-from verification.codec_fuzz.reference.dzb100 import Dzb100Reference
-from verification.codec_fuzz.reference.frame_shapes import FrameShape
-from verification.codec_fuzz.reference.modbus import ModbusReference
-from verification.codec_fuzz.reference.sunfar import SunfarReference
+from verification.reference.dzb100 import Dzb100Reference
+from verification.reference.frame_shapes import FrameShape
+from verification.reference.modbus import ModbusReference
+from verification.reference.sunfar import SunfarReference
 
 ReferenceCodec = SunfarReference | Dzb100Reference | ModbusReference
 
@@ -49,7 +49,7 @@ class FuzzedCodec:
             return made
         at = self.reference.address
         received = made.received[: at.start] + sent[at] + made.received[at.stop :]
-        return LawfulExchange(request, sent, self.reference.seal(received))
+        return LawfulExchange(request, sent, self.reference.reseal(received))
 
     def request_of(self, sent: bytes) -> Any:
         """The request that these bytes are, as a host would have made it."""
@@ -58,12 +58,12 @@ class FuzzedCodec:
 
     def forms(self, sent: bytes) -> tuple[FrameShape, ...]:
         """All lawful replies to ``sent``, or (with nothing sent) all lawful requests."""
-        return self.reference.forms(sent) if sent else _request_forms(self)
+        return self.reference.shapes(sent) if sent else _request_forms(self)
 
 
 @cache
 def _request_forms(entry: FuzzedCodec) -> tuple[FrameShape, ...]:
-    return entry.reference.forms(b"")
+    return entry.reference.shapes(b"")
 
 
 BROADCAST_SHARE = 0.1

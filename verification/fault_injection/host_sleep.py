@@ -18,7 +18,7 @@ from drivebus.simulator.timer import LoopTimer
 from drivebus.testing.virtual_time import VirtualTimer
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 from verification.scenario.frame_rules import ClassifiedFrame
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
@@ -79,7 +79,7 @@ class HostSleepScenario:
         if (
             wish is not None
             and frame.start >= self.woke_at > wish.at
-            and frame.effect in (RequestEffect.MOVE, RequestEffect.SET)
+            and frame.effect in (RequestEffect.MOTION, RequestEffect.SETTING)
         ):
             self.scenario.oracle.violation(f"6.6 {frame.effect} for {wish} was sent after the sleep")
 

@@ -8,7 +8,7 @@ from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.fault_injection.usb_adapter import UsbAdapter, UsbHost
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 from verification.scenario.scenario import Scenario
 
 HOTPLUG_LINE_QUALITIES = ("bytes", "clean", "bytes", "batch=16")

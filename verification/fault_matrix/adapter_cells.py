@@ -5,7 +5,7 @@ from __future__ import annotations
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus, MatrixRequest
 from verification.fault_matrix.void_checks import check_void
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 SUCCESS_WORDS = ("confirmed", "acknowledged")
 
@@ -68,7 +68,7 @@ def batched_reception(at: CellRun) -> None:
 @cell("adapter_lost")
 def adapter_unplugged(at: CellRun) -> None:
     """While a start is on the wire, and while one is wished: unknown or never sent, told so, and never sent again."""
-    for what in (RequestEffect.MOVE, RequestEffect.READ):
+    for what in (RequestEffect.MOTION, RequestEffect.READ):
         line = at.bus(1, 2)
         line.loop.run_until_complete(line.drives[1].preflight())
         line.monitored(2)
@@ -80,16 +80,16 @@ def adapter_unplugged(at: CellRun) -> None:
         line.replug()
         line.run(8.0)
         line.finish(wish)
-        moves = line.requests_since(mark, RequestEffect.MOVE)
+        moves = line.requests_since(mark, RequestEffect.MOTION)
         line.expect(wish.result_word not in SUCCESS_WORDS or what is RequestEffect.READ, f"told {wish.result_word}")
-        line.expect(len(moves) == (what is RequestEffect.MOVE), f"{len(moves)} starts")
+        line.expect(len(moves) == (what is RequestEffect.MOTION), f"{len(moves)} starts")
         never_sent = ("PortLost", "PreflightError")
         line.expect(
             wish.result_word == "unknown" if moves else wish.result_word in never_sent,
             f"told {wish.result_word}, {wish.error!r}",
         )
         line.expect(
-            not line.requests_since(mark, RequestEffect.SET) or at.kind.model in ("vc660", "df800"),
+            not line.requests_since(mark, RequestEffect.SETTING) or at.kind.model in ("vc660", "df800"),
             "a setpoint was sent",
         )
         line.expect(line.bus.is_open and not line.bus.health(2).suspect, "polling does not go on")

@@ -13,7 +13,7 @@ from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import status_read_key
 from verification.fault_matrix.matrix_bus import MatrixBus, MatrixRequest
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 
 def forbidden_broadcasts(kind: Any) -> Iterator[Any]:

@@ -14,7 +14,7 @@ from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB1
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import c320_field, modbus_write, status_read_key
 from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
@@ -62,7 +62,7 @@ def _check_ram_writes(line: MatrixBus, notation: str) -> None:
         and memory.ram_writes.total() >= 2 * CELL_WRITES_PER_DAY + 5,
         "EEPROM worn",
     )
-    for one in line.requests_since(mark, RequestEffect.SET):
+    for one in line.requests_since(mark, RequestEffect.SETTING):
         if line.kind.model == "c320":
             line.expect(c320_field(line.kind, one.data, 3, 1) == 3, "not class 3")
         else:
@@ -78,7 +78,7 @@ def operation_only_after_status(at: CellRun) -> None:
             line.command_to_end(1, what, *(() if what == "stop" else (at.random_hz(),)))
     line.command_to_end(1, "reset_fault")
     line.loop.run_until_complete(line.drives[1].read(("F0.1", "F9.4")))
-    moves = [index for index, one in enumerate(line.requests) if one.effect is RequestEffect.MOVE]
+    moves = [index for index, one in enumerate(line.requests) if one.effect is RequestEffect.MOTION]
     line.expect(len(moves) == 2, f"{len(moves)} starts for two runs from standstill")
     for one, other in pairwise([0, *moves]):
         seen = [sent for sent in line.requests[one:other] if status_read_key(line.kind, sent.data)]
@@ -107,7 +107,7 @@ def jog_ends_with_its_lease(at: CellRun) -> None:
     wish = line.command_by(jog, 1, "jog", 5.0)
     line.finish(wish)
     line.run(2.0)
-    move, stop = line.requests_since(0, RequestEffect.MOVE)[-1], line.requests_since(0, RequestEffect.STOP)[0]
+    move, stop = line.requests_since(0, RequestEffect.MOTION)[-1], line.requests_since(0, RequestEffect.STOP)[0]
     line.expect(motor.starts == 1 and not motor.energised, f"{motor.starts} starts, on: {motor.energised}")
     line.expect(stop.start - move.end > 2 * lease_s, "ended while it was renewed")
     line.expect(stop.start - move.end < 3.5 * lease_s + 0.5, f"it went on for {stop.start - move.end:.3f} s")
@@ -208,7 +208,7 @@ def scale_read_back(at: CellRun) -> None:
     station._set_frequency = lambda value: take(min(40000, round(value * factor)))
     mark, wish = len(other.requests), other.command_to_end(1, "run", hz)
     other.expect(
-        wish.result_word == "failed" and not other.requests_since(mark, RequestEffect.MOVE),
+        wish.result_word == "failed" and not other.requests_since(mark, RequestEffect.MOTION),
         f"another scale: {wish.result_word}",
     )
     other.expect(not station.motor.starts, "started")
@@ -231,6 +231,7 @@ def frequency_source(at: CellRun) -> None:
     mark, wish = len(other.requests), other.command_to_end(1, "run", hz)
     other.expect(wish.result_word == "PreflightError" and "F1.01" in error_text(wish, "en"), f"{wish.result_word}")
     other.expect(
-        "F1.01" in error_text(wish, "zh") and not other.requests_since(mark, RequestEffect.MOVE, RequestEffect.SET),
+        "F1.01" in error_text(wish, "zh")
+        and not other.requests_since(mark, RequestEffect.MOTION, RequestEffect.SETTING),
         "something was sent",
     )

@@ -8,7 +8,7 @@ from typing import Any
 from drivebus.errors import DrivebusError
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 COMPLETED_WORDS = ("confirmed", "acknowledged")
 ABSENT_ADDRESS = 9
@@ -67,7 +67,7 @@ def _check_frame_not_received(at: CellRun, setting: str) -> None:
     line = at.bus(1, echo=setting, weather="echo")
     with suppress(DrivebusError):
         line.loop.run_until_complete(line.drives[1].preflight())
-    tricks = [line.manipulate_replies(1, "deaf", does=does) for does in (RequestEffect.SET, RequestEffect.STOP)]
+    tricks = [line.manipulate_replies(1, "deaf", does=does) for does in (RequestEffect.SETTING, RequestEffect.STOP)]
     _check_not_confirmed(line, 1, "set_frequency", at.random_hz())
     line.station(1).keypad_run(at.random_hz())
     line.run(1.0)

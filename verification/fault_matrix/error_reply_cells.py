@@ -9,7 +9,7 @@ from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.motor import Trip
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 REJECTED_WRITES = {
     "c320": ("F1.10", False),
@@ -60,8 +60,8 @@ def _check_rejected(line: MatrixBus, notation: str, save: bool, code: int | None
     station.handle_request = answer
     line.expect(wish.result_word == "refused", f"code {code}: {wish.result_word}")
     line.expect(
-        len(line.requests_since(mark, RequestEffect.SET)) == 1,
-        f"code {code}: sent {len(line.requests_since(mark, RequestEffect.SET))} times",
+        len(line.requests_since(mark, RequestEffect.SETTING)) == 1,
+        f"code {code}: sent {len(line.requests_since(mark, RequestEffect.SETTING))} times",
     )
     line.expect(line.failure_count(1) == failed, "counted as a failure of the line")
     outcome = wish.outcome
@@ -101,7 +101,7 @@ def drive_in_fault(at: CellRun) -> None:
     _check_fault_named(line, status.fault, station.trip_code(trip))
     mark, wish = len(line.requests), line.command_to_end(1, "run", at.random_hz())
     line.expect(
-        wish.result_word == "StartInhibited" and not line.requests_since(mark, RequestEffect.MOVE),
+        wish.result_word == "StartInhibited" and not line.requests_since(mark, RequestEffect.MOTION),
         f"a start in fault is {wish.result_word}",
     )
     if at.kind.model == "c320":

@@ -7,7 +7,7 @@ from drivebus.simulator.station import Station
 from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 FOREIGN_QUIET_S = 61.0
 FOREIGN_PAUSE_S = (0.9, 1.5)
@@ -45,7 +45,7 @@ def _check_only_stops(at: CellRun, line: MatrixBus, two: tuple[Station, Station]
     for what in ("run", "set_frequency"):
         wish = line.command_to_end(1, what, at.random_hz())
         line.expect(wish.result_word not in ("confirmed", "acknowledged"), f"{what} is {wish.result_word}")
-    line.expect(not line.requests_since(mark, RequestEffect.MOVE, RequestEffect.SET), "a command was sent")
+    line.expect(not line.requests_since(mark, RequestEffect.MOTION, RequestEffect.SETTING), "a command was sent")
     line.expect(not any(station.motor.starts for station in two), "started")
     for station in two:
         station.keypad_run(at.random_hz())
@@ -76,7 +76,7 @@ def foreign_master(at: CellRun) -> None:
     mark = len(line.requests)
     wish = line.command_to_end(1, "run", at.random_hz())
     line.expect(getattr(wish.error, "key", "") == "drives.foreign_master", f"a start is {wish.result_word}")
-    line.expect(not line.requests_since(mark, RequestEffect.MOVE) and not line.station(1).motor.starts, "started")
+    line.expect(not line.requests_since(mark, RequestEffect.MOTION) and not line.station(1).motor.starts, "started")
     line.station(1).keypad_run(at.random_hz())
     line.run(1.0)
     stop = line.command_to_end(1, "stop")

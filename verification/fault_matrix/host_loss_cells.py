@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 COMM_LOSS_TIMEOUT_S = 5.0
 

@@ -15,7 +15,7 @@ from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.fault_matrix.frame_fields import is_sync_probe
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 from verification.scenario.scenario import ObservedBus, Scenario
 from verification.scenario.user_command import UserCommand
 

@@ -8,7 +8,7 @@ from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.frame_fields import shows_standstill, status_read_key
 from verification.fault_matrix.matrix_bus import MatrixBus, MatrixRequest
 from verification.fault_matrix.void_checks import check_persistent_failure, check_void
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 
 READING_MAX_AGE_S = 2.0
 """Ruling 12: no frame of a start is older."""
@@ -31,7 +31,7 @@ def no_reply_to_read(at: CellRun) -> None:
 @cell("no_answer_setpoint")
 def no_reply_to_setpoint(at: CellRun) -> None:
     """U: never called confirmed by itself. Resent behind a fence where it is absolute; DZB100's is a run command."""
-    frame = RequestEffect.MOVE if at.kind.model == "dzb100" else RequestEffect.SET
+    frame = RequestEffect.MOTION if at.kind.model == "dzb100" else RequestEffect.SETTING
     for lost, ends in (("mute", "done"), ("deaf", "done"), ("always", "open")):
         line, first, second = at.bus(1), at.random_hz(5, 12), at.random_hz(12, 20)
         line.start_at(1, first)
@@ -67,11 +67,11 @@ def no_reply_to_start(at: CellRun) -> None:
         line = at.bus(1)
         mark = len(line.requests)
         line.manipulate_replies(
-            1, "mute" if lost == "mute" else "deaf", 9 if lost == "always" else 1, RequestEffect.MOVE
+            1, "mute" if lost == "mute" else "deaf", 9 if lost == "always" else 1, RequestEffect.MOTION
         )
         wish = line.command_to_end(1, "run", at.random_hz())
         line.run(1.0)
-        starts, motor = line.requests_since(mark, RequestEffect.MOVE), line.station(1).motor
+        starts, motor = line.requests_since(mark, RequestEffect.MOTION), line.station(1).motor
         line.expect(
             motor.starts == (lost == "mute" or (lost == "deaf" and at.kind.reports_running)), f"{motor.starts} starts"
         )

@@ -14,11 +14,11 @@ from drivebus.drives.permissives import CommandKind
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
 from drivebus.protocols.codec import Effect
 from verification.model_check import permissive_inputs as gate_question
-from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_state import FIRST_FORGED_SLOT, HeldPermit, ModelState
 from verification.model_check.model_subject import OTHER_ADDRESS, OUR_ADDRESS, normal_reply
 from verification.model_check.permissive_inputs import PermissiveInputs
 from verification.model_check.permit_monitor import ModelCommand, PermitRecord
+from verification.reference.request_effects import RequestEffect
 
 
 class GateState(ModelState):
@@ -31,7 +31,7 @@ class GateState(ModelState):
     def possible_events(self, slots: int, rare: bool) -> list[str]:
         """All but the gate's. ``slots``: submissions at a time; ``rare``: spoiled replies, broadcast stops, cancels."""
         core, flight, present = self.core, self.core.transaction, OUR_ADDRESS in self.core.stations
-        hung_s = self.subject.limit_s(FrameEffect.SETTING) + 1.0
+        hung_s = self.subject.limit_s(RequestEffect.SETTING) + 1.0
         alive = (
             (self.command is not None and not self._command_is_void())
             or self.held_permit is not None
@@ -76,7 +76,7 @@ class GateState(ModelState):
     def _missing_for_command(self) -> tuple[str, ...]:
         """What the wish has lost for good."""
         assert self.model_command is not None
-        old = self.now > self.model_command.made_at + self.subject.limit_s(FrameEffect.SETTING)
+        old = self.now > self.model_command.made_at + self.subject.limit_s(RequestEffect.SETTING)
         return self.monitor.counts.missing_since(self.model_command.counts) + ("unexpired",) * old
 
     def frames_needing_permit(self) -> list[int]:
@@ -136,7 +136,7 @@ class GateState(ModelState):
 
     def _suspend(self, _: str) -> None:
         """The host stands still for longer than any command lives."""
-        self.now += self.subject.limit_s(FrameEffect.SETTING) + 1.0
+        self.now += self.subject.limit_s(RequestEffect.SETTING) + 1.0
 
     def _reply(self, _: str, spoil: int = 0) -> None:
         flight = self.core.transaction
@@ -269,8 +269,8 @@ class GateState(ModelState):
 
     def _on_transmit(self, data: bytes) -> None:
         act, slot, lacks = self.monitor.on_frame_sent(data, self.permits, self.now)
-        self.events.motion_frames += act is FrameEffect.MOTION
-        self.events.setting_frames += act is FrameEffect.SETTING
+        self.events.motion_frames += act is RequestEffect.MOTION
+        self.events.setting_frames += act is RequestEffect.SETTING
         if lacks:
             self.events.findings.append(f"{data.hex(' ')} left without: {', '.join(lacks)}")
         if slot is not None:

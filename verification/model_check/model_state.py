@@ -9,10 +9,10 @@ from drivebus.bus.core import BusCore
 from drivebus.bus.messages import Permit
 from drivebus.drives.permissives import DriveCommand
 from verification.model_check import core_copy as gate_copy
-from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject
 from verification.model_check.permit_monitor import ModelCommand, PermitMonitor, PermitRecord
 from verification.model_check.time_grid import FINE_STEP_S, GRID_START_S, grid_serial_settings
+from verification.reference.request_effects import RequestEffect
 
 FIRST_FORGED_SLOT = 8
 """Slots from here on are of asks that nobody granted."""
@@ -106,7 +106,7 @@ class ModelState:
 
     def state_key(self) -> tuple[Any, ...]:
         """Equal for states from which the same can happen."""
-        far_s = self.subject.limit_s(FrameEffect.SETTING) + 1.0
+        far_s = self.subject.limit_s(RequestEffect.SETTING) + 1.0
         return (
             gate_copy.state_key(self.core, self.now, far_s),
             self.command_key(),
@@ -127,7 +127,7 @@ class ModelState:
         if self.command is None or self.model_command is None:
             return None
         reason = _reason(self.monitor.counts.missing_since(self.model_command.counts))
-        age_s = min(self.now - self.command.created_at, self.subject.limit_s(FrameEffect.SETTING) + FINE_STEP_S)
+        age_s = min(self.now - self.command.created_at, self.subject.limit_s(RequestEffect.SETTING) + FINE_STEP_S)
         return self.command.stop_epoch == self.generation, reason, 0.0 if reason else age_s
 
     def held_permit_key(self) -> tuple[Any, ...] | None:
@@ -139,7 +139,7 @@ class ModelState:
 
     def _permit_key(self, leave: PermitRecord) -> tuple[Any, ...]:
         """Of what is void it does not matter for how long; what moves and was sent has had its turn."""
-        if leave.frames_sent and leave.effect is FrameEffect.MOTION:
+        if leave.frames_sent and leave.effect is RequestEffect.MOTION:
             return ("sent", leave.data)
         reason = _reason(self.monitor.counts.missing_since(leave.counts))
         left_s = max(leave.expires_at - self.now, -FINE_STEP_S)

@@ -17,9 +17,9 @@ from drivebus.drives.store import MemoryStore
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.values import Reading
-from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.permit_monitor import COMMAND_LIFETIMES_S
 from verification.model_check.time_grid import TimeGrid
+from verification.reference.request_effects import RequestEffect
 
 MODEL_NAMES = ("c320", "dzb100", "vc660", "df800")
 OUR_ADDRESS, OTHER_ADDRESS = 1, 2
@@ -49,10 +49,10 @@ class ModelSubject:
     def name(self) -> str:
         return f"{self.model}/{self.kind.value}"
 
-    def limit_s(self, act: FrameEffect) -> float:
+    def limit_s(self, act: RequestEffect) -> float:
         """Rulings 12: how long the wish lives for a frame that does this."""
         life_s = COMMAND_LIFETIMES_S[self.kind.value]
-        return min(life_s, COMMAND_LIFETIMES_S["start"]) if act is FrameEffect.MOTION else life_s
+        return min(life_s, COMMAND_LIFETIMES_S["start"]) if act is RequestEffect.MOTION else life_s
 
     @property
     def command_word(self) -> tuple[Any, ...]:

@@ -21,7 +21,6 @@ from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
 from drivebus.profiles.model import Text
 from drivebus.values import Reading
-from verification.model_check.frame_effects import FrameEffect
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject
 from verification.model_check.permit_monitor import (
     DAMAGE_COUNT_MIN,
@@ -30,6 +29,7 @@ from verification.model_check.permit_monitor import (
     FAMILY_DAMAGE_RATE_MAX,
 )
 from verification.model_check.time_grid import FINE_STEP_S
+from verification.reference.request_effects import RequestEffect
 
 NO_TEXT = Text("", "")
 CHECK_RESULTS = {
@@ -81,12 +81,12 @@ def input_combinations(subject: ModelSubject, small: bool) -> Iterator[Permissiv
         yield PermissiveInputs(age, state, limits, preflight, foreign, duplicate, rate, damaged)
 
 
-def missing_permissives(subject: ModelSubject, act: FrameEffect, shown: PermissiveInputs) -> tuple[str, ...]:
+def missing_permissives(subject: ModelSubject, act: RequestEffect, shown: PermissiveInputs) -> tuple[str, ...]:
     """What is missing in the evidence for this frame, by the rulings (4, 12; RELIABILITY 4 and 6.4)."""
     found: list[tuple[str, bool | None]] = [("no foreign master", shown.foreign), ("no duplicate", shown.duplicate)]
     if subject.kind is not CommandKind.RESET:
         found.append(("limits checked", not shown.limits))
-    if act is FrameEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
+    if act is RequestEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
         bad = (
             shown.rate > FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
             and shown.damaged >= DAMAGE_COUNT_MIN

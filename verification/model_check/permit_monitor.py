@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from verification.model_check.frame_effects import EFFECT_READERS, FrameEffect, command_word
+from verification.reference.request_effects import RequestEffect, command_word, worst_effect
 
 COMMAND_LIFETIMES_S = {"start": 2.0, "jog": 2.0, "reset": 2.0, "setpoint": 5.0}
 """Ruling 12: what a person wished for longer ago is another wish. What moves lives 2 s, whatever it was meant as."""
@@ -46,7 +46,7 @@ class PermitRecord:
     """A permit as its owner knows it: for these bytes and this wish; ``lacks``: what was missing at its grant."""
 
     data: bytes
-    effect: FrameEffect
+    effect: RequestEffect
     expires_at: float
     counts: EventCounts
     missing: tuple[str, ...] = ()
@@ -68,8 +68,8 @@ class PermitMonitor:
     def copy(self) -> PermitMonitor:
         return PermitMonitor(self.model, self.counts, self.latched, self.is_open, self.present, self.command_word)
 
-    def effect_of(self, data: bytes) -> FrameEffect:
-        return EFFECT_READERS[self.model](data, self.command_word)
+    def effect_of(self, data: bytes) -> RequestEffect:
+        return worst_effect(self.model, data, self.command_word)
 
     def on_stop(self) -> None:
         self.counts = replace(self.counts, stops=self.counts.stops + 1)
@@ -84,10 +84,10 @@ class PermitMonitor:
         """What is missing at this instant for the first bit of this frame."""
         found = [*leave.missing, *self.counts.missing_since(leave.counts)]
         found += ["unexpired"] * (now > leave.expires_at) + ["not latched"] * (
-            self.latched and leave.effect is FrameEffect.MOTION
+            self.latched and leave.effect is RequestEffect.MOTION
         )
         found += ["port open"] * (not self.is_open) + ["station known"] * (not self.present)
-        found += ["sent once"] * (leave.frames_sent > 0 and leave.effect is FrameEffect.MOTION)
+        found += ["sent once"] * (leave.frames_sent > 0 and leave.effect is RequestEffect.MOTION)
         return tuple(dict.fromkeys(found))
 
     def missing_for_permit(self, wish: ModelCommand, limit_s: float, now: float) -> tuple[str, ...]:
@@ -97,13 +97,13 @@ class PermitMonitor:
 
     def on_frame_sent(
         self, data: bytes, leaves: dict[int, PermitRecord], now: float
-    ) -> tuple[FrameEffect, int | None, tuple[str, ...]]:
+    ) -> tuple[RequestEffect, int | None, tuple[str, ...]]:
         """A frame leaves: what it does, the wish that it is for, and what is missing; () where all is there."""
         act = self.effect_of(data)
         self.command_word = (
             word if (word := command_word(data)) is not None and self.model == "vc660" else self.command_word
         )
-        if act in (FrameEffect.READ, FrameEffect.STOP):
+        if act in (RequestEffect.READ, RequestEffect.STOP):
             return act, None, ()
         mine = {slot: self.missing_for_frame(leave, now) for slot, leave in leaves.items() if leave.data == data}
         if not mine:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from math import inf
 from typing import Any
 
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 from verification.scenario.frame_rules import STATUS_READS_BETWEEN_STARTS, ClassifiedFrame
 from verification.scenario.user_command import UserCommand
 
@@ -56,7 +56,7 @@ class DriveHistory:
             self.stop_received_at = self._now()
         elif frame.user_command is not None:
             frame.user_command.frames_received += 1
-            frame.user_command.motion_frames_received += frame.effect is RequestEffect.MOVE
+            frame.user_command.motion_frames_received += frame.effect is RequestEffect.MOTION
 
     @property
     def stopped_unobserved(self) -> bool:

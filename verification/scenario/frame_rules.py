@@ -7,7 +7,7 @@ from collections.abc import Callable
 from math import inf
 
 from verification.drive_variants import DriveVariant
-from verification.reference_tables import RequestEffect
+from verification.reference.request_effects import RequestEffect
 from verification.scenario.user_command import UserCommand
 
 TIME_EPSILON_S = 1e-9
@@ -122,7 +122,7 @@ class FrameRules:
             self._check_command(frame, wish, what)
 
     def _check_command(self, frame: ClassifiedFrame, wish: UserCommand, what: str) -> None:
-        if frame.effect is RequestEffect.MOVE and frame.start - wish.at > PREPARATION_MAX_S + COMMAND_EXPIRY_S + 0.1:
+        if frame.effect is RequestEffect.MOTION and frame.start - wish.at > PREPARATION_MAX_S + COMMAND_EXPIRY_S + 0.1:
             self._violation(f"I1 {what} {frame.start - wish.at:.3f} s after {wish}")
         if (
             self._stop_at.get(frame.address, -inf) > wish.at and wish.method != "write"
@@ -130,7 +130,7 @@ class FrameRules:
             self._violation(f"I1 {what} for {wish}, after a newer stop")
         if self._lost_at > wish.at:
             self._violation(f"I10 {what} for {wish}, which is older than the port")
-        if frame.effect is RequestEffect.MOVE and wish.method == "run":
+        if frame.effect is RequestEffect.MOTION and wish.method == "run":
             self._check_start(frame.address, wish)
 
     def _check_start(self, address: int, wish: UserCommand) -> None:

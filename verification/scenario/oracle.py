@@ -17,7 +17,7 @@ from drivebus import clock
 from drivebus.bus.messages import BusResult
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 from verification.scenario.drive_history import DriveHistory
 from verification.scenario.frame_rules import ClassifiedFrame, FrameRules
 from verification.scenario.outcome_rules import check_outcome

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from verification.reference_tables import RequestEffect, classify_request
+from verification.reference.request_effects import RequestEffect, classify_request
 from verification.scenario.scenario import Scenario
 from verification.timing_bounds import TimingBounds
 

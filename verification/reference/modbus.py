@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
-from verification.codec_fuzz.reference.frame_shapes import ANY, Bytes, FrameShape, literal_places
+from verification.reference.frame_shapes import ANY, Bytes, FrameShape, literal_places
 
 READ_LIMITS = {1: 2000, 2: 2000, 3: 125, 4: 125}
 """Function → most bits or registers of one read."""
@@ -72,7 +72,7 @@ class ModbusReference:
         octets = _octets(frame[1:-2]) if frame[:1] == b":" and frame[-2:] == b"\r\n" else None
         return octets is not None and sum(octets) % 256 == 0
 
-    def seal(self, frame: bytes) -> bytes:
+    def reseal(self, frame: bytes) -> bytes:
         """The frame with its check right; as it is where it has no room for one."""
         if self.encoding == "rtu":
             return _sealed_rtu(frame[:-2]) if len(frame) > 2 else frame
@@ -107,7 +107,7 @@ class ModbusReference:
             return iter(())
         return _reply_extents(asked, got, self.short) if asked else _request_extents(got)
 
-    def forms(self, sent: bytes) -> tuple[FrameShape, ...]:
+    def shapes(self, sent: bytes) -> tuple[FrameShape, ...]:
         """All lawful frames."""
         if self.encoding == "rtu":
             return tuple(
