@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from drivebus.bus import core as bus_core
+from drivebus.bus.core import BusCore
 from drivebus.bus.station import Station
 from drivebus.drives.dialects.modbus import ModbusDialect
 from verification.campaign import CampaignRun, run_campaign
@@ -78,14 +79,14 @@ def test_a_naive_host_misattributes_on_the_same_line(kind: DriveVariant, monkeyp
     assert counts["believed"] > counts["misattributed"]
 
 
-def never_suspect(self: Station, now: float) -> None:
+def never_suspect(self: BusCore, station: Station, now: float) -> None:
     """A planted fault: a reply that did not come leaves no doubt."""
 
 
 @pytest.mark.parametrize("kind", [pytest.param(k, id=k.name) for k in DRIVE_VARIANTS if k.model in ("vc660", "df800")])
 def test_a_bus_without_quarantine_and_fence_is_found(kind: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(Station, "mark_suspect", never_suspect)
+    monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
     session, _ = run_bus(kind, 1500)
     assert any("I5" in text for text in session.violations)
     assert any("G04" in text for text in session.violations)
@@ -95,7 +96,7 @@ def test_a_bus_without_quarantine_and_fence_is_found(kind: DriveVariant, monkeyp
 def test_the_same_item_is_no_excuse(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ruling 3: where the reply repeats the item, an older sample of the same item is still another answer."""
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(Station, "mark_suspect", never_suspect)
+    monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
     kind = VARIANTS_BY_NAME[name]
     monkeypatch.setattr(late, "similar_reads", lambda kind, address: one_question(kind, address))
     session, _ = run_bus(kind, 2000)

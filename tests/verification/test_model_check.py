@@ -11,7 +11,7 @@ import pytest
 from drivebus.bus.core import BusCore
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import Scheduler
-from drivebus.bus.station import Station
+from drivebus.bus.station import Station, StationState
 from drivebus.drives import permissives
 from drivebus.drives.permissives import CommandKind
 from drivebus.protocols import dzb100, modbus, sunfar
@@ -53,7 +53,7 @@ class KnownStationState(GateState):
         super().__init__(*arguments)
         for event in ("open", "step", "read", "step", "reply", "step", "wake"):
             self.apply(event)
-        assert self.core.stations[1].seen
+        assert self.core.stations[1].state is StationState.ONLINE
 
 
 def found(text: str, **options: Any) -> None:

@@ -113,7 +113,7 @@ class FairnessBus:
     def _rediscovery_s(self, address: int, at: float, within_s: float) -> float:
         """Seconds until it was asked and answered; twice ``within_s`` is watched, and no more."""
         while self.scenario.loop.time() < at + 2 * within_s:
-            if self.stations[address].replies > self._replied_at[address]:
+            if self.stations[address].reply_count > self._replied_at[address]:
                 return self.scenario.loop.time() - at
             self._advance()
         return float("inf")
