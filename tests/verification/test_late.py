@@ -99,7 +99,7 @@ def test_the_same_item_is_no_excuse(name: str, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
     kind = VARIANTS_BY_NAME[name]
     monkeypatch.setattr(late, "similar_reads", lambda kind, address: one_question(kind, address))
-    session, _ = run_bus(kind, 2000)
+    session, _ = run_bus(kind, 6000)
     assert any("G04" in text for text in session.violations)
 
 
