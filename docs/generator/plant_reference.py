@@ -1,4 +1,4 @@
-"""The keys of a plant.toml as tables, from the schema that reads it; units, states and the sample from their code."""
+"""Reference of plant.toml: tables of its keys from the schema, and units, states and the sample."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NAMED = ("bus", "drive", "group", "interlock", "alarm")
 
 
 def page(language: str) -> dict[str, str]:
-    """The generated parts of the page."""
+    """Return the generated parts of the page."""
     sample = Path(config.__file__).parent / f"sample.{language}.toml"
     return {
         "keys": "\n".join(_tables(language)),
@@ -41,7 +41,7 @@ def page(language: str) -> dict[str, str]:
 
 
 def paths() -> Iterator[tuple[str, ...]]:
-    """Every table and key of the schema."""
+    """Yield every table and key of the schema."""
     for name, found in _SCHEMA["properties"].items():
         yield (name,)
         yield from ((name, *rest) for rest in _below(found))
@@ -54,7 +54,7 @@ def _below(found: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _properties(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Keys of a table, or of each table of a table of tables; a title's two languages are no keys of their own."""
+    """Return the keys of a table, or of each table of a table of tables. A title's languages do not count."""
     resolved = _resolved(found)
     each = _each(resolved)
     resolved = resolved if each is None else _resolved(each)
@@ -62,14 +62,14 @@ def _properties(found: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _each(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What every key of a table with free keys holds; None for a table with keys of its own."""
+    """Return the schema of the values of a table with free keys; None for a table with fixed keys."""
     by_pattern = list(found.get("patternProperties", {}).values())
     each = by_pattern[0] if by_pattern else found.get("additionalProperties")
     return each if isinstance(each, Mapping) else None
 
 
 def _resolved(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Without references and without the null of what may be left out."""
+    """Return a schema without references and without the null of optional keys."""
     if "anyOf" in found:
         kinds = [one for one in found["anyOf"] if one.get("type") != "null"]
         return _resolved(kinds[0]) if len(kinds) == 1 else found
@@ -108,7 +108,7 @@ def _table(header: str, path: tuple[str, ...], found: Mapping[str, Any], languag
 
 
 def paragraph(path: tuple[str, ...], language: str) -> str:
-    """What a key means. Raises KeyError where nobody has said so."""
+    """Return the description of a key. Raises KeyError if there is none."""
     return i18n.catalogue(language)[f"plant_config.key.{'.'.join(path)}"]
 
 

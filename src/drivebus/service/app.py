@@ -86,7 +86,7 @@ class Service:
             alarms=AlarmEngine(
                 config.alarms,
                 config.drives,
-                storage.alarm_log,
+                storage.alarm_log.put,
                 known,
                 first_number=storage.alarm_log.next_number,
                 now=now(),

@@ -21,7 +21,7 @@ STALE = AlarmConfig("old", AlarmKind.STALE, (), delay_s=1.0)
 
 
 def book(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
-    return AlarmEngine(settings, [FAN], FakeAlarmLog(), known, **more)
+    return AlarmEngine(settings, [FAN], FakeAlarmLog().put, known, **more)
 
 
 def words(changes: list) -> list[str]:
@@ -240,13 +240,14 @@ def test_every_sentence_has_all_its_numbers() -> None:
 
 
 def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> None:
-    alarms = book()
+    log = FakeAlarmLog()
+    alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):
         run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))
     assert [alarm.id for alarm in alarms.active()] == [
         f"a{n}" for n in range(100, 100 - MAX_UNACKNOWLEDGED_PER_KEY, -1)
     ]
-    kept = alarms._log.alarms  # type: ignore[attr-defined]
+    kept = log.alarms
     assert {alarm.acknowledged_by for alarm in kept if alarm.id == "a1"} == {None, AUTOMATIC_ACKNOWLEDGER}
     assert len({alarm.id for alarm in kept}) == 100
 

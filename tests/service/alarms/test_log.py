@@ -20,7 +20,7 @@ EVER = (0, 10**14)
 
 def trips(log: AlarmLog, count: int, known: list[Alarm] | None = None) -> AlarmEngine:
     """So many faults, each cleared but the last."""
-    book = AlarmEngine([], [FAN], log, known or (), first_number=log.next_number)
+    book = AlarmEngine([], [FAN], log.put, known or (), first_number=log.next_number)
     for n in range(count):
         book.observe(view(fault=OVERCURRENT), n, 1000 * n)
         if n < count - 1:

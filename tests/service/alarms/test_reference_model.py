@@ -55,7 +55,7 @@ def test_every_raise_and_clear_is_where_the_rules_say_to_the_tick(
     past: list[Value], kind: AlarmKind, hysteresis: float, delay_s: float
 ) -> None:
     setting = AlarmConfig("x", kind, (), "output_current", LIMIT, hysteresis, delay_s)
-    book = AlarmEngine([setting], [FAN], FakeAlarmLog())
+    book = AlarmEngine([setting], [FAN], FakeAlarmLog().put)
     told = [
         (tick, change.action)
         for tick, (value, quality) in enumerate(past)
@@ -75,7 +75,7 @@ def test_a_delay_ends_at_the_first_look_that_is_not_before_it(start: float, step
     """Whatever floating sums do: neither a look too early nor one too late."""
     delay_s = looks * step_s
     book = AlarmEngine(
-        [AlarmConfig("x", AlarmKind.ABOVE, (), "output_current", 1.0, 0.0, delay_s)], [FAN], FakeAlarmLog()
+        [AlarmConfig("x", AlarmKind.ABOVE, (), "output_current", 1.0, 0.0, delay_s)], [FAN], FakeAlarmLog().put
     )
     raised = [n for n in range(looks + 3) if book.observe(current(2.0), start + n * step_s, 0)]
     assert raised == [looks]

@@ -40,7 +40,7 @@ HEARD = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
 
 
 def tripped(drive: str = "fan-1") -> Alarm:
-    book = AlarmEngine([], [FAN], FakeAlarmLog())
+    book = AlarmEngine([], [FAN], FakeAlarmLog().put)
     return book.raise_alarm(SystemAlarm.INTERLOCK_TRIP, drive, 100_000)[0].alarm
 
 

@@ -6,9 +6,9 @@ may be set at any time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 from drivebus import i18n
 from drivebus.errors import NotFound
@@ -147,12 +147,6 @@ AUTOMATIC_ACKNOWLEDGER = "drivebus"
 """Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 
 
-class AlarmSink(Protocol):
-    """Where every change is kept."""
-
-    def put(self, alarm: Alarm) -> None: ...
-
-
 class AlarmEngine:
     """All alarms of a plant. ``known``: alarms that were active when the service last ended."""
 
@@ -160,15 +154,15 @@ class AlarmEngine:
         self,
         settings: Sequence[AlarmConfig],
         drives: Sequence[DriveConfig],
-        log: AlarmSink,
+        record: Callable[[Alarm], None],
         known: Iterable[Alarm] = (),
         *,
         first_number: int = 1,
         now: float = 0.0,
         now_ms: int = 0,
     ) -> None:
-        """Start at ``now`` and ``now_ms``. ``first_number``: number of the next new alarm."""
-        self._log = log
+        """Start at ``now`` and ``now_ms``. ``record`` gets every changed alarm, ``first_number`` the next new one."""
+        self._record = record
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
@@ -315,7 +309,7 @@ class AlarmEngine:
             self._alarms[alarm.id] = alarm
         else:
             self._alarms.pop(alarm.id, None)
-        self._log.put(alarm)
+        self._record(alarm)
         return AlarmChange(word, alarm)
 
     # --- state -----------------------------------------------------------------------------------------------------

@@ -91,23 +91,23 @@ def is_model_path(model: str) -> bool:
     return model.endswith(".toml") or "/" in model or "\\" in model
 
 
-def plant_config(draft: ParsedPlant, source: str) -> PlantConfig:
+def plant_config(parsed: ParsedPlant, source: str) -> PlantConfig:
     """Build the configuration of a plant that has passed every check."""
-    file = draft.file
+    file = parsed.file
     buses = tuple(bus_config(file, id) for id in file.bus)
     return PlantConfig(
         id=file.plant.id,
         title=_text(file.plant.title, file.plant.id),
-        directory=draft.resolve_path(file.plant.directory) if file.plant.directory else state_directory(file.plant.id),
+        directory=parsed.resolve_path(file.plant.directory) if file.plant.directory else state_directory(file.plant.id),
         buses=buses,
-        drives=_drives(draft, buses),
+        drives=_drives(parsed, buses),
         groups=tuple(_groups(file)),
         interlocks=tuple(_interlocks(file)),
-        alarms=tuple(_alarm(draft, id, one) for id, one in file.alarm.items()),
+        alarms=tuple(_alarm(parsed, id, one) for id, one in file.alarm.items()),
         history=_history(file.history),
-        audit=_audit(draft),
-        web=_web(draft),
-        users=draft.resolve_path(file.plant.users) if file.plant.users else None,
+        audit=_audit(parsed),
+        web=_web(parsed),
+        users=parsed.resolve_path(file.plant.users) if file.plant.users else None,
         source=source,
     )
 
@@ -123,12 +123,12 @@ def bus_config(file: PlantFile, id: str) -> BusConfig:
     return BusConfig(id, one.link, one.baud, one.format, _text(one.title, id))
 
 
-def drive_config(draft: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
+def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
     return DriveConfig(
         id=id,
         bus=one.bus,
         address=one.address,
-        model=draft.model_of(one),
+        model=parsed.model_of(one),
         title=_text(one.title, id),
         encoding=one.encoding,
         settings=dict(one.settings),
@@ -141,26 +141,28 @@ def drive_config(draft: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
     )
 
 
-def unpaced_drives(draft: ParsedPlant) -> frozenset[str]:
+def unpaced_drives(parsed: ParsedPlant) -> frozenset[str]:
     """Return the drives without configured periods: they share what their bus has left."""
-    return frozenset(id for id, one in draft.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
+    return frozenset(id for id, one in parsed.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
 
 
-def drives_on_bus(draft: ParsedPlant, of: BusConfig) -> list[DriveConfig]:
+def drives_on_bus(parsed: ParsedPlant, of: BusConfig) -> list[DriveConfig]:
     """Return the drives of a bus with a dialect, with poll intervals that the bus can carry."""
     drives = [
-        (drive_config(draft, id, one), draft.dialects[id]) for id, one in draft.drives_on(of.id) if id in draft.dialects
+        (drive_config(parsed, id, one), parsed.dialects[id])
+        for id, one in parsed.drives_on(of.id)
+        if id in parsed.dialects
     ]
     return (
-        with_sufficient_interval(drives, serial_settings_of(of, drives[0][1].profile), unpaced_drives(draft))
+        with_sufficient_interval(drives, serial_settings_of(of, drives[0][1].profile), unpaced_drives(parsed))
         if drives
         else []
     )
 
 
-def _drives(draft: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveConfig, ...]:
-    found = {one.id: one for each in buses for one in drives_on_bus(draft, each)}
-    return tuple(found[id] for id in draft.file.drive)
+def _drives(parsed: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveConfig, ...]:
+    found = {one.id: one for each in buses for one in drives_on_bus(parsed, each)}
+    return tuple(found[id] for id in parsed.file.drive)
 
 
 def _groups(file: PlantFile) -> list[GroupConfig]:
@@ -187,11 +189,11 @@ def _interlocks(file: PlantFile) -> list[InterlockConfig]:
     ]
 
 
-def _alarm(draft: ParsedPlant, id: str, one: AlarmTable) -> AlarmConfig:
+def _alarm(parsed: ParsedPlant, id: str, one: AlarmTable) -> AlarmConfig:
     return AlarmConfig(
         id=id,
         kind=AlarmKind(one.kind),
-        drives=tuple(alarm_drives(draft, one)),
+        drives=tuple(alarm_drives(parsed, one)),
         signal=one.signal,
         threshold=one.threshold,
         hysteresis=one.hysteresis,
@@ -201,16 +203,16 @@ def _alarm(draft: ParsedPlant, id: str, one: AlarmTable) -> AlarmConfig:
     )
 
 
-def alarm_drives(draft: ParsedPlant, alarm: AlarmTable) -> list[str]:
+def alarm_drives(parsed: ParsedPlant, alarm: AlarmTable) -> list[str]:
     """Return the drives of an alarm: those named, else every drive that polls its signal."""
     if alarm.drives or alarm.signal is None:
         return alarm.drives
-    return [id for id, one in draft.file.drive.items() if alarm.signal in polled_signals(draft, id, one)]
+    return [id for id, one in parsed.file.drive.items() if alarm.signal in polled_signals(parsed, id, one)]
 
 
-def polled_signals(draft: ParsedPlant, id: str, one: DriveTable) -> list[str]:
+def polled_signals(parsed: ParsedPlant, id: str, one: DriveTable) -> list[str]:
     """Return the signals that a drive polls."""
-    profile = draft.profiles.get(id)
+    profile = parsed.profiles.get(id)
     return list(one.signals) or ([] if profile is None else list(profile.signals))
 
 
@@ -219,21 +221,21 @@ def _history(table: HistoryTable) -> HistoryConfig:
     return HistoryConfig(url=table.url, retention=retention, max_size_mb=table.max_size_mb)
 
 
-def _audit(draft: ParsedPlant) -> AuditConfig:
-    audit = draft.file.audit
+def _audit(parsed: ParsedPlant) -> AuditConfig:
+    audit = parsed.file.audit
     return AuditConfig(
-        checkpoints=draft.resolve_path(audit.checkpoints) if audit.checkpoints else None,
-        key=draft.resolve_path(audit.key) if audit.key else None,
+        checkpoints=parsed.resolve_path(audit.checkpoints) if audit.checkpoints else None,
+        key=parsed.resolve_path(audit.key) if audit.key else None,
     )
 
 
-def _web(draft: ParsedPlant) -> WebConfig:
-    web = draft.file.web
+def _web(parsed: ParsedPlant) -> WebConfig:
+    web = parsed.file.web
     return WebConfig(
         host=web.host,
         port=web.port,
-        certificate=draft.resolve_path(web.certificate) if web.certificate else None,
-        key=draft.resolve_path(web.key) if web.key else None,
+        certificate=parsed.resolve_path(web.certificate) if web.certificate else None,
+        key=parsed.resolve_path(web.key) if web.key else None,
         origins=tuple(web.origins),
         enabled=web.enabled,
     )

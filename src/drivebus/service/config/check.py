@@ -14,15 +14,15 @@ from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.loopback import is_loopback
 
 
-def all_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
-    """Yield every issue of a plant file. Fills in the profiles, port URLs and dialects of ``draft``."""
-    draft.read_profiles()
-    yield from text_problems(draft.raw)
-    yield from path_problems(draft)
-    yield from check_buses.bus_problems(draft)
-    yield from check_buses.drive_problems(draft)
-    yield from check_buses.bus_load_problems(draft)
-    yield from check_rules.rule_problems(draft)
+def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
+    """Yield every issue of a plant file. Fills in the profiles, port URLs and dialects of ``parsed``."""
+    parsed.read_profiles()
+    yield from text_problems(parsed.raw)
+    yield from path_problems(parsed)
+    yield from check_buses.bus_problems(parsed)
+    yield from check_buses.drive_problems(parsed)
+    yield from check_buses.bus_load_problems(parsed)
+    yield from check_rules.rule_problems(parsed)
 
 
 _ALLOWED_IN_EXPRESSIONS = re.compile(r"[\n\t]")
@@ -51,45 +51,45 @@ def _check_value(value: Any, path: KeyPath) -> Iterator[Issue]:
 _ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
 
 
-def path_problems(draft: ParsedPlant) -> Iterator[Issue]:
-    yield from _check_directory(draft)
-    yield from _check_users(draft)
-    yield from _check_audit(draft)
-    yield from _check_web(draft)
-    yield from _check_history(draft)
+def path_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+    yield from _check_directory(parsed)
+    yield from _check_users(parsed)
+    yield from _check_audit(parsed)
+    yield from _check_web(parsed)
+    yield from _check_history(parsed)
 
 
-def _check_directory(draft: ParsedPlant) -> Iterator[Issue]:
-    plant = draft.file.plant
-    where = draft.resolve_path(plant.directory) if plant.directory else state_directory(plant.id)
+def _check_directory(parsed: ParsedPlant) -> Iterator[Issue]:
+    plant = parsed.file.plant
+    where = parsed.resolve_path(plant.directory) if plant.directory else state_directory(plant.id)
     if where.exists() and not where.is_dir():
         yield issue("not_a_folder", ("plant", "directory"), str(where))
 
 
-def _check_users(draft: ParsedPlant) -> Iterator[Issue]:
-    if draft.file.plant.users is None:
+def _check_users(parsed: ParsedPlant) -> Iterator[Issue]:
+    if parsed.file.plant.users is None:
         return
-    where = draft.resolve_path(draft.file.plant.users)
+    where = parsed.resolve_path(parsed.file.plant.users)
     if where.is_dir() or not where.parent.is_dir():
         yield issue("users_file", ("plant", "users"), str(where))
 
 
-def _check_audit(draft: ParsedPlant) -> Iterator[Issue]:
+def _check_audit(parsed: ParsedPlant) -> Iterator[Issue]:
     for name in ("checkpoints", "key"):
-        text = getattr(draft.file.audit, name)
-        where = None if text is None else draft.resolve_path(text)
+        text = getattr(parsed.file.audit, name)
+        where = None if text is None else parsed.resolve_path(text)
         if where is not None and (where.is_dir() or not where.parent.is_dir()):
             yield issue("audit_file", ("audit", name), str(where))
 
 
-def _check_web(draft: ParsedPlant) -> Iterator[Issue]:
-    web = draft.file.web
+def _check_web(parsed: ParsedPlant) -> Iterator[Issue]:
+    web = parsed.file.web
     for name, other in (("certificate", "key"), ("key", "certificate")):
         text = getattr(web, name)
         if text is None:
             continue
-        if not draft.resolve_path(text).is_file():
-            yield issue("web_file", ("web", name), str(draft.resolve_path(text)))
+        if not parsed.resolve_path(text).is_file():
+            yield issue("web_file", ("web", name), str(parsed.resolve_path(text)))
         if getattr(web, other) is None:
             yield issue("needs_other", ("web", name), text, other=other)
     if web.enabled and web.certificate is None and not is_loopback(web.host):
@@ -99,8 +99,8 @@ def _check_web(draft: ParsedPlant) -> Iterator[Issue]:
             yield issue("origin", ("web", "origins"), origin)
 
 
-def _check_history(draft: ParsedPlant) -> Iterator[Issue]:
-    history = draft.file.history
+def _check_history(parsed: ParsedPlant) -> Iterator[Issue]:
+    history = parsed.file.history
     if history.url is not None and not _is_postgres(history.url):
         yield issue("history_url", ("history", "url"), redact_url(history.url))
     retention = history.retention.model_dump()

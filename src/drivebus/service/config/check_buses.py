@@ -38,9 +38,9 @@ _UNOPENED_SCHEMES = ("memory", "replay")
 """Ports of these schemes cannot be created for a check: they take one end of a connection or read a file."""
 
 
-def bus_problems(draft: ParsedPlant) -> Iterator[Issue]:
+def bus_problems(parsed: ParsedPlant) -> Iterator[Issue]:
     taken: dict[tuple[str, ...], str] = {}
-    for id, bus in draft.file.bus.items():
+    for id, bus in parsed.file.bus.items():
         path = ("bus", id, "link")
         wrong = bus.format is not None and not is_format(bus.format)
         if wrong:
@@ -55,7 +55,7 @@ def bus_problems(draft: ParsedPlant) -> Iterator[Issue]:
             yield issue("one_device", path, bus.link, other=taken[device], device=device[-1])
         taken.setdefault(device, id)
         if not wrong:
-            draft.links[id] = link
+            parsed.links[id] = link
 
 
 def is_format(text: str) -> bool:
@@ -90,20 +90,20 @@ def device_of(link: PortUrl) -> tuple[str, ...]:
     return (link.scheme, name) if name else (link.scheme, link.text, str(id(link)))
 
 
-def drive_problems(draft: ParsedPlant) -> Iterator[Issue | Diagnostic]:
+def drive_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     taken: dict[tuple[str, int], str] = {}
-    for id, drive in draft.file.drive.items():
+    for id, drive in parsed.file.drive.items():
         path = ("drive", id)
-        if drive.bus not in draft.known_ids("bus"):
-            yield issue("unknown_bus", (*path, "bus"), drive.bus, **suggestions(drive.bus, draft.known_ids("bus")))
+        if drive.bus not in parsed.known_ids("bus"):
+            yield issue("unknown_bus", (*path, "bus"), drive.bus, **suggestions(drive.bus, parsed.known_ids("bus")))
         where = (drive.bus, drive.address)
         if where in taken:
             yield issue("same_address", (*path, "address"), drive.address, other=taken[where], bus=drive.bus)
         taken.setdefault(where, id)
-        if id in draft.profile_errors:
-            yield from _check_profile(draft, id, drive)
-        elif id in draft.profiles:
-            yield from _check_drive(draft, id, drive, draft.profiles[id])
+        if id in parsed.profile_errors:
+            yield from _check_profile(parsed, id, drive)
+        elif id in parsed.profiles:
+            yield from _check_drive(parsed, id, drive, parsed.profiles[id])
 
 
 def suggestions(name: str, known: list[str]) -> dict[str, Any]:
@@ -112,9 +112,9 @@ def suggestions(name: str, known: list[str]) -> dict[str, Any]:
     return {"known": ", ".join(known) or "-", "near": ", ".join(close) or "-"}
 
 
-def _check_profile(draft: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
+def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
     """Yield the issues of a profile that could not be loaded."""
-    found = draft.profile_errors[id].params
+    found = parsed.profile_errors[id].params
     path = ("drive", id, "model")
     kinds = [one.kind for one in found["complaints"]]
     if kinds == ["no_model"]:
@@ -123,14 +123,14 @@ def _check_profile(draft: ParsedPlant, id: str, drive: DriveTable) -> Iterator[I
         yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
         return
     if kinds == ["no_file"] and is_model_path(drive.model):
-        yield issue("no_file", path, draft.model_of(drive))
+        yield issue("no_file", path, parsed.model_of(drive))
         return
     yield issue("refused_model", path, drive.model, count=len(kinds))
-    first = next(one for one in draft.profile_errors if draft.profile_errors[one] is draft.profile_errors[id])
+    first = next(one for one in parsed.profile_errors if parsed.profile_errors[one] is parsed.profile_errors[id])
     yield from found["complaints"] if first == id else ()
 
 
-def _check_drive(draft: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+def _check_drive(parsed: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
     faults = [
         *_check_address(id, drive, profile),
         *_check_encoding(id, drive, profile),
@@ -138,10 +138,10 @@ def _check_drive(draft: ParsedPlant, id: str, drive: DriveTable, profile: DriveP
     ]
     yield from faults
     yield from _check_limits(id, drive, profile)
-    yield from _check_signals(draft, id, drive, profile)
+    yield from _check_signals(parsed, id, drive, profile)
     if not faults:
         asked = with_periods(profile, drive.signals)
-        draft.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, settings=drive.settings)
+        parsed.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, settings=drive.settings)
 
 
 def _check_address(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
@@ -202,8 +202,8 @@ def _check_limits(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator
         yield issue("no_direction", (*path, "forward"), False)
 
 
-def _check_signals(draft: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
-    known = polled_signals(draft, id, drive.model_copy(update={"signals": {}}))
+def _check_signals(parsed: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    known = polled_signals(parsed, id, drive.model_copy(update={"signals": {}}))
     for name in drive.signals:
         if name not in profile.signals:
             yield issue("unknown_signal", ("drive", id, "signals", name), name, drive=id, **suggestions(name, known))
@@ -212,19 +212,19 @@ def _check_signals(draft: ParsedPlant, id: str, drive: DriveTable, profile: Driv
 SettingPath = tuple[str | int, ...]
 
 
-def bus_load_problems(draft: ParsedPlant) -> Iterator[Issue]:
-    for bus in draft.file.bus:
-        drives = [(id, one) for id, one in draft.drives_on(bus) if id in draft.profiles]
-        faults = list(_check_families(draft, drives)) or list(_check_serial_settings(draft, bus, drives))
+def bus_load_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+    for bus in parsed.file.bus:
+        drives = [(id, one) for id, one in parsed.drives_on(bus) if id in parsed.profiles]
+        faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))
         yield from faults
-        clear = bus in draft.links and not faults
-        if clear and drives and all(id in draft.dialects for id, _ in drives):
-            yield from _check_load(draft, bus, drives)
+        clear = bus in parsed.links and not faults
+        if clear and drives and all(id in parsed.dialects for id, _ in drives):
+            yield from _check_load(parsed, bus, drives)
 
 
-def _check_families(draft: ParsedPlant, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+def _check_families(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
     """Yield drives of different protocols: bytes of one may look like a frame of another."""
-    spoken = [(id, draft.dialects[id]) for id, _ in drives if id in draft.dialects]
+    spoken = [(id, parsed.dialects[id]) for id, _ in drives if id in parsed.dialects]
     for id, dialect in spoken[1:]:
         first, other = spoken[0]
         if protocol_of(dialect.codec) != protocol_of(other.codec):
@@ -232,37 +232,37 @@ def _check_families(draft: ParsedPlant, drives: list[tuple[str, DriveTable]]) ->
             yield issue("mixed", ("drive", id, "bus"), found, other=first, expected=expected)
 
 
-def _check_serial_settings(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
     """Yield serial settings that are unknown or that a model on the bus does not have."""
-    link = draft.links.get(bus)
+    link = parsed.links.get(bus)
     if link is None:
         return
     for name in ("baud", "format"):
-        path = _setting_path(draft, bus, name)
+        path = _setting_path(parsed, bus, name)
         if name in link.explicit:
             value = getattr(link.settings, name)
-            yield from _not_offered(draft, drives, name, value, path)
+            yield from _not_offered(parsed, drives, name, value, path)
         else:
-            factory = {getattr(draft.profiles[id].serial, name) for id, _ in drives}
+            factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
                 values = ", ".join(str(one) for one in sorted(factory))
                 yield issue("line_unclear", path, "-", name=name, values=values)
 
 
-def _setting_path(draft: ParsedPlant, bus: str, name: str) -> SettingPath:
+def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> SettingPath:
     """Return the key that holds the setting: its own, else the port URL."""
-    own = getattr(draft.file.bus[bus], name) is not None
+    own = getattr(parsed.file.bus[bus], name) is not None
     return ("bus", bus, name) if own else ("bus", bus, "link")
 
 
 def _not_offered(
-    draft: ParsedPlant, drives: list[tuple[str, DriveTable]], name: str, value: int | str, path: SettingPath
+    parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], name: str, value: int | str, path: SettingPath
 ) -> Iterator[Issue]:
     for id, _ in drives:
-        offered = _offered(draft.profiles[id], name)
+        offered = _offered(parsed.profiles[id], name)
         if value not in offered:
             choices = ", ".join(str(one) for one in offered)
-            yield issue("line_not_offered", path, value, drive=id, model=draft.profiles[id].model, choices=choices)
+            yield issue("line_not_offered", path, value, drive=id, model=parsed.profiles[id].model, choices=choices)
             return
 
 
@@ -270,24 +270,24 @@ def _offered(profile: DriveProfile, name: str) -> tuple[int | str, ...]:
     return profile.serial.bauds if name == "baud" else profile.serial.formats
 
 
-def _check_load(draft: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
-    setting = build.bus_config(draft.file, bus)
-    line = serial_settings_of(setting, draft.profiles[drives[0][0]])
-    found = list(_check_periods(draft, drives, line))
+def _check_load(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
+    setting = build.bus_config(parsed.file, bus)
+    line = serial_settings_of(setting, parsed.profiles[drives[0][0]])
+    found = list(_check_periods(parsed, drives, line))
     yield from found
-    paced = [(one, draft.dialects[one.id]) for one in build.drives_on_bus(draft, setting)]
+    paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, setting)]
     load = polling_load(paced, line).load_percent
     if load > FULL_LOAD_PERCENT and not found:
         least = sufficient_interval(paced, line)
         yield issue("overload", ("bus", bus), f"{load:.0f} %", line=str(line), drives=len(paced), least=least)
 
 
-def _check_periods(draft: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
+def _check_periods(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
     """Yield signals whose period is shorter than one request with its reply."""
     for id, drive in drives:
         for name, period_s in drive.signals.items():
-            least_s = _poll_time_s(draft.dialects[id], name, line)
-            if name in draft.profiles[id].signals and max(period_s, drive.min_poll_interval_s or 0.0) < least_s:
+            least_s = _poll_time_s(parsed.dialects[id], name, line)
+            if name in parsed.profiles[id].signals and max(period_s, drive.min_poll_interval_s or 0.0) < least_s:
                 path = ("drive", id, "signals", name)
                 yield issue("too_often", path, f"{period_s:g} s", least=f"{least_s:.3f}", line=str(line))
 

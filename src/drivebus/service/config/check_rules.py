@@ -28,21 +28,21 @@ from drivebus.service.interlocks.expression import (
 )
 
 
-def rule_problems(draft: ParsedPlant) -> Iterator[Issue]:
-    for id, group in draft.file.group.items():
-        yield from check_drive_names(draft, group.drives, ("group", id, "drives"))
+def rule_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+    for id, group in parsed.file.group.items():
+        yield from check_drive_names(parsed, group.drives, ("group", id, "drives"))
         yield from _check_group(id, group)
-    for id, interlock in draft.file.interlock.items():
-        yield from check_drive_names(draft, interlock.drives, ("interlock", id, "drives"))
-    for id, alarm in draft.file.alarm.items():
-        yield from check_drive_names(draft, alarm.drives, ("alarm", id, "drives"))
-    yield from interlock_problems(draft)
-    yield from alarm_problems(draft)
+    for id, interlock in parsed.file.interlock.items():
+        yield from check_drive_names(parsed, interlock.drives, ("interlock", id, "drives"))
+    for id, alarm in parsed.file.alarm.items():
+        yield from check_drive_names(parsed, alarm.drives, ("alarm", id, "drives"))
+    yield from interlock_problems(parsed)
+    yield from alarm_problems(parsed)
 
 
-def check_drive_names(draft: ParsedPlant, drives: Sequence[str], path: KeyPath) -> Iterator[Issue]:
+def check_drive_names(parsed: ParsedPlant, drives: Sequence[str], path: KeyPath) -> Iterator[Issue]:
     """Yield drives that do not exist or are listed twice."""
-    known = draft.known_ids("drive")
+    known = parsed.known_ids("drive")
     for index, drive in enumerate(drives):
         if drive not in known:
             yield issue("unknown_drive", path, drive, **suggestions(drive, known))
@@ -63,38 +63,38 @@ def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
             yield issue("ratio_of_leader", (*path, "ratios", drive), drive)
 
 
-def interlock_problems(draft: ParsedPlant) -> Iterator[Issue]:
+def interlock_problems(parsed: ParsedPlant) -> Iterator[Issue]:
     read: dict[str, Expression] = {}
-    for id, interlock in draft.file.interlock.items():
+    for id, interlock in parsed.file.interlock.items():
         path = ("interlock", id, "require")
         try:
             read[id] = parse(interlock.require)
         except ConfigurationError as error:
             yield issue("expression", path, interlock.require, why=error_text(error))
             continue
-        yield from _check_names(draft, read[id], path)
+        yield from _check_names(parsed, read[id], path)
         for comparison in comparisons(read[id]):
-            yield from _check_sides(draft, comparison, path)
-    yield from _check_cycles({id: draft.file.interlock[id] for id in read}, read)
+            yield from _check_sides(parsed, comparison, path)
+    yield from _check_cycles({id: parsed.file.interlock[id] for id in read}, read)
 
 
-def _check_names(draft: ParsedPlant, expression: Expression, path: KeyPath) -> Iterator[Issue]:
-    known = draft.known_ids("drive")
+def _check_names(parsed: ParsedPlant, expression: Expression, path: KeyPath) -> Iterator[Issue]:
+    known = parsed.known_ids("drive")
     for one in references(expression):
         if one.drive not in known:
             yield issue("expression_drive", path, str(one), column=one.column, **suggestions(one.drive, known))
-        elif one.drive in draft.profiles:
-            yield from _check_signal(draft, one, path)
+        elif one.drive in parsed.profiles:
+            yield from _check_signal(parsed, one, path)
 
 
-def _check_signal(draft: ParsedPlant, one: SignalReference, path: KeyPath) -> Iterator[Issue]:
+def _check_signal(parsed: ParsedPlant, one: SignalReference, path: KeyPath) -> Iterator[Issue]:
     """Yield a reference to a signal that is not polled or never has good quality."""
-    profile = draft.profiles[one.drive]
+    profile = parsed.profiles[one.drive]
     if one.name == STATE_NAME:
         if "status" not in profile.capabilities:
             yield issue("expression_no_state", path, str(one), column=one.column, model=profile.model)
         return
-    asked = polled_signals(draft, one.drive, draft.file.drive[one.drive])
+    asked = polled_signals(parsed, one.drive, parsed.file.drive[one.drive])
     if one.name not in asked:
         names = suggestions(one.name, list(dict.fromkeys((STATE_NAME, *asked))))
         yield issue("expression_signal", path, str(one), column=one.column, drive=one.drive, **names)
@@ -102,7 +102,7 @@ def _check_signal(draft: ParsedPlant, one: SignalReference, path: KeyPath) -> It
         yield issue("expression_uncertain", path, str(one), column=one.column, model=profile.model)
 
 
-def _check_sides(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
+def _check_sides(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
     """Yield comparisons whose sides differ in quantity, and states compared with anything but their words."""
     left, right = comparison.left, comparison.right
     if not any(isinstance(side, SignalReference) for side in (left, right)):
@@ -119,43 +119,43 @@ def _check_sides(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> I
     for number in (side for side in (left, right) if isinstance(side, Quantity) and side.unit not in UNIT_MEASURES):
         units = ", ".join(unit for unit in UNIT_MEASURES if unit)
         yield issue("expression_unit", path, number.unit, column=number.column, units=units)
-    yield from _check_units(draft, comparison, path)
+    yield from _check_units(parsed, comparison, path)
 
 
-def _check_units(draft: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
-    sides = [(side, quantity_of(draft, side)) for side in (comparison.left, comparison.right)]
+def _check_units(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
+    sides = [(side, quantity_of(parsed, side)) for side in (comparison.left, comparison.right)]
     if any(what is None for _, what in sides):
         return
     (left, one), (right, other) = sides
     if one != other:
         shown = str(comparison)
-        units: dict[str, Any] = {"left": _with_unit(draft, left), "right": _with_unit(draft, right)}
+        units: dict[str, Any] = {"left": _with_unit(parsed, left), "right": _with_unit(parsed, right)}
         yield issue("expression_measures", path, shown, column=left.column, **units)
 
 
-def _with_unit(draft: ParsedPlant, side: Operand) -> str:
-    return str(side) if isinstance(side, Quantity | StateWord) else f"{side} [{_unit(draft, side) or '-'}]"
+def _with_unit(parsed: ParsedPlant, side: Operand) -> str:
+    return str(side) if isinstance(side, Quantity | StateWord) else f"{side} [{_unit(parsed, side) or '-'}]"
 
 
 def _is_state(side: Operand) -> bool:
     return isinstance(side, StateWord) or (isinstance(side, SignalReference) and side.name == STATE_NAME)
 
 
-def quantity_of(draft: ParsedPlant, side: Operand) -> str | None:
+def quantity_of(parsed: ParsedPlant, side: Operand) -> str | None:
     """Return the quantity of an operand; None if it is unknown and already reported."""
     if _is_state(side):
         return STATE_NAME
-    unit = _unit(draft, side)
+    unit = _unit(parsed, side)
     return None if unit is None or unit not in UNIT_MEASURES else UNIT_MEASURES[unit][0]
 
 
-def _unit(draft: ParsedPlant, side: Operand) -> str | None:
+def _unit(parsed: ParsedPlant, side: Operand) -> str | None:
     if isinstance(side, Quantity):
         return side.unit
     if _is_state(side):
         return STATE_NAME
     assert isinstance(side, SignalReference)
-    profile = draft.profiles.get(side.drive)
+    profile = parsed.profiles.get(side.drive)
     signal = None if profile is None else profile.signals.get(side.name)
     return None if signal is None else signal.unit
 
@@ -195,12 +195,12 @@ _THRESHOLD_KINDS = ("above", "below")
 _SIGNAL_KINDS = (*_THRESHOLD_KINDS, "stale")
 
 
-def alarm_problems(draft: ParsedPlant) -> Iterator[Issue]:
-    for id, alarm in draft.file.alarm.items():
+def alarm_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+    for id, alarm in parsed.file.alarm.items():
         path = ("alarm", id)
         yield from _check_keys(alarm, path)
         if alarm.signal is not None and alarm.kind in _SIGNAL_KINDS:
-            yield from _check_alarm_signal(draft, alarm, alarm.signal, path)
+            yield from _check_alarm_signal(parsed, alarm, alarm.signal, path)
 
 
 def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
@@ -214,10 +214,10 @@ def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
             yield issue("alarm_idle", (*path, name), getattr(alarm, name), kind=alarm.kind)
 
 
-def _check_alarm_signal(draft: ParsedPlant, alarm: AlarmTable, name: str, path: KeyPath) -> Iterator[Issue]:
-    drives = [one for one in alarm_drives(draft, alarm) if one in draft.profiles]
+def _check_alarm_signal(parsed: ParsedPlant, alarm: AlarmTable, name: str, path: KeyPath) -> Iterator[Issue]:
+    drives = [one for one in alarm_drives(parsed, alarm) if one in parsed.profiles]
     if not alarm.drives and not drives:
-        known = {signal for id, one in draft.file.drive.items() for signal in polled_signals(draft, id, one)}
+        known = {signal for id, one in parsed.file.drive.items() for signal in polled_signals(parsed, id, one)}
         yield issue(
             "alarm_signal",
             (*path, "signal"),
@@ -228,11 +228,11 @@ def _check_alarm_signal(draft: ParsedPlant, alarm: AlarmTable, name: str, path: 
         return
     signals: dict[str, Signal] = {}
     for drive in drives:
-        asked = polled_signals(draft, drive, draft.file.drive[drive])
+        asked = polled_signals(parsed, drive, parsed.file.drive[drive])
         if name not in asked:
             yield issue("alarm_signal", (*path, "signal"), name, drive=drive, **suggestions(name, asked))
-        elif name in draft.profiles[drive].signals:
-            signals[drive] = draft.profiles[drive].signals[name]
+        elif name in parsed.profiles[drive].signals:
+            signals[drive] = parsed.profiles[drive].signals[name]
     units = {signal.unit: drive for drive, signal in signals.items()}
     if alarm.kind in _THRESHOLD_KINDS and len(units) > 1:
         shown = ", ".join(f"{drive}: {unit or '-'}" for unit, drive in units.items())

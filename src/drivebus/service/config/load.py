@@ -75,17 +75,17 @@ def _parse(content: bytes, source: str, base: Path) -> PlantConfig:
     except TomlFault as fault:
         raise _single_error(source, fault.issue, fault.line) from None
     found: list[Issue | Diagnostic] = [one for one in (format_issue(raw, PLANT_FILE_FORMAT),) if one is not None]
-    draft = None
+    parsed = None
     if not found:
         file, faults = _validate(raw)
         found += faults
         if file is not None:
-            draft = ParsedPlant(file, raw, base)
-            found += check.all_problems(draft)
+            parsed = ParsedPlant(file, raw, base)
+            found += check.all_problems(parsed)
     if found:
         raise config_error(_with_lines(found, text, source))
-    assert draft is not None
-    return build.plant_config(draft, source)
+    assert parsed is not None
+    return build.plant_config(parsed, source)
 
 
 def toml_complaint(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:

@@ -16,8 +16,8 @@ from drivebus.service.api.paging import decode_cursor, encode_cursor
 from drivebus.service.historian.points import LEVEL_BY_NAME, QUALITY_BY_CODE, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.reader import HistoryReader
 from drivebus.service.historian.store import Tag
+from drivebus.types import Json
 
-Json = dict[str, Any]
 ExportRow = tuple[Any, ...]
 
 CSV_ROWS_PER_PART = 20_000

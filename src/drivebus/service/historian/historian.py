@@ -25,8 +25,8 @@ from drivebus.service.historian.sqlite import SqliteConnection
 from drivebus.service.historian.store import Document, EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import HistoryWriter, WriteQueue
 from drivebus.service.live.views import Sample
+from drivebus.types import Json
 
-Json = dict[str, Any]
 T = TypeVar("T")
 
 log = logging.getLogger("drivebus.history")

@@ -16,6 +16,7 @@ from operator import mul, ne, truediv
 from statistics import median
 from typing import Any
 
+from drivebus.types import Json
 from drivebus.values import Quality
 
 SECOND_MS = 1000
@@ -214,8 +215,6 @@ def split_partitions(points: Points, width_ms: int) -> Iterable[tuple[int, Point
     for a, b in _bucket_ranges(points.time, width_ms):
         yield points.time[a] // width_ms * width_ms, _slice(points, a, b)
 
-
-Json = dict[str, Any]
 
 MEAN_DIGITS = 6
 """Decimal places of a mean."""

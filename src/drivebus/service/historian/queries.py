@@ -26,8 +26,8 @@ from drivebus.service.historian.points import (
 from drivebus.service.historian.reader import HistoryReader
 from drivebus.service.historian.store import EventQuery, HistoryStore, StoreError, Tag
 from drivebus.service.historian.writer import HistoryWriter
+from drivebus.types import Json
 
-Json = dict[str, Any]
 T = TypeVar("T")
 
 
