@@ -60,89 +60,89 @@ class DriveCommands:
 
     def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
         """The drive, which the actor may command now. Raises NotFound, ControlNotHeld."""
-        unit = self.plant.drive(drive)
+        runtime = self.plant.drive(drive)
         self.plant.leases.require(drive, actor, self.plant.now())
-        return unit
+        return runtime
 
     def require_control_with_followers(self, drive: str, actor: Actor) -> DriveRuntime:
         """Require control of a drive and of every drive that follows its frequency.
 
         Raises ControlNotHeld before anything is sent.
         """
-        unit = self.require_control(drive, actor)
+        runtime = self.require_control(drive, actor)
         for _, follower in self.plant.followers(drive):
             try:
                 self.require_control(follower.id, actor)
             except ControlNotHeld as error:
                 raise ControlNotHeld("plant.follower_not_owned", drive=follower.id, leader=drive, why=error) from error
-        return unit
+        return runtime
 
     # --- who may --------------------------------------------------------------------------------------------------
 
     async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
-        unit, now = self.plant.drive(params.drive), self.plant.now()
-        taken = self.plant.leases.take(unit.id, actor, now)
+        runtime, now = self.plant.drive(params.drive), self.plant.now()
+        taken = self.plant.leases.take(runtime.id, actor, now)
         if taken is not None:
-            self.plant.publish_event("lease", unit.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
-        return self._lease_json(unit)
+            self.plant.publish_event("lease", runtime.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
+        return self._lease_json(runtime)
 
     async def renew_lease(self, params: DriveParams, actor: Actor) -> Json:
-        unit = self.plant.drive(params.drive)
-        self.plant.leases.renew(unit.id, actor, self.plant.now())
-        return self._lease_json(unit)
+        runtime = self.plant.drive(params.drive)
+        self.plant.leases.renew(runtime.id, actor, self.plant.now())
+        return self._lease_json(runtime)
 
     async def release_lease(self, params: DriveParams, actor: Actor) -> Json:
-        unit = self.plant.drive(params.drive)
-        self.plant.leases.release(unit.id, actor, self.plant.now())
+        runtime = self.plant.drive(params.drive)
+        self.plant.leases.release(runtime.id, actor, self.plant.now())
         return {}
 
-    def _lease_json(self, unit: DriveRuntime) -> Json:
+    def _lease_json(self, runtime: DriveRuntime) -> Json:
         now = self.plant.now()
-        lease = self.plant.leases.get(unit.id, now)
+        lease = self.plant.leases.get(runtime.id, now)
         return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
     async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""
-        unit = self.require_control(params.drive, actor)
-        check_start(self.plant, unit)
-        return {"arm_token": self.plant.arm_tokens.issue(unit.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
+        runtime = self.require_control(params.drive, actor)
+        check_start(self.plant, runtime)
+        return {"arm_token": self.plant.arm_tokens.issue(runtime.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
 
     # --- motion ---------------------------------------------------------------------------------------------------
 
     async def run(self, params: RunParams, actor: Actor, ticket: CommandTicket) -> Json:
-        unit = self.require_control_with_followers(params.drive, actor)
-        check_start(self.plant, unit)
-        unit.drive.check_frequency(params.frequency_hz)
-        self.plant.arm_tokens.consume(params.arm_token, unit.id, actor, self.plant.now())
-        told = await self.start_drive(unit, params.frequency_hz, params.direction, actor, ticket.issued_at)
-        return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
+        runtime = self.require_control_with_followers(params.drive, actor)
+        check_start(self.plant, runtime)
+        runtime.drive.check_frequency(params.frequency_hz)
+        self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
+        answer = await self.start_drive(runtime, params.frequency_hz, params.direction, actor, ticket.issued_at)
+        return answer | {"followers": await self.update_followers(runtime, params.frequency_hz, actor)}
 
     async def start_drive(
-        self, unit: DriveRuntime, frequency_hz: float, direction: str | None, actor: Actor, requested_at: float
+        self, runtime: DriveRuntime, frequency_hz: float, direction: str | None, actor: Actor, requested_at: float
     ) -> Json:
         """Everything is allowed; from the moment its frame may have left the drive is one that we started."""
-        outcome = await self.run_motion(unit, unit.drive.run(frequency_hz, direction, requested_at=requested_at))
-        unit.commanded_hz = frequency_hz
-        return self.publish_outcome(unit, "run", outcome, actor, frequency_hz=frequency_hz)
+        outcome = await self.run_motion(runtime, runtime.drive.run(frequency_hz, direction, requested_at=requested_at))
+        runtime.commanded_hz = frequency_hz
+        return self.publish_outcome(runtime, "run", outcome, actor, frequency_hz=frequency_hz)
 
-    async def run_motion(self, unit: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
+    async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
         """Do it; where nothing can have left, the drive is as much ours as it was."""
-        before, unit.started_by_service, unit.last_motion_at = unit.started_by_service, True, inf
+        before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
         try:
             return await motion
         except DrivebusError as error:
             if error.outcome is None:
-                unit.started_by_service = before
+                runtime.started_by_service = before
             raise
         finally:
-            unit.last_motion_at = self.plant.now()
+            runtime.last_motion_at = self.plant.now()
 
     async def set_frequency(self, params: SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
-        unit = self.require_control_with_followers(params.drive, actor)
-        outcome = await unit.drive.set_frequency(params.frequency_hz, ticket.issued_at)
-        unit.commanded_hz = params.frequency_hz
-        told = self.publish_outcome(unit, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
-        return told | {"followers": await self.update_followers(unit, params.frequency_hz, actor)}
+        runtime = self.require_control_with_followers(params.drive, actor)
+        outcome = await runtime.drive.set_frequency(params.frequency_hz, ticket.issued_at)
+        runtime.commanded_hz = params.frequency_hz
+        answer = self.publish_outcome(runtime, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
+        return answer | {"followers": await self.update_followers(runtime, params.frequency_hz, actor)}
 
     # --- followers ------------------------------------------------------------------------------------------------
 
@@ -177,70 +177,70 @@ class DriveCommands:
 
     async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""
-        unit = self.plant.drive(params.drive)
-        self.plant.note_stop(unit)
-        ways = {"stop": unit.drive.stop, "coast": unit.drive.coast, "quick_stop": unit.drive.quick_stop}
-        return self.publish_outcome(unit, "stop", await self.finish_stop(unit, ways[params.how]()), actor)
+        runtime = self.plant.drive(params.drive)
+        self.plant.note_stop(runtime)
+        ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
+        return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
 
-    async def finish_stop(self, unit: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
+    async def finish_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
         """A stop's outcome; one that is not confirmed raises an alarm, and is repeated by the drive itself."""
         try:
             outcome = await stop
         except StopUnconfirmed:
-            self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+            self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             raise
-        unit.started_by_service, unit.commanded_hz = False, None
+        runtime.started_by_service, runtime.commanded_hz = False, None
         self.plant.stop_counters.count_outcome(outcome)
-        self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+        self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
         return outcome
 
     async def reset_fault(self, params: DriveParams, actor: Actor) -> Json:
-        unit = self.require_control(params.drive, actor)
-        return self.publish_outcome(unit, "reset", await unit.drive.reset_fault(), actor)
+        runtime = self.require_control(params.drive, actor)
+        return self.publish_outcome(runtime, "reset", await runtime.drive.reset_fault(), actor)
 
     async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
         """Starts may be asked for again after a bus stop; nothing is sent."""
-        unit = self.require_control(params.drive, actor)
-        unit.bus.release_start([unit.config.address])
-        self.plant.publish_event("command", unit.id, "plant.released", actor=actor.name)
+        runtime = self.require_control(params.drive, actor)
+        runtime.bus.release_start([runtime.config.address])
+        self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
         return {}
 
-    def publish_outcome(self, unit: DriveRuntime, word: str, outcome: Outcome, actor: Actor, **params: Any) -> Json:
+    def publish_outcome(self, runtime: DriveRuntime, word: str, outcome: Outcome, actor: Actor, **params: Any) -> Json:
         """The outcome as JSON; everybody who listens hears of it too."""
-        said = outcome_json(outcome, self.plant.command_id(word))
+        answer = outcome_json(outcome, self.plant.command_id(word))
         self.plant.publish_event(
             "stop" if word == "stop" else "command",
-            unit.id,
+            runtime.id,
             f"plant.did_{word}",
             actor=actor.name,
             outcome=str(outcome.status),
             **params,
             how=outcome,
         )
-        return {"outcome": said}
+        return {"outcome": answer}
 
     async def write_parameters(self, params: ParameterWriteParams, actor: Actor) -> Json:
         """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
-        unit = self.require_control(params.drive, actor)
-        unit.invalidate_comm_loss()
+        runtime = self.require_control(params.drive, actor)
+        runtime.invalidate_comm_loss()
         try:
-            outcome = await unit.drive.write(params.values, params.save)
+            outcome = await runtime.drive.write(params.values, params.save)
         finally:
-            unit.invalidate_comm_loss()  # what was read meanwhile may have been the old value
+            runtime.invalidate_comm_loss()  # what was read meanwhile may have been the old value
         self.plant.publish_event(
-            "configuration", unit.id, "plant.did_write", actor=actor.name, outcome=str(outcome.status)
+            "configuration", runtime.id, "plant.did_write", actor=actor.name, outcome=str(outcome.status)
         )
         return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
 
     # --- what an engineer allows ------------------------------------------------------------------------------------
 
     async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
-        unit = self.plant.drive(params.drive)
+        runtime = self.plant.drive(params.drive)
         text = f"{params.reason} ({actor.name})"
-        waiver = CommLossWaiver.for_drive(text, unit.config, self.plant.bus_of(unit).config)
-        await self._store_value(f"waiver/{unit.id}", waiver.to_json())
-        unit.waiver = text
-        self.plant.publish_event("waiver", unit.id, "plant.waived", actor=actor.name, reason=params.reason)
+        waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
+        await self._store_value(f"waiver/{runtime.id}", waiver.to_json())
+        runtime.waiver = text
+        self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=params.reason)
         return {"waiver": text}
 
     async def _store_value(self, key: str, value: str) -> None:
@@ -248,24 +248,26 @@ class DriveCommands:
         await asyncio.to_thread(self.plant.store.put, key, value)
 
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
-        unit = self.plant.drive(params.drive)
-        await self._store_value(f"waiver/{unit.id}", "")
-        unit.waiver, unit.waiver_of_another = None, None
-        self.plant.publish_event("waiver", unit.id, "plant.unwaived", actor=actor.name)
+        runtime = self.plant.drive(params.drive)
+        await self._store_value(f"waiver/{runtime.id}", "")
+        runtime.waiver, runtime.waiver_of_another = None, None
+        self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
 
     async def set_limits(self, params: LimitsParams, actor: Actor) -> Json:
         """Narrower than the plant's file says, never wider. Raises LimitError."""
-        unit = self.plant.drive(params.drive)
+        runtime = self.plant.drive(params.drive)
         own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)
-        lowest, highest = max(own.minimum_hz, unit.configured_range_hz[0]), unit.configured_range_hz[1]
+        lowest, highest = max(own.minimum_hz, runtime.configured_range_hz[0]), runtime.configured_range_hz[1]
         wanted = highest if own.maximum_hz is None else own.maximum_hz
         if wanted > highest or own.minimum_hz > wanted or lowest > wanted:
-            raise LimitError("plant.limits", drive=unit.id, minimum_hz=unit.configured_range_hz[0], maximum_hz=highest)
-        await self._store_value(f"limits/{unit.id}", json.dumps(asdict(own)))
-        unit.set_limits(narrow_limits(own, unit.config.limits))
-        self.plant.publish_event("configuration", unit.id, "plant.limited", actor=actor.name)
-        low, high = unit.drive.range_hz
+            raise LimitError(
+                "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
+            )
+        await self._store_value(f"limits/{runtime.id}", json.dumps(asdict(own)))
+        runtime.set_limits(narrow_limits(own, runtime.config.limits))
+        self.plant.publish_event("configuration", runtime.id, "plant.limited", actor=actor.name)
+        low, high = runtime.drive.range_hz
         return {"minimum_hz": low, "maximum_hz": high}
 
 

@@ -52,9 +52,9 @@ class GroupCommands:
 
     async def arm_start(self, params: GroupParams, actor: Actor) -> Json:
         """The first step; refused for whatever the second would be refused for."""
-        group, units = self._require_control(params.group, actor)
-        for unit in units:
-            check_start(self.plant, unit)
+        group, runtimes = self._require_control(params.group, actor)
+        for runtime in runtimes:
+            check_start(self.plant, runtime)
         return {
             "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
@@ -67,20 +67,20 @@ class GroupCommands:
         The first drive's start is as old as the wish, each further one's as its turn: the lease shows that the wish
         lives on. Raises Expired (TargetNotReached, where its frequency has left) for the first: then no other is tried.
         """
-        group, units = self._require_control(params.group, actor)
+        group, runtimes = self._require_control(params.group, actor)
         if group.id in self.progress:
             raise Superseded("plant.group_starting", group=group.id)
-        for unit in units:
-            check_start(self.plant, unit)
-            unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
+        for runtime in runtimes:
+            check_start(self.plant, runtime)
+            runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
         outcomes: Json = {}
         try:
-            for unit in units:
-                outcomes[unit.id] = await self._start_one(group, units, unit, ticket, params, actor)
-                if unit.id == group.leader and not _is_done(outcomes[unit.id]):
-                    return {"outcomes": outcomes | _skipped(group, units[1:])}
+            for runtime in runtimes:
+                outcomes[runtime.id] = await self._start_one(group, runtimes, runtime, ticket, params, actor)
+                if runtime.id == group.leader and not _is_done(outcomes[runtime.id]):
+                    return {"outcomes": outcomes | _skipped(group, runtimes[1:])}
                 self.progress[group.id] += 1
                 ticket = replace(ticket, issued_at=self.plant.now())
         finally:
@@ -90,95 +90,95 @@ class GroupCommands:
     async def _start_one(
         self,
         group: GroupConfig,
-        units: list[DriveRuntime],
-        unit: DriveRuntime,
-        wish: CommandTicket,
+        runtimes: list[DriveRuntime],
+        runtime: DriveRuntime,
+        ticket: CommandTicket,
         params: GroupStartParams,
         actor: Actor,
     ) -> Json:
         """One drive's start, when it is its turn and nobody has stopped any of them since."""
         try:
-            wished_at = await self._wait_for_slot(group, units, unit, wish)
-            check_not_superseded(self.plant, wish)
-            self._check_still_owner(unit, actor)
-            check_start(self.plant, unit)
-            if any(one.id not in self.plant.drives for one in units):
-                raise Superseded("plant.another_meanwhile", drive=unit.id)
-            frequency_hz = follower_hz(group, unit.id, params.frequency_hz)
-            found = await self.commands.start_drive(unit, frequency_hz, params.direction, actor, wished_at)
+            requested_at = await self._wait_for_slot(group, runtimes, runtime, ticket)
+            check_not_superseded(self.plant, ticket)
+            self._check_still_owner(runtime, actor)
+            check_start(self.plant, runtime)
+            if any(one.id not in self.plant.drives for one in runtimes):
+                raise Superseded("plant.another_meanwhile", drive=runtime.id)
+            frequency_hz = follower_hz(group, runtime.id, params.frequency_hz)
+            found = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
         except DrivebusError as error:
-            if unit is units[0] and _is_expired(error):
+            if runtime is runtimes[0] and _is_expired(error):
                 raise  # the wish itself is too old, and so it is for all of them
             return error_to_json(error)
-        unit.group_started_at = self.plant.now()
-        said: Json = found["outcome"]
-        return said
+        runtime.group_started_at = self.plant.now()
+        answer: Json = found["outcome"]
+        return answer
 
-    def _check_still_owner(self, unit: DriveRuntime, actor: Actor) -> None:
+    def _check_still_owner(self, runtime: DriveRuntime, actor: Actor) -> None:
         """Whoever has gone while the others started starts nothing more. Raises ControlNotHeld."""
-        lease = self.plant.leases.get(unit.id, self.plant.now())
+        lease = self.plant.leases.get(runtime.id, self.plant.now())
         if lease is None or lease.actor.session != actor.session:
-            raise ControlNotHeld("plant.lease_gone", drive=unit.id)
+            raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
 
     async def _wait_for_slot(
-        self, group: GroupConfig, units: list[DriveRuntime], unit: DriveRuntime, wish: CommandTicket
+        self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime, ticket: CommandTicket
     ) -> float:
         """Since when its start is wished: where it has to wait, since its turn has come. Raises Superseded."""
-        wished_at = wish.issued_at
-        while not self._slot_free(group, units, unit):
+        requested_at = ticket.issued_at
+        while not self._slot_free(group, runtimes, runtime):
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
-            wished_at = self.plant.now()
-            check_not_superseded(self.plant, wish)
-        return wished_at
+            requested_at = self.plant.now()
+            check_not_superseded(self.plant, ticket)
+        return requested_at
 
-    def _slot_free(self, group: GroupConfig, units: list[DriveRuntime], unit: DriveRuntime) -> bool:
+    def _slot_free(self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime) -> bool:
         now = self.plant.now()
         last = max(
-            (one.group_started_at for one in units if one.group_started_at is not None and one.started_by_service),
+            (one.group_started_at for one in runtimes if one.group_started_at is not None and one.started_by_service),
             default=None,
         )
-        busy = sum(1 for one in units if one is not unit and self._is_accelerating(one, now))
+        busy = sum(1 for one in runtimes if one is not runtime and self._is_accelerating(one, now))
         return (last is None or now - last >= group.start_interval_s) and busy < group.max_concurrent_starts
 
-    def _is_accelerating(self, unit: DriveRuntime, now: float) -> bool:
-        if unit.group_started_at is None or not unit.started_by_service:
+    def _is_accelerating(self, runtime: DriveRuntime, now: float) -> bool:
+        if runtime.group_started_at is None or not runtime.started_by_service:
             return False
-        status = unit.status()
+        status = runtime.status()
         if status.state is DriveState.UNKNOWN:
-            ramp_s = unit.drive.acceleration_s
-            return now - unit.group_started_at < (DEFAULT_RAMP_S if ramp_s is None else ramp_s)
-        fresh = status.at is not None and status.at >= unit.group_started_at
+            ramp_s = runtime.drive.acceleration_s
+            return now - runtime.group_started_at < (DEFAULT_RAMP_S if ramp_s is None else ramp_s)
+        fresh = status.at is not None and status.at >= runtime.group_started_at
         return not fresh or status.state in ACCELERATING_STATES
 
     async def set_frequency(self, params: GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
         """The leader's frequency (everybody's where there is no leader), then the followers' at their ratio."""
-        group, units = self._require_control(params.group, actor)
-        for unit in units:
-            unit.drive.check_frequency(follower_hz(group, unit.id, params.frequency_hz))
-        first = units[:1] if group.leader else []
+        group, runtimes = self._require_control(params.group, actor)
+        for runtime in runtimes:
+            runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
+        first = runtimes[:1] if group.leader else []
         outcomes = {
-            unit.id: await self.commands.set_drive_frequency(
-                unit, follower_hz(group, unit.id, params.frequency_hz), actor
+            runtime.id: await self.commands.set_drive_frequency(
+                runtime, follower_hz(group, runtime.id, params.frequency_hz), actor
             )
-            for unit in first
+            for runtime in first
         }
-        rest = units[len(first) :]
+        rest = runtimes[len(first) :]
         if not all(map(_is_done, outcomes.values())):
             return {"outcomes": outcomes | _skipped(group, rest)}
         found = await asyncio.gather(
-            *(self._set_follower_unless_stopped(group, unit, params.frequency_hz, actor, ticket) for unit in rest)
+            *(self._set_follower_unless_stopped(group, runtime, params.frequency_hz, actor, ticket) for runtime in rest)
         )
-        return {"outcomes": outcomes | {unit.id: one for unit, one in zip(rest, found, strict=True)}}
+        return {"outcomes": outcomes | {runtime.id: one for runtime, one in zip(rest, found, strict=True)}}
 
     async def _set_follower_unless_stopped(
-        self, group: GroupConfig, unit: DriveRuntime, frequency_hz: float, actor: Actor, wish: CommandTicket
+        self, group: GroupConfig, runtime: DriveRuntime, frequency_hz: float, actor: Actor, ticket: CommandTicket
     ) -> Json:
         """Unless one of them has been stopped while the leader got its frequency."""
         try:
-            check_not_superseded(self.plant, wish)
+            check_not_superseded(self.plant, ticket)
         except Superseded as error:
             return error_to_json(error)
-        return await self.commands.set_follower(group, unit, frequency_hz, actor)
+        return await self.commands.set_follower(group, runtime, frequency_hz, actor)
 
     def group_view(self, group: GroupConfig) -> Json:
         """Topic ``groups/<id>``."""
@@ -212,9 +212,9 @@ def _is_done(outcome: Json) -> bool:
     return outcome.get("status") in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
 
 
-def _skipped(group: GroupConfig, units: list[DriveRuntime]) -> Json:
+def _skipped(group: GroupConfig, runtimes: list[DriveRuntime]) -> Json:
     """What becomes of the followers of a leader that did not do it."""
     return {
-        unit.id: error_to_json(ServiceError("plant.leader_not_done", drive=unit.id, leader=group.leader))
-        for unit in units
+        runtime.id: error_to_json(ServiceError("plant.leader_not_done", drive=runtime.id, leader=group.leader))
+        for runtime in runtimes
     }

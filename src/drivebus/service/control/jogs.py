@@ -45,16 +45,16 @@ class RemoteJogs:
 
     async def start(self, params: JogParams, actor: Actor, ticket: CommandTicket) -> Json:
         """A jog is a start: it needs all that a start needs."""
-        unit = self.commands.require_control(params.drive, actor)
-        check_start(self.plant, unit)
-        lease = unit.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
-        self.plant.arm_tokens.consume(params.arm_token, unit.id, actor, self.plant.now())
-        await self.commands.run_motion(unit, lease.start())
+        runtime = self.commands.require_control(params.drive, actor)
+        check_start(self.plant, runtime)
+        lease = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
+        self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
+        await self.commands.run_motion(runtime, lease.start())
         word = secrets.token_urlsafe(12)
-        self._active[word] = ActiveJog(unit, actor, lease)
+        self._active[word] = ActiveJog(runtime, actor, lease)
         assert lease.start_outcome is not None
-        told = self.commands.publish_outcome(unit, "jog", lease.start_outcome, actor)
-        return {"jog": word, "lease_s": lease.lease_s, **told}
+        answer = self.commands.publish_outcome(runtime, "jog", lease.start_outcome, actor)
+        return {"jog": word, "lease_s": lease.lease_s, **answer}
 
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """The hand is still on the key. Raises StartInhibited where it came too late: the motor was stopped."""

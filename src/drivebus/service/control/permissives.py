@@ -15,38 +15,38 @@ from drivebus.service.runtime.plant import Plant
 Json = dict[str, Any]
 
 
-def start_blockers(plant: Plant, unit: DriveRuntime) -> Iterator[DrivebusError]:
+def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:
     """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
     if plant.state != "running":
         yield ServiceUnavailable("plant.stopping")
         return
-    address = unit.config.address
-    around = bus_conditions(unit.bus, address)
+    address = runtime.config.address
+    around = bus_conditions(runtime.bus, address)
     yield from permissives.unmet_bus_permissives(address, around)
-    yield from permissives.unmet_start_permissives(around, unit.profile.family)
-    for violation in plant.interlocks.violations(unit.id):
+    yield from permissives.unmet_start_permissives(around, runtime.profile.family)
+    for violation in plant.interlocks.violations(runtime.id):
         yield Interlocked("interlocks.violated", **violation.message_params)
-    if unit.comm_loss.kind != "trips" and unit.waiver is None:
-        yield _waiver_needed(unit)
+    if runtime.comm_loss.kind != "trips" and runtime.waiver is None:
+        yield _waiver_needed(runtime)
     if not plant.audit.ok:
         yield AuditUnavailable("plant.audit_unavailable")
 
 
-def _waiver_needed(unit: DriveRuntime) -> WaiverRequired:
+def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
     """Somebody has recorded a waiver, for another drive: told, so that nobody looks for it."""
-    other = unit.waiver_of_another
+    other = runtime.waiver_of_another
     if other is None:
-        return WaiverRequired("plant.waiver_needed", drive=unit.id, why=unit.comm_loss.text)
-    return WaiverRequired("plant.waiver_of_another", drive=unit.id, why=unit.comm_loss.text, **other.recorded_for)
+        return WaiverRequired("plant.waiver_needed", drive=runtime.id, why=runtime.comm_loss.text)
+    return WaiverRequired("plant.waiver_of_another", drive=runtime.id, why=runtime.comm_loss.text, **other.recorded_for)
 
 
-def start_blockers_json(plant: Plant, unit: DriveRuntime) -> Iterator[Json]:
+def start_blockers_json(plant: Plant, runtime: DriveRuntime) -> Iterator[Json]:
     """The same as JSON."""
-    for error in start_blockers(plant, unit):
+    for error in start_blockers(plant, runtime):
         yield {"key": error.key, "params": to_plain(error.params), "text": localized(error.key, error.params)}
 
 
-def check_start(plant: Plant, unit: DriveRuntime) -> None:
+def check_start(plant: Plant, runtime: DriveRuntime) -> None:
     """Raises the first of them."""
-    for error in start_blockers(plant, unit):
+    for error in start_blockers(plant, runtime):
         raise error

@@ -31,38 +31,38 @@ class StopPolicies:
     def expire_leases(self, now: float) -> None:
         """Whoever does not renew is gone: hold or stop, as the drive's policy says."""
         for lease in self.plant.leases.pop_expired(now):
-            unit = self.plant.drives.get(lease.drive)
-            if unit is not None:
-                self._on_lease_expired(unit, lease)
+            runtime = self.plant.drives.get(lease.drive)
+            if runtime is not None:
+                self._on_lease_expired(runtime, lease)
 
-    def _on_lease_expired(self, unit: DriveRuntime, lease: ControlLease) -> None:
+    def _on_lease_expired(self, runtime: DriveRuntime, lease: ControlLease) -> None:
         owner = lease.actor.name
-        self.plant.publish_event("lease", unit.id, "plant.lease_lost", actor=owner, owner=owner)
-        if not may_be_running(unit) and not _state_lost(unit):
+        self.plant.publish_event("lease", runtime.id, "plant.lease_lost", actor=owner, owner=owner)
+        if not may_be_running(runtime) and not _state_lost(runtime):
             return
-        if unit.config.on_client_lost is OnClientLost.STOP:
-            self.stop_drive(unit, "plant.stopped_client_lost", owner=owner)
+        if runtime.config.on_client_lost is OnClientLost.STOP:
+            self.stop_drive(runtime, "plant.stopped_client_lost", owner=owner)
         else:
-            self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, unit.id)
+            self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
 
-    def on_status(self, unit: DriveRuntime, status: DriveStatus) -> None:
+    def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """The first time that a state is known: a drive that runs was started by somebody else, or in a former life."""
         state = status.state
         if state is DriveState.UNKNOWN:
             return
-        if not unit.state_was_known and state.turning and not unit.started_by_service:
-            if unit.config.on_restart is OnRestart.STOP:
-                self.stop_drive(unit, "plant.stopped_on_restart")
+        if not runtime.state_was_known and state.turning and not runtime.started_by_service:
+            if runtime.config.on_restart is OnRestart.STOP:
+                self.stop_drive(runtime, "plant.stopped_on_restart")
             else:
-                self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, unit.id)
-        unit.state_was_known = True
-        if state.output_off and status.at is not None and status.at > unit.last_motion_at + STANDSTILL_CONFIRM_S:
-            if not unit.drive.stop_pending:
-                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
-            unit.started_by_service = False  # stopped at its keypad, or tripped: whoever starts it again is not us
-        if not state.turning or self.plant.leases.get(unit.id, self.plant.now()) is not None:
+                self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
+        runtime.state_was_known = True
+        if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
+            if not runtime.drive.stop_pending:
+                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
+            runtime.started_by_service = False  # stopped at its keypad, or tripped: whoever starts it again is not us
+        if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
-                self.plant.clear_alarm(kind, unit.id)
+                self.plant.clear_alarm(kind, runtime.id)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """A drive may run only while its interlocks hold; while one that stops does not, it is stopped whenever it
@@ -72,23 +72,28 @@ class StopPolicies:
         for id, holds in engine.evaluate(views, now):
             for drive in settings[id].drives if holds else ():
                 self.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, drive, subject=id)
-        for unit in self.plant.drives.values():
-            stopping = engine.tripped_stops(unit.id)
-            if stopping and may_be_running(unit) and not unit.drive.stop_pending and unit.id not in self._stopping:
+        for runtime in self.plant.drives.values():
+            stopping = engine.tripped_stops(runtime.id)
+            if (
+                stopping
+                and may_be_running(runtime)
+                and not runtime.drive.stop_pending
+                and runtime.id not in self._stopping
+            ):
                 for one in stopping:
-                    self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, unit.id, subject=one.id)
-                self.stop_drive(unit, "plant.stopped_interlock", interlock=stopping[0].id)
+                    self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=one.id)
+                self.stop_drive(runtime, "plant.stopped_interlock", interlock=stopping[0].id)
 
-    def stop_drive(self, unit: DriveRuntime, key: str, **params: str) -> None:
+    def stop_drive(self, runtime: DriveRuntime, key: str, **params: str) -> None:
         """Stop it now; told as the service's own act."""
-        self.plant.publish_event("stop", unit.id, key, actor=self.service_actor.name, **params)
-        task = asyncio.create_task(self._send_stop(unit), name=f"policy stop {unit.id}")
-        self._stopping[unit.id] = task
-        task.add_done_callback(lambda _: self._stopping.pop(unit.id, None))
+        self.plant.publish_event("stop", runtime.id, key, actor=self.service_actor.name, **params)
+        task = asyncio.create_task(self._send_stop(runtime), name=f"policy stop {runtime.id}")
+        self._stopping[runtime.id] = task
+        task.add_done_callback(lambda _: self._stopping.pop(runtime.id, None))
 
-    async def _send_stop(self, unit: DriveRuntime) -> None:
+    async def _send_stop(self, runtime: DriveRuntime) -> None:
         try:
-            await self._call("drive.stop", {"drive": unit.id}, self.service_actor)
+            await self._call("drive.stop", {"drive": runtime.id}, self.service_actor)
         except DrivebusError:
             return  # an unconfirmed stop has raised its alarm and is being repeated
 
@@ -100,11 +105,11 @@ class StopPolicies:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def _state_lost(unit: DriveRuntime) -> bool:
+def _state_lost(runtime: DriveRuntime) -> bool:
     """It could tell its state and does not now: it may be running, whoever started it."""
-    return unit.drive.dialect.reports_run_state and unit.status().state is DriveState.UNKNOWN
+    return runtime.drive.dialect.reports_run_state and runtime.status().state is DriveState.UNKNOWN
 
 
-def may_be_running(unit: DriveRuntime) -> bool:
+def may_be_running(runtime: DriveRuntime) -> bool:
     """It turns, or we started it and have not seen it stand since."""
-    return unit.started_by_service or unit.status().state.turning
+    return runtime.started_by_service or runtime.status().state.turning

@@ -39,31 +39,34 @@ class StopCommands:
         """Every bus at once, each with its broadcast and then one by one; everything stays latched."""
         plant = self.plant
         plant.note_stop(*plant.drives.values())
-        everything = [(line.config.id, line, list(line.drives.values())) for line in plant.buses.values()]
-        reports = await asyncio.gather(*(_stop_bus(line, units) for _, line, units in everything))
+        everything = [
+            (bus_runtime.config.id, bus_runtime, list(bus_runtime.drives.values()))
+            for bus_runtime in plant.buses.values()
+        ]
+        reports = await asyncio.gather(*(_stop_bus(bus_runtime, runtimes) for _, bus_runtime, runtimes in everything))
         buses: Json = {}
         outcomes: Json = {}
-        for (bus, _, units), report in zip(everything, reports, strict=True):
-            buses[bus], told = self._count_report(units, report)
-            outcomes |= told
+        for (bus, _, runtimes), report in zip(everything, reports, strict=True):
+            buses[bus], answer = self._count_report(runtimes, report)
+            outcomes |= answer
         plant.last_stop_all = {"time_ms": plant.wall_ms(), "actor": actor.name, "buses": buses}
         left = [drive for bus in buses.values() for drive in bus["unconfirmed"]]
         key = "plant.did_stop_all" if not left else "plant.did_stop_all_but"
         plant.publish_event("stop", None, key, actor=actor.name, drives=", ".join(left))
         return {"buses": buses, "outcomes": outcomes}
 
-    def _count_report(self, units: Sequence[DriveRuntime], report: StopReport) -> tuple[Json, Json]:
-        by_address = {unit.drive.address: unit for unit in units}
+    def _count_report(self, runtimes: Sequence[DriveRuntime], report: StopReport) -> tuple[Json, Json]:
+        by_address = {runtime.drive.address: runtime for runtime in runtimes}
         outcomes: Json = {}
         for address, outcome in report.outcomes:
-            unit = by_address[address]
-            outcomes[unit.id] = outcome_json(outcome, self.plant.command_id("stop"))
+            runtime = by_address[address]
+            outcomes[runtime.id] = outcome_json(outcome, self.plant.command_id("stop"))
             self.plant.stop_counters.count_outcome(outcome)
             if outcome.succeeded:
-                unit.started_by_service, unit.commanded_hz = False, None
-                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+                runtime.started_by_service, runtime.commanded_hz = False, None
+                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             else:
-                self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, unit.id)
+                self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
         unconfirmed = [by_address[address].id for address in report.unconfirmed]
         took_s = round(report.ended_at - report.started_at, 3)
         return {"confirmed": not unconfirmed, "unconfirmed": unconfirmed, "took_s": took_s}, outcomes
@@ -73,40 +76,40 @@ class StopCommands:
         group = self.plant.group(params.group)
         return {"outcomes": await self.stop_many([self.plant.drive(id) for id in group.drives], actor)}
 
-    async def stop_many(self, units: Iterable[DriveRuntime], actor: Actor) -> Json:
+    async def stop_many(self, runtimes: Iterable[DriveRuntime], actor: Actor) -> Json:
         """Outcome or error of each."""
-        wanted = list(units)
+        wanted = list(runtimes)
         self.plant.note_stop(*wanted)
         many = len(wanted)
-        found = await asyncio.gather(*(self._stop_one(unit, actor, many) for unit in wanted))
-        return {unit.id: said for unit, said in zip(wanted, found, strict=True)}
+        found = await asyncio.gather(*(self._stop_one(runtime, actor, many) for runtime in wanted))
+        return {runtime.id: answer for runtime, answer in zip(wanted, found, strict=True)}
 
-    async def _stop_one(self, unit: DriveRuntime, actor: Actor, many: int) -> Json:
+    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, many: int) -> Json:
         try:
-            outcome = await self.commands.finish_stop(unit, unit.drive.stop_concurrently(many))
+            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop_concurrently(many))
         except DrivebusError as error:
             return error_to_json(error)
-        said: Json = self.commands.publish_outcome(unit, "stop", outcome, actor)["outcome"]
-        return said
+        answer: Json = self.commands.publish_outcome(runtime, "stop", outcome, actor)["outcome"]
+        return answer
 
     async def stop_started_drives(self, actor: Actor) -> Json:
         """The service ends: stop what it started, unless the drive's policy is to hold; told within three seconds. What
         is held is told too: it turns, and soon nobody watches it."""
-        started = [unit for unit in self.plant.drives.values() if unit.started_by_service]
-        units = [unit for unit in started if unit.config.on_service_stop is OnServiceStop.STOP]
-        self.plant.note_stop(*units)
-        stops = {unit: asyncio.create_task(self._stop_one(unit, actor, len(units))) for unit in units}
+        started = [runtime for runtime in self.plant.drives.values() if runtime.started_by_service]
+        runtimes = [runtime for runtime in started if runtime.config.on_service_stop is OnServiceStop.STOP]
+        self.plant.note_stop(*runtimes)
+        stops = {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(runtimes))) for runtime in runtimes}
         if stops:
             await asyncio.wait(stops.values(), timeout=SERVICE_STOP_TIMEOUT_S)
-        for unit in started:
-            if unit not in stops:
-                self.plant.publish_event("lease", unit.id, "plant.held", actor=actor.name)
-        found = {unit.id: task.result() if task.done() else None for unit, task in stops.items()}
+        for runtime in started:
+            if runtime not in stops:
+                self.plant.publish_event("lease", runtime.id, "plant.held", actor=actor.name)
+        found = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
         for task in stops.values():  # the stops themselves have been sent; nobody waits for their end any more
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
         return found
 
 
-async def _stop_bus(line: BusRuntime, units: Sequence[DriveRuntime]) -> StopReport:
-    return await stop_bus(line.bus, [unit.drive for unit in units])
+async def _stop_bus(bus_runtime: BusRuntime, runtimes: Sequence[DriveRuntime]) -> StopReport:
+    return await stop_bus(bus_runtime.bus, [runtime.drive for runtime in runtimes])

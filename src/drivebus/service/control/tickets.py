@@ -33,17 +33,17 @@ MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
 """A ``Handler`` of what moves: it must know when that was wished."""
 
 
-def issue_ticket(plant: Plant, units: Iterable[DriveRuntime]) -> CommandTicket:
+def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime]) -> CommandTicket:
     """Somebody wishes something of these, now."""
-    known = tuple(units)
-    return CommandTicket(plant.now(), {unit.id: plant.stop_counts[unit.id] for unit in known}, known)
+    known = tuple(runtimes)
+    return CommandTicket(plant.now(), {runtime.id: plant.stop_counts[runtime.id] for runtime in known}, known)
 
 
 def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:
     """Raises Superseded where one of its drives was stopped since, or is another one by now; one that is gone is for
     its handler to tell."""
-    for unit in ticket.drives:
-        if plant.stop_counts[unit.id] != ticket.stop_counts[unit.id]:
-            raise Superseded("plant.stopped_meanwhile", drive=unit.id)
-        if plant.drives.get(unit.id, unit) is not unit:
-            raise Superseded("plant.another_meanwhile", drive=unit.id)
+    for runtime in ticket.drives:
+        if plant.stop_counts[runtime.id] != ticket.stop_counts[runtime.id]:
+            raise Superseded("plant.stopped_meanwhile", drive=runtime.id)
+        if plant.drives.get(runtime.id, runtime) is not runtime:
+            raise Superseded("plant.another_meanwhile", drive=runtime.id)

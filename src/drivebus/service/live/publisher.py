@@ -56,60 +56,62 @@ class LivePublisher:
         self._plant.hub.publish("plant", plant_topic(self._plant))
 
 
-def drive_view(plant: Plant, unit: DriveRuntime, status: DriveStatus | None = None) -> DriveView:
+def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None = None) -> DriveView:
     """One drive now."""
-    status, now, setting = status or unit.status(), plant.now(), unit.config
-    lease = plant.leases.get(unit.id, now)
-    minimum, maximum = unit.drive.range_hz
+    status, now, config = status or runtime.status(), plant.now(), runtime.config
+    lease = plant.leases.get(runtime.id, now)
+    minimum, maximum = runtime.drive.range_hz
     return DriveView(
-        id=unit.id,
-        title=setting.title,
-        bus=setting.bus,
-        address=setting.address,
-        model=unit.profile.model,
-        grade=unit.profile.grade,
-        capabilities=tuple(sorted(unit.profile.capabilities)),
-        groups=tuple(group.id for group in plant.groups_of(unit.id)),
-        presence=str(unit.bus.presence(setting.address)),
+        id=runtime.id,
+        title=config.title,
+        bus=config.bus,
+        address=config.address,
+        model=runtime.profile.model,
+        grade=runtime.profile.grade,
+        capabilities=tuple(sorted(runtime.profile.capabilities)),
+        groups=tuple(group.id for group in plant.groups_of(runtime.id)),
+        presence=str(runtime.bus.presence(config.address)),
         state=str(status.state),
         state_reason=status.reason,
         direction=None if status.direction is None else str(status.direction),
         fault=fault_json(status.fault),
-        commanded_hz=unit.commanded_hz,
+        commanded_hz=runtime.commanded_hz,
         minimum_hz=minimum,
         maximum_hz=maximum,
-        comm_loss=unit.comm_loss,
+        comm_loss=runtime.comm_loss,
         lease=None if lease is None else lease.view(plant.clock),
-        latched=unit.bus.start_inhibited(setting.address),
-        stop_pending=unit.drive.stop_pending,
-        start_blockers=tuple(start_blockers_json(plant, unit)),
-        alarms=dict(plant.alarms.counts(unit.id)),
+        latched=runtime.bus.start_inhibited(config.address),
+        stop_pending=runtime.drive.stop_pending,
+        start_blockers=tuple(start_blockers_json(plant, runtime)),
+        alarms=dict(plant.alarms.counts(runtime.id)),
         signals={name: SignalView.of(reading, plant.clock) for name, reading in status.readings.items()},
-        directions=_directions(unit),
+        directions=_directions(runtime),
         time_ms=plant.clock.now_ms(),
         state_time_ms=plant.clock.utc_ms(status.at),
-        jog_frequency=unit.profile.jog_frequency,
+        jog_frequency=runtime.profile.jog_frequency,
     )
 
 
-def _directions(unit: DriveRuntime) -> tuple[str, ...]:
-    can, limits = unit.profile.capabilities, unit.drive.limits
+def _directions(runtime: DriveRuntime) -> tuple[str, ...]:
+    can, limits = runtime.profile.capabilities, runtime.drive.limits
     allowed = (("forward", limits.forward and "run" in can), ("reverse", limits.reverse and "reverse" in can))
     return tuple(way for way, may in allowed if may)
 
 
-def bus_view(plant: Plant, line: BusRuntime) -> Json:
+def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
     """One bus now. A bus counts the failures of its stations as its own too."""
-    bus, setting = line.bus, line.config
+    bus, config = bus_runtime.bus, bus_runtime.config
     found = bus.statistics()
-    own = [_station_json(unit, found.stations[unit.config.address]) for unit in line.drives.values()]
+    own = [_station_json(runtime, found.stations[runtime.config.address]) for runtime in bus_runtime.drives.values()]
     return {
-        "id": setting.id,
-        "title": text_json(setting.title),
-        "link": setting.link,
+        "id": config.id,
+        "title": text_json(config.title),
+        "link": config.link,
         "line": str(bus.settings),
         "is_open": bus.is_open and not bus.is_closed,
-        "problem": None if line.problem is None else localized(line.problem.key, line.problem.params),
+        "problem": None
+        if bus_runtime.problem is None
+        else localized(bus_runtime.problem.key, bus_runtime.problem.params),
         "load_percent": round(found.load_percent, 1),
         "occupied_percent": round(found.occupied_percent, 1),
         "transactions_per_s": round(found.transactions_per_s, 1),
@@ -122,17 +124,17 @@ def bus_view(plant: Plant, line: BusRuntime) -> Json:
         "reply_p95_s": found.reply_p95_s,
         "reply_p99_s": found.reply_p99_s,
         "foreign_master": bus.foreign_master,
-        "stop_bound_s": line.stop_bound_s(),
+        "stop_bound_s": bus_runtime.stop_bound_s(),
         "stations": own,
     }
 
 
-def _station_json(unit: DriveRuntime, found: Any) -> Json:
+def _station_json(runtime: DriveRuntime, found: Any) -> Json:
     return {
-        "address": unit.config.address,
-        "drive": unit.id,
-        "presence": str(unit.bus.presence(unit.config.address)),
-        "refresh_s": max((poll.period_s for poll in unit.polls), default=None),
+        "address": runtime.config.address,
+        "drive": runtime.id,
+        "presence": str(runtime.bus.presence(runtime.config.address)),
+        "refresh_s": max((poll.period_s for poll in runtime.polls), default=None),
         "error_rate": round(found.error_rate, 4),
         "reply_p50_s": found.reply_p50_s,
         "reply_p95_s": found.reply_p95_s,

@@ -50,8 +50,8 @@ class BusRuntime:
         on_frame: Callable[[BusRuntime, TracedFrame], None],
     ) -> None:
         self.config, self._wall_ms, self._on_problem, self._on_frame = config, wall_ms, on_problem, on_frame
-        line = serial_settings_of(config, profile)
-        self.bus: Bus = open_bus(config.link, baud=line.baud, format=line.format)
+        bus_runtime = serial_settings_of(config, profile)
+        self.bus: Bus = open_bus(config.link, baud=bus_runtime.baud, format=bus_runtime.format)
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None
         """Why it could not be opened, None where it was."""
@@ -64,7 +64,7 @@ class BusRuntime:
 
     def stop_bound_s(self) -> float | None:
         """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
-        polled = tuple((unit.drive.dialect.station_config, tuple(unit.polls)) for unit in self.drives.values())
+        polled = tuple((runtime.drive.dialect.station_config, tuple(runtime.polls)) for runtime in self.drives.values())
         if polled != self._stop_bound[0]:
             drives = estimate_bus_load(polled, self.bus.settings).drives
             self._stop_bound = polled, max((drive.stop_bound_s for drive in drives.values()), default=None)
@@ -104,8 +104,8 @@ class BusRuntime:
             else:
                 break
         self.problem = None
-        for unit in self.drives.values():
-            unit.start_monitor()
+        for runtime in self.drives.values():
+            runtime.start_monitor()
 
     async def close(self) -> None:
         """Sends nothing more."""

@@ -172,8 +172,8 @@ class Plant:
         """Raises NotFound."""
         return _lookup({group.id: group for group in self.config.groups}, "group", id)
 
-    def bus_of(self, unit: DriveRuntime) -> BusRuntime:
-        return self.buses[unit.config.bus]
+    def bus_of(self, runtime: DriveRuntime) -> BusRuntime:
+        return self.buses[runtime.config.bus]
 
     def groups_of(self, id: str) -> list[GroupConfig]:
         return [group for group in self.config.groups if id in group.drives]
@@ -243,30 +243,30 @@ class Plant:
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
             )
 
-    def note_stop(self, *units: DriveRuntime) -> None:
+    def note_stop(self, *runtimes: DriveRuntime) -> None:
         """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""
-        for unit in units:
-            self.arm_tokens.revoke(unit.id, *(f"group:{group.id}" for group in self.groups_of(unit.id)))
-            self.stop_counts[unit.id] += 1
+        for runtime in runtimes:
+            self.arm_tokens.revoke(runtime.id, *(f"group:{group.id}" for group in self.groups_of(runtime.id)))
+            self.stop_counts[runtime.id] += 1
             self.stop_counters.requested += 1
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
-    def restore(self, unit: DriveRuntime) -> None:
+    def restore(self, runtime: DriveRuntime) -> None:
         """Its waiver, and limits that are narrower than the file's, as recorded before."""
-        self._restore_waiver(unit)
-        limits = self.store.get(f"limits/{unit.id}")
+        self._restore_waiver(runtime)
+        limits = self.store.get(f"limits/{runtime.id}")
         found = json.loads(limits) if limits else None
-        unit.set_limits(None if found is None else narrow_limits(DriveLimits(**found), unit.config.limits))
+        runtime.set_limits(None if found is None else narrow_limits(DriveLimits(**found), runtime.config.limits))
 
-    def _restore_waiver(self, unit: DriveRuntime) -> None:
+    def _restore_waiver(self, runtime: DriveRuntime) -> None:
         """One that was recorded for another drive of this name is left where it is, and said."""
-        waiver = CommLossWaiver.from_json(self.store.get(f"waiver/{unit.id}"))
-        fits = waiver is not None and waiver.applies_to(unit.config, self.bus_of(unit).config)
-        unit.waiver = waiver.text if waiver is not None and fits else None
-        unit.waiver_of_another = None if fits else waiver
-        if unit.waiver_of_another is not None:
-            self.publish_event("waiver", unit.id, "plant.waiver_ignored", **unit.waiver_of_another.recorded_for)
+        waiver = CommLossWaiver.from_json(self.store.get(f"waiver/{runtime.id}"))
+        fits = waiver is not None and waiver.applies_to(runtime.config, self.bus_of(runtime).config)
+        runtime.waiver = waiver.text if waiver is not None and fits else None
+        runtime.waiver_of_another = None if fits else waiver
+        if runtime.waiver_of_another is not None:
+            self.publish_event("waiver", runtime.id, "plant.waiver_ignored", **runtime.waiver_of_another.recorded_for)
 
 
 def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:

@@ -96,13 +96,13 @@ class ConfigReload:
 
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
-        latched = {id for id, unit in plant.drives.items() if unit.bus.start_inhibited(unit.config.address)}
+        latched = {id for id, runtime in plant.drives.items() if runtime.bus.start_inhibited(runtime.config.address)}
         closing = self._remove_drives(change)
         plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
         self._add_new(new)
         for id in latched & set(_leaving_drives(change)) & plant.drives.keys():
-            unit = plant.drives[id]
-            unit.bus.inhibit_start([unit.config.address])
+            runtime = plant.drives[id]
+            runtime.bus.inhibit_start([runtime.config.address])
         self._update_kept(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
@@ -111,7 +111,7 @@ class ConfigReload:
         self._clear_alarms(change)
         plant.historian.set_labels(signal_labels(plant.config))
         self._discard_removed(change)
-        await asyncio.gather(*(line.close() for line in closing))
+        await asyncio.gather(*(bus_runtime.close() for bus_runtime in closing))
         for id in (*change.buses.added, *change.reopened):
             plant.buses[id].start()
 
@@ -134,10 +134,10 @@ class ConfigReload:
     def _update_kept(self, change: ConfigDiff) -> None:
         """Drives that stay: their new limits and policies, their new periods."""
         for id, drive in change.drives.changed.items():
-            unit = self.plant.drives[id]
+            runtime = self.plant.drives[id]
             if change.actions[id] in (ReloadAction.UPDATE, ReloadAction.REPOLL):
-                unit.reconfigure(drive, polls=change.actions[id] is ReloadAction.REPOLL)
-                self.plant.restore(unit)
+                runtime.reconfigure(drive, polls=change.actions[id] is ReloadAction.REPOLL)
+                self.plant.restore(runtime)
 
     def _clear_alarms(self, change: ConfigDiff) -> None:
         """What the service had found about something that is gone is over, and about an interlock that is another."""

@@ -86,15 +86,15 @@ class SupervisionCycle:
     def _steps(self) -> Iterator[Step]:
         plant, now_ms = self._plant, self._plant.wall_ms()
         plant.clock.follow_wall_clock()
-        for unit in tuple(plant.drives.values()):
-            yield partial(self._supervise_drive, unit)
+        for runtime in tuple(plant.drives.values()):
+            yield partial(self._supervise_drive, runtime)
         yield lambda: self._policies.enforce_interlocks(plant.views, plant.now())
         yield lambda: self._policies.expire_leases(plant.now())
         yield self._jogs.expire
         for group in plant.config.groups:
             yield partial(self._publish_group, group)
-        for line in tuple(plant.buses.values()) if self._cycles % BUS_VIEW_CYCLES == 0 else ():
-            yield partial(self._supervise_bus, line)
+        for bus_runtime in tuple(plant.buses.values()) if self._cycles % BUS_VIEW_CYCLES == 0 else ():
+            yield partial(self._supervise_bus, bus_runtime)
         yield partial(self._supervise_plant, now_ms)
         if self._cycles % STORAGE_CHECK_CYCLES == STORAGE_CHECK_CYCLES - 1:
             yield self._check_storage
@@ -115,10 +115,10 @@ class SupervisionCycle:
                 self._plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject=name)
         self._storage.alarm_log.retry()
 
-    def _supervise_bus(self, line: BusRuntime) -> None:
-        if self._plant.buses.get(line.config.id) is line:
-            self._supervise_port(line, self._plant.now())
-            self._publisher.publish_bus(line)
+    def _supervise_bus(self, bus_runtime: BusRuntime) -> None:
+        if self._plant.buses.get(bus_runtime.config.id) is bus_runtime:
+            self._supervise_port(bus_runtime, self._plant.now())
+            self._publisher.publish_bus(bus_runtime)
 
     def _publish_group(self, group: GroupConfig) -> None:
         if group in self._plant.config.groups:
@@ -135,78 +135,78 @@ class SupervisionCycle:
         plant.publish_alarms(plant.alarms.expire_shelves(plant.now(), now_ms))
         self._publisher.publish_plant()
 
-    def _supervise_drive(self, unit: DriveRuntime) -> None:
-        if self._plant.drives.get(unit.id) is not unit:
+    def _supervise_drive(self, runtime: DriveRuntime) -> None:
+        if self._plant.drives.get(runtime.id) is not runtime:
             return
         now, now_ms = self._plant.now(), self._plant.wall_ms()
-        status = unit.status()
-        view = self._publisher.publish_drive(unit, status)
-        self._report_presence(unit)
-        self._report_fault(unit, status)
-        self._policies.on_status(unit, status)
+        status = runtime.status()
+        view = self._publisher.publish_drive(runtime, status)
+        self._report_presence(runtime)
+        self._report_fault(runtime, status)
+        self._policies.on_status(runtime, status)
         self._plant.publish_alarms(self._plant.alarms.observe(view, now, now_ms))
         self._plant.put_view(view)
-        self._schedule_comm_loss_read(unit, status, now)
+        self._schedule_comm_loss_read(runtime, status, now)
 
-    def _report_presence(self, unit: DriveRuntime) -> None:
+    def _report_presence(self, runtime: DriveRuntime) -> None:
         """One line when it falls silent and one when it returns."""
-        found = unit.bus.presence(unit.config.address)
-        before, unit.reported_presence = unit.reported_presence, found
+        found = runtime.bus.presence(runtime.config.address)
+        before, runtime.reported_presence = runtime.reported_presence, found
         if found is before or (before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE):
             return
         key = "plant.drive_silent" if found is Presence.OFFLINE else "plant.drive_back"
-        self._plant.publish_event("presence", unit.id, key, drive=unit.id)
+        self._plant.publish_event("presence", runtime.id, key, drive=runtime.id)
 
-    def _report_fault(self, unit: DriveRuntime, status: DriveStatus) -> None:
+    def _report_fault(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """A marker when it trips; the same fault after a silence is no new one."""
         fault = status.fault
         if fault is None:
-            if status.state is not DriveState.UNKNOWN or "status" not in unit.profile.capabilities:
-                unit.reported_fault = None
-        elif unit.reported_fault != fault.code:
-            unit.reported_fault = fault.code
+            if status.state is not DriveState.UNKNOWN or "status" not in runtime.profile.capabilities:
+                runtime.reported_fault = None
+        elif runtime.reported_fault != fault.code:
+            runtime.reported_fault = fault.code
             key = "plant.drive_fault_says" if fault.label in fault.text.en else "plant.drive_fault"
-            self._plant.publish_event("fault", unit.id, key, label=fault.label, fault=fault.text)
+            self._plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
 
-    def _supervise_port(self, line: BusRuntime, now: float) -> None:
+    def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
         """A port that is gone, or another master on it: an alarm and one line when it begins and when it ends (F12)."""
-        bus, plant = line.config.id, self._plant
-        is_open, was_open = line.bus.is_open, self._was_open.get(bus)
+        bus, plant = bus_runtime.config.id, self._plant
+        is_open, was_open = bus_runtime.bus.is_open, self._was_open.get(bus)
         if is_open:
             self._was_open[bus] = True
             plant.clear_alarm(SystemAlarm.PORT_LOST, subject=bus)
-        elif was_open or line.problem is not None:
+        elif was_open or bus_runtime.problem is not None:
             self._was_open[bus] = False
-            reason = line.problem or Text(**localized("plant.bus_reopened"))
+            reason = bus_runtime.problem or Text(**localized("plant.bus_reopened"))
             plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, reason=reason)
         if was_open is not self._was_open.get(bus) and was_open is not None:
             plant.publish_event("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
-        foreign = is_open and line.bus.foreign_master
+        foreign = is_open and bus_runtime.bus.foreign_master
         (plant.raise_alarm if foreign else plant.clear_alarm)(SystemAlarm.FOREIGN_MASTER, subject=bus)
 
     # --- the badge ------------------------------------------------------------------------------------------------
 
-    def _schedule_comm_loss_read(self, unit: DriveRuntime, status: DriveStatus, now: float) -> None:
+    def _schedule_comm_loss_read(self, runtime: DriveRuntime, status: DriveStatus, now: float) -> None:
         """Read what the drive does when this host dies: once it is there, and once in a while."""
-        if unit.bus.presence(unit.config.address) is not Presence.ONLINE or unit.monitor is None:
+        if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE or runtime.monitor is None:
             return
-        asked = unit.comm_loss_requested_at
-        wait_s = COMM_LOSS_READ_INTERVAL_S if unit.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
-        wait_s = COMM_LOSS_REREAD_S if unit.comm_loss_stale else wait_s
+        asked = runtime.comm_loss_requested_at
+        wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
+        wait_s = COMM_LOSS_REREAD_S if runtime.comm_loss_stale else wait_s
         if asked is not None and now - asked < wait_s:
             return
-        unit.comm_loss_requested_at = now
-        task = asyncio.create_task(self._read_comm_loss(unit), name=f"badge {unit.id}")
+        runtime.comm_loss_requested_at = now
+        task = asyncio.create_task(self._read_comm_loss(runtime), name=f"badge {runtime.id}")
         self._comm_loss_reads.add(task)
         task.add_done_callback(self._comm_loss_reads.discard)
 
-    async def _read_comm_loss(self, unit: DriveRuntime) -> None:
-        doubts = unit.comm_loss_writes
+    async def _read_comm_loss(self, runtime: DriveRuntime) -> None:
+        doubts = runtime.comm_loss_writes
         try:
-            report = await unit.drive.comm_loss_behaviour()
+            report = await runtime.drive.comm_loss_behaviour()
         except (DrivebusError, KeyError):
             return
-        unit.set_comm_loss(report, self._plant.now(), doubts)
+        runtime.set_comm_loss(report, self._plant.now(), doubts)
 
     async def close(self) -> None:
         """No more reads of its own."""
