@@ -225,7 +225,7 @@ def test_a_file_that_names_no_plant_is_refused_with_its_mistakes(text: str, tmp_
     assert refused.value.key == "plant_config.refused"
 
 
-@pytest.mark.parametrize(("says", "key"), [(b"", "stop_all.hangs"), (b"heard\n", "stop_all.gone")])
+@pytest.mark.parametrize(("says", "key"), [(b"", "stop_all.hangs"), (b"received\n", "stop_all.gone")])
 def test_stop_all_never_waits_for_a_plant_that_hangs_and_calls_nothing_stopped(
     says: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""What is done to one drive. Every handler takes its checked parameters and the actor; rights were looked at before."""
+"""Commands to single drives. The dispatcher has checked rights and parameters before a handler is called."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class DriveCommands:
         return {"drive.run": self.run, "drive.set_frequency": self.set_frequency}
 
     def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
-        """The drive, which the actor may command now. Raises NotFound, ControlNotHeld."""
+        """Return a drive that the actor controls. Raises NotFound, ControlNotHeld."""
         runtime = self.plant.drive(drive)
         self.plant.leases.require(drive, actor, self.plant.now())
         return runtime
@@ -102,7 +102,7 @@ class DriveCommands:
         return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
     async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
-        """The first step; refused for whatever the second would be refused for."""
+        """Issue the token of a start. Fails for every reason for which the start itself would."""
         runtime = self.require_control(params.drive, actor)
         check_start(self.plant, runtime)
         return {"arm_token": self.plant.arm_tokens.issue(runtime.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
@@ -120,13 +120,13 @@ class DriveCommands:
     async def start_drive(
         self, runtime: DriveRuntime, frequency_hz: float, direction: str | None, actor: Actor, requested_at: float
     ) -> Json:
-        """Everything is allowed; from the moment its frame may have left the drive is one that we started."""
+        """Start a drive after all checks. It counts as started by the service once a frame may have left."""
         outcome = await self.run_motion(runtime, runtime.drive.run(frequency_hz, direction, requested_at=requested_at))
         runtime.commanded_hz = frequency_hz
         return self.publish_outcome(runtime, "run", outcome, actor, frequency_hz=frequency_hz)
 
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
-        """Do it; where nothing can have left, the drive is as much ours as it was."""
+        """Await a motion; ``started_by_service`` stays as it was where no frame can have left."""
         before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
         try:
             return await motion
@@ -176,14 +176,14 @@ class DriveCommands:
     # --- stops and resets -----------------------------------------------------------------------------------------
 
     async def stop(self, params: StopParams, actor: Actor) -> Json:
-        """Nothing is asked first: no lease, no arm, no record (6.5). The frame is queued before anything is awaited."""
+        """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive(params.drive)
         self.plant.note_stop(runtime)
         ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
 
     async def finish_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
-        """A stop's outcome; one that is not confirmed raises an alarm, and is repeated by the drive itself."""
+        """Await a stop. An unconfirmed one raises an alarm and is repeated by ``Drive``."""
         try:
             outcome = await stop
         except StopUnconfirmed:
@@ -199,14 +199,14 @@ class DriveCommands:
         return self.publish_outcome(runtime, "reset", await runtime.drive.reset_fault(), actor)
 
     async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
-        """Starts may be asked for again after a bus stop; nothing is sent."""
+        """Permit starts again after a bus stop; nothing is sent."""
         runtime = self.require_control(params.drive, actor)
         runtime.bus.release_start([runtime.config.address])
         self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
         return {}
 
     def publish_outcome(self, runtime: DriveRuntime, word: str, outcome: Outcome, actor: Actor, **params: Any) -> Json:
-        """The outcome as JSON; everybody who listens hears of it too."""
+        """Publish the outcome of a command as an event and return it as JSON."""
         answer = outcome_json(outcome, self.plant.command_id(word))
         self.plant.publish_event(
             "stop" if word == "stop" else "command",
@@ -220,7 +220,7 @@ class DriveCommands:
         return {"outcome": answer}
 
     async def write_parameters(self, params: ParameterWriteParams, actor: Actor) -> Json:
-        """To RAM, or with ``save`` to EEPROM, each read back. Needs the lease: a parameter may move a motor."""
+        """Write parameters to RAM, or with ``save`` to EEPROM, and read each back; a parameter may move a motor."""
         runtime = self.require_control(params.drive, actor)
         runtime.invalidate_comm_loss()
         try:
@@ -244,7 +244,7 @@ class DriveCommands:
         return {"waiver": text}
 
     async def _store_value(self, key: str, value: str) -> None:
-        """Durable on return; the bus does not wait for the disk. Raises ConfigurationError."""
+        """Store a value durably, in a thread. Raises ConfigurationError."""
         await asyncio.to_thread(self.plant.store.put, key, value)
 
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
@@ -255,7 +255,7 @@ class DriveCommands:
         return {}
 
     async def set_limits(self, params: LimitsParams, actor: Actor) -> Json:
-        """Narrower than the plant's file says, never wider. Raises LimitError."""
+        """Set limits narrower than those of the configuration. Raises LimitError for wider ones."""
         runtime = self.plant.drive(params.drive)
         own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)
         lowest, highest = max(own.minimum_hz, runtime.configured_range_hz[0]), runtime.configured_range_hz[1]

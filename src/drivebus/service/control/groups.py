@@ -1,6 +1,6 @@
-"""Drives that start together: one after another, not too many at once, followers at their ratio to the leader.
+"""Group commands: sequenced starts, and frequencies of followers at their ratio to the leader.
 
-The leader comes first, and nobody follows a leader that does not go.
+The leader starts first; where it does not start, no follower does.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Json = dict[str, Any]
 SLOT_POLL_INTERVAL_S = 0.1
 ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
 DEFAULT_RAMP_S = 10.0
-"""A drive that does not tell counts as accelerating for its own ramp, or for so long where that is not known."""
+"""A drive that does not report its state counts as accelerating for its ramp time, or this long where unknown."""
 
 
 class GroupCommands:
@@ -36,7 +36,7 @@ class GroupCommands:
     def __init__(self, plant: Plant, commands: DriveCommands) -> None:
         self.plant, self.commands = plant, commands
         self.progress: dict[str, int] = {}
-        """Groups that are being started, and how many of their drives have been."""
+        """Group that is being started → number of drives started so far."""
 
     def handlers(self) -> dict[str, OperationHandler]:
         return {"group.arm": self.arm_start}
@@ -45,13 +45,13 @@ class GroupCommands:
         return {"group.start": self.start, "group.set_frequency": self.set_frequency}
 
     def _require_control(self, id: str, actor: Actor) -> tuple[GroupConfig, list[DriveRuntime]]:
-        """Its drives, the leader first."""
+        """Return the drives of a group, the leader first. Raises NotFound, ControlNotHeld."""
         group = self.plant.group(id)
         order = sorted(group.drives, key=lambda drive: drive != group.leader)
         return group, [self.commands.require_control(drive, actor) for drive in order]
 
     async def arm_start(self, params: GroupParams, actor: Actor) -> Json:
-        """The first step; refused for whatever the second would be refused for."""
+        """Issue the token of a start. Fails for every reason for which the start itself would."""
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             check_start(self.plant, runtime)
@@ -61,11 +61,11 @@ class GroupCommands:
         }
 
     async def start(self, params: GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
-        """Nothing is sent unless every drive may start at its frequency. A stop of any of them ends the rest, and so
-        does a leader that has not started.
+        """Start the drives one after another; nothing is sent unless every one may start at its frequency.
 
-        The first drive's start is as old as the wish, each further one's as its turn: the lease shows that the wish
-        lives on. Raises Expired (TargetNotReached, where its frequency has left) for the first: then no other is tried.
+        A stop of any drive, or a leader that has not started, ends the sequence. Each drive after the first has a
+        start deadline of its own from its turn on. Raises Expired (TargetNotReached, where its frequency was sent) for
+        the first drive: then no other is tried.
         """
         group, runtimes = self._require_control(params.group, actor)
         if group.id in self.progress:
@@ -96,7 +96,7 @@ class GroupCommands:
         params: GroupStartParams,
         actor: Actor,
     ) -> Json:
-        """One drive's start, when it is its turn and nobody has stopped any of them since."""
+        """Start one drive when it is its turn, unless a drive of the group was stopped meanwhile."""
         try:
             requested_at = await self._wait_for_slot(group, runtimes, runtime, ticket)
             check_not_superseded(self.plant, ticket)
@@ -108,14 +108,14 @@ class GroupCommands:
             found = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
         except DrivebusError as error:
             if runtime is runtimes[0] and _is_expired(error):
-                raise  # the wish itself is too old, and so it is for all of them
+                raise  # the command has expired for every drive
             return error_to_json(error)
         runtime.group_started_at = self.plant.now()
         answer: Json = found["outcome"]
         return answer
 
     def _check_still_owner(self, runtime: DriveRuntime, actor: Actor) -> None:
-        """Whoever has gone while the others started starts nothing more. Raises ControlNotHeld."""
+        """Raise ControlNotHeld where the actor lost control while other drives started."""
         lease = self.plant.leases.get(runtime.id, self.plant.now())
         if lease is None or lease.actor.session != actor.session:
             raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
@@ -123,7 +123,7 @@ class GroupCommands:
     async def _wait_for_slot(
         self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime, ticket: CommandTicket
     ) -> float:
-        """Since when its start is wished: where it has to wait, since its turn has come. Raises Superseded."""
+        """Wait for the drive's turn; return the time from which its start deadline runs. Raises Superseded."""
         requested_at = ticket.issued_at
         while not self._slot_free(group, runtimes, runtime):
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
@@ -151,7 +151,7 @@ class GroupCommands:
         return not fresh or status.state in ACCELERATING_STATES
 
     async def set_frequency(self, params: GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
-        """The leader's frequency (everybody's where there is no leader), then the followers' at their ratio."""
+        """Set the leader's frequency (of every drive where there is no leader), then the followers' at their ratio."""
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
@@ -173,7 +173,7 @@ class GroupCommands:
     async def _set_follower_unless_stopped(
         self, group: GroupConfig, runtime: DriveRuntime, frequency_hz: float, actor: Actor, ticket: CommandTicket
     ) -> Json:
-        """Unless one of them has been stopped while the leader got its frequency."""
+        """Set a follower's frequency unless a drive was stopped while the leader got its own."""
         try:
             check_not_superseded(self.plant, ticket)
         except Superseded as error:
@@ -204,7 +204,7 @@ class GroupCommands:
 
 
 def _is_expired(error: DrivebusError) -> bool:
-    """Was it not sent because it was too old, be it after its frequency had been?"""
+    """Return whether a start was not sent because it had expired, also where its frequency had been sent."""
     return isinstance(error, Expired) or isinstance(error.params.get("why"), Expired)
 
 
@@ -213,7 +213,7 @@ def _is_done(outcome: Json) -> bool:
 
 
 def _skipped(group: GroupConfig, runtimes: list[DriveRuntime]) -> Json:
-    """What becomes of the followers of a leader that did not do it."""
+    """Return the errors of the followers of a leader that failed."""
     return {
         runtime.id: error_to_json(ServiceError("plant.leader_not_done", drive=runtime.id, leader=group.leader))
         for runtime in runtimes

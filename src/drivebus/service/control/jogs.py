@@ -1,4 +1,4 @@
-"""Jogs held from afar: each ends when its holder lets go, or half a second after the last renewal (T13)."""
+"""Remote jogs: each ends when its client ends it, or half a second after the last renewal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class ActiveJog:
-    """One jog and who holds it."""
+    """A jog and its owner."""
 
     drive: DriveRuntime
     actor: Actor
@@ -30,7 +30,7 @@ class ActiveJog:
 
 
 class RemoteJogs:
-    """Jogs that go on now."""
+    """Jogs that are under way."""
 
     def __init__(self, plant: Plant, commands: DriveCommands) -> None:
         self.plant, self.commands = plant, commands
@@ -44,7 +44,7 @@ class RemoteJogs:
         return {"drive.jog": self.start}
 
     async def start(self, params: JogParams, actor: Actor, ticket: CommandTicket) -> Json:
-        """A jog is a start: it needs all that a start needs."""
+        """Start a jog, which needs everything that a start needs."""
         runtime = self.commands.require_control(params.drive, actor)
         check_start(self.plant, runtime)
         lease = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
@@ -57,7 +57,7 @@ class RemoteJogs:
         return {"jog": word, "lease_s": lease.lease_s, **answer}
 
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
-        """The hand is still on the key. Raises StartInhibited where it came too late: the motor was stopped."""
+        """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped."""
         held = self._find(params)
         if held.actor.session != actor.session:
             raise ControlNotHeld("plant.not_owner", drive=held.drive.id, owner=held.actor.name)
@@ -65,7 +65,7 @@ class RemoteJogs:
         return {"lease_s": held.lease.lease_s}
 
     async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:
-        """Whoever may stop may end it."""
+        """End a jog; everybody with the right to stop may."""
         held = self._find(params)
         self._active.pop(params.jog, None)
         self.plant.note_stop(held.drive)
@@ -79,7 +79,7 @@ class RemoteJogs:
         return held
 
     def expire(self) -> None:
-        """Jogs whose lease was lost: their stop is on its way already; who hears of it is told how it ended."""
+        """Remove jogs that were not renewed in time. Their stop is on its way; its outcome becomes an event."""
         for word, held in tuple(self._active.items()):
             if held.lease.expired:
                 del self._active[word]
@@ -97,6 +97,6 @@ class RemoteJogs:
         self.commands.publish_outcome(held.drive, "stop", outcome, held.actor)
 
     async def close(self) -> None:
-        """End them all."""
+        """End all jogs."""
         held, self._active = tuple(self._active.values()), {}
         await asyncio.gather(*(one.lease.stop() for one in held), *self._stop_tasks, return_exceptions=True)

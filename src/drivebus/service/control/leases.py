@@ -1,4 +1,4 @@
-"""Who may command a drive, and the first step of a start from afar. Pure: ``now`` is an argument (S20)."""
+"""Control leases of drives, and the tokens of two-step starts. Pure: ``now`` (monotonic seconds) is an argument."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from drivebus.service.auth.rights import Right
 from drivebus.service.live.views import LeaseView
 from drivebus.service.runtime.utc_clock import UtcClock
 
-LEASE_TTL_S = 10.0
-"""A lease that nobody renews for so long is over."""
-ARM_TTL_S = 10.0
-"""A start follows its arming within this time (6.5)."""
-MAX_ARM_TOKENS = 100
-"""So many arms are kept at once; the oldest goes first (I12)."""
+LEASE_TTL_S = 10.0  # a lease ends this long after its last renewal
+ARM_TTL_S = 10.0  # a start follows its arming within this time
+MAX_ARM_TOKENS = 100  # valid at a time; a further one replaces the oldest
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +34,7 @@ class ControlLeases:
     def __init__(self) -> None:
         self._leases: dict[str, ControlLease] = {}
         self._replaced_expired: list[ControlLease] = []
-        """Ran out, and somebody took the drive before that was told."""
+        """Ended leases whose drive was taken again before ``pop_expired`` returned them."""
 
     def get(self, drive: str, now: float) -> ControlLease | None:
         """The lease in force."""
@@ -45,9 +42,9 @@ class ControlLeases:
         return lease if lease is not None and now < lease.expires_at else None
 
     def take(self, drive: str, actor: Actor, now: float) -> ControlLease | None:
-        """Own the drive from now on; returns the lease that was taken from somebody (an engineer may).
+        """Give the actor control and return the lease of another session that this ended; an engineer may take one.
 
-        Raises ControlNotHeld where somebody else holds it and the actor may not take it away.
+        Raises ControlNotHeld where another session has control and the actor may not take it.
         """
         held = self.get(drive, now)
         taken = held if held is not None and held.actor.session != actor.session else None
@@ -60,7 +57,7 @@ class ControlLeases:
         return taken
 
     def renew(self, drive: str, actor: Actor, now: float) -> ControlLease:
-        """Ten seconds more. Raises ControlNotHeld where the lease is over or somebody else's."""
+        """Extend a lease. Raises ControlNotHeld where it has ended or is another session's."""
         self.require(drive, actor, now)
         lease = self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
         return lease
@@ -76,7 +73,7 @@ class ControlLeases:
             raise _not_owner_error(held)
 
     def release(self, drive: str, actor: Actor, now: float) -> None:
-        """Give it up. Raises ControlNotHeld where it is somebody else's; nothing happens where it is nobody's."""
+        """End a lease; there may be none. Raises ControlNotHeld where it is another session's."""
         held = self.get(drive, now)
         if held is not None and held.actor.session != actor.session:
             raise _not_owner_error(held)
@@ -84,7 +81,7 @@ class ControlLeases:
             del self._leases[drive]
 
     def pop_expired(self, now: float) -> list[ControlLease]:
-        """Leases that have run out, told once."""
+        """Return each lease that has ended since the last call."""
         over = [lease for lease in self._leases.values() if lease.expires_at <= now]
         for lease in over:
             del self._leases[lease.drive]
@@ -101,7 +98,7 @@ def _not_owner_error(lease: ControlLease) -> ControlNotHeld:
 
 
 class ArmTokens:
-    """First steps that have not been followed yet; each serves once (S16)."""
+    """Tokens of first steps of a start; each is valid once."""
 
     def __init__(self) -> None:
         self._tokens: dict[str, tuple[str, str, float]] = {}
@@ -115,7 +112,7 @@ class ArmTokens:
         return word
 
     def consume(self, word: str | None, what: str, actor: Actor, now: float) -> None:
-        """Raises ArmRequired for a remote actor whose word is missing, used, too old, voided or somebody else's."""
+        """Raise ArmRequired unless a remote actor's token was issued to it for this start and is unused."""
         if not actor.remote:
             return
         if word is None:
@@ -125,5 +122,5 @@ class ArmTokens:
             raise ArmRequired("plant.arm_void", what=what, limit_s=ARM_TTL_S)
 
     def revoke(self, *whats: str) -> None:
-        """A stop: whoever armed these before has to arm them anew (6.5)."""
+        """Invalidate the tokens of these drives and groups: after a stop each start has to be armed again."""
         self._tokens = {word: one for word, one in self._tokens.items() if one[0] not in whats}

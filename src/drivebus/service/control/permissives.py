@@ -1,4 +1,4 @@
-"""What forbids a start now: said in every view before anyone tries, and refused when somebody does."""
+"""Start blockers of a drive: shown in every view, and checked when a start is requested."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Json = dict[str, Any]
 
 
 def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:
-    """Everything that the plant has against a start now; the drive's own gate looks again when it comes to it."""
+    """Yield every reason against a start now. The gate of the drive checks again before the first frame."""
     if plant.state != "running":
         yield ServiceUnavailable("plant.stopping")
         return
@@ -33,7 +33,7 @@ def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusErro
 
 
 def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
-    """Somebody has recorded a waiver, for another drive: told, so that nobody looks for it."""
+    """Return the error of a missing waiver; one that was recorded for another drive of this name is mentioned."""
     other = runtime.waiver_of_another
     if other is None:
         return WaiverRequired("plant.waiver_needed", drive=runtime.id, why=runtime.comm_loss.text)
@@ -41,12 +41,12 @@ def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
 
 
 def start_blockers_json(plant: Plant, runtime: DriveRuntime) -> Iterator[Json]:
-    """The same as JSON."""
+    """Yield the start blockers as JSON."""
     for error in start_blockers(plant, runtime):
         yield {"key": error.key, "params": to_plain(error.params), "text": localized(error.key, error.params)}
 
 
 def check_start(plant: Plant, runtime: DriveRuntime) -> None:
-    """Raises the first of them."""
+    """Raise the first start blocker."""
     for error in start_blockers(plant, runtime):
         raise error

@@ -1,4 +1,4 @@
-"""What the plant does by itself: nothing but stop (6.6, ruling 7), where a drive's policy or an interlock says so."""
+"""Automatic stops: lost leases, tripped interlocks, drives found running. Nothing starts a drive automatically."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 
-STANDSTILL_CONFIRM_S = 3.0
-"""A drive that reports standstill so long after our start stands: it would have begun by then."""
+STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
 class StopPolicies:
-    """Leases that ran out, interlocks, drives found running."""
+    """Policies of a plant; each stop goes through the dispatcher, so that it is recorded."""
 
     def __init__(self, plant: Plant, call: OperationCall, service: Actor) -> None:
         self.plant, self._call, self.service_actor = plant, call, service
         self._stopping: dict[str, asyncio.Task[None]] = {}
 
     def expire_leases(self, now: float) -> None:
-        """Whoever does not renew is gone: hold or stop, as the drive's policy says."""
+        """Handle leases that have ended: stop the drive or leave it running, as its ``on_client_lost`` says."""
         for lease in self.plant.leases.pop_expired(now):
             runtime = self.plant.drives.get(lease.drive)
             if runtime is not None:
@@ -46,7 +45,7 @@ class StopPolicies:
             self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """The first time that a state is known: a drive that runs was started by somebody else, or in a former life."""
+        """Apply ``on_restart`` to a drive that is found running, and note a standstill."""
         state = status.state
         if state is DriveState.UNKNOWN:
             return
@@ -59,7 +58,7 @@ class StopPolicies:
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-            runtime.started_by_service = False  # stopped at its keypad, or tripped: whoever starts it again is not us
+            runtime.started_by_service = False  # stopped at its keypad, or tripped: a later start is not one of ours
         if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
@@ -85,7 +84,7 @@ class StopPolicies:
                 self.stop_drive(runtime, "plant.stopped_interlock", interlock=stopping[0].id)
 
     def stop_drive(self, runtime: DriveRuntime, key: str, **params: str) -> None:
-        """Stop it now; told as the service's own act."""
+        """Stop a drive in the name of the service."""
         self.plant.publish_event("stop", runtime.id, key, actor=self.service_actor.name, **params)
         task = asyncio.create_task(self._send_stop(runtime), name=f"policy stop {runtime.id}")
         self._stopping[runtime.id] = task
@@ -98,7 +97,7 @@ class StopPolicies:
             return  # an unconfirmed stop has raised its alarm and is being repeated
 
     async def close(self) -> None:
-        """The stops that are on their way have been sent; nobody waits for their confirmation any more."""
+        """Wait no longer for confirmations; the stops themselves have been sent."""
         tasks = tuple(self._stopping.values())
         for task in tasks:
             task.cancel()
@@ -106,10 +105,10 @@ class StopPolicies:
 
 
 def _state_lost(runtime: DriveRuntime) -> bool:
-    """It could tell its state and does not now: it may be running, whoever started it."""
+    """Return whether a drive that reports its state does not at present: it may be running."""
     return runtime.drive.dialect.reports_run_state and runtime.status().state is DriveState.UNKNOWN
 
 
 def may_be_running(runtime: DriveRuntime) -> bool:
-    """It turns, or we started it and have not seen it stand since."""
+    """Return whether the motor turns, or was started by this service and not seen at standstill since."""
     return runtime.started_by_service or runtime.status().state.turning

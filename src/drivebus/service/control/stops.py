@@ -1,4 +1,4 @@
-"""Stopping more than one drive: a group, everything, and what this service started when it ends."""
+"""Stops of several drives: a group, the whole plant, and what this service started when it ends."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from drivebus.service.runtime.plant import Plant
 
 Json = dict[str, Any]
 SERVICE_STOP_TIMEOUT_S = 2.8
-"""An ending service waits so long for its drives to report stopped (6.6: confirmed or told within 3 s)."""
+"""An ending service reports the outcome of its stops within three seconds, confirmed or not."""
 
 
 class StopCommands:
@@ -36,7 +36,7 @@ class StopCommands:
         return {"plant.stop": self.stop_all, "group.stop": self.stop_group}
 
     async def stop_all(self, params: NoParams, actor: Actor) -> Json:
-        """Every bus at once, each with its broadcast and then one by one; everything stays latched."""
+        """Stop all buses at once, each by broadcast and then drive by drive; starts stay inhibited."""
         plant = self.plant
         plant.note_stop(*plant.drives.values())
         everything = [
@@ -72,12 +72,12 @@ class StopCommands:
         return {"confirmed": not unconfirmed, "unconfirmed": unconfirmed, "took_s": took_s}, outcomes
 
     async def stop_group(self, params: GroupParams, actor: Actor) -> Json:
-        """Every drive of the group at once, and nothing of it that still waits for its turn starts."""
+        """Stop every drive of a group at once, and end a group start that is under way."""
         group = self.plant.group(params.group)
         return {"outcomes": await self.stop_many([self.plant.drive(id) for id in group.drives], actor)}
 
     async def stop_many(self, runtimes: Iterable[DriveRuntime], actor: Actor) -> Json:
-        """Outcome or error of each."""
+        """Stop drives at once; return the outcome or error of each."""
         wanted = list(runtimes)
         self.plant.note_stop(*wanted)
         many = len(wanted)
@@ -93,8 +93,10 @@ class StopCommands:
         return answer
 
     async def stop_started_drives(self, actor: Actor) -> Json:
-        """The service ends: stop what it started, unless the drive's policy is to hold; told within three seconds. What
-        is held is told too: it turns, and soon nobody watches it."""
+        """Stop what this service started, unless the drive's ``on_service_stop`` is ``hold``, which becomes an event.
+
+        Return the outcome of each stop, None where it was not known within the timeout.
+        """
         started = [runtime for runtime in self.plant.drives.values() if runtime.started_by_service]
         runtimes = [runtime for runtime in started if runtime.config.on_service_stop is OnServiceStop.STOP]
         self.plant.note_stop(*runtimes)
@@ -105,7 +107,7 @@ class StopCommands:
             if runtime not in stops:
                 self.plant.publish_event("lease", runtime.id, "plant.held", actor=actor.name)
         found = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
-        for task in stops.values():  # the stops themselves have been sent; nobody waits for their end any more
+        for task in stops.values():  # the stops have been sent; their confirmation is not waited for
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
         return found

@@ -1,4 +1,4 @@
-"""A command as somebody wished it: when, and how often its drives had been stopped by then."""
+"""Command ticket: issue time and each drive's stop count, to reject commands that a stop has overtaken."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
 START_DEADLINE_S = CHECKS_TIMEOUT_S
-"""From the wish (the second step of a start, as it comes in) to the first bit of a frame that moves: record, turn and
-checks share it, and none of it comes on top. Gate and bus hold it, and 2 s from the checks on (ruling 12, I1)."""
+"""Longest time from the arrival of a start command to the first bit of the frame that moves the motor.
+
+Audit record, the turn of the bus and the checks share it; the gate and the bus enforce it."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandTicket:
-    """``at``: a monotonic second of the plant. ``stops``: of each drive that it concerns; ``units``: those drives."""
+    """Issue time (monotonic) of a command, the drives it affects, and how often each had been stopped by then."""
 
     issued_at: float
     stop_counts: Mapping[str, int]
@@ -30,18 +31,20 @@ class CommandTicket:
 OperationHandler = Callable[[Any, Actor], Awaitable[Json]]
 """Handler of an operation: validated parameters and actor → answer."""
 MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
-"""A ``Handler`` of what moves: it must know when that was wished."""
+"""Handler of an operation that moves motors; it gets the ticket to check again before it sends."""
 
 
 def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime]) -> CommandTicket:
-    """Somebody wishes something of these, now."""
+    """Return a ticket for a command to these drives."""
     known = tuple(runtimes)
     return CommandTicket(plant.now(), {runtime.id: plant.stop_counts[runtime.id] for runtime in known}, known)
 
 
 def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:
-    """Raises Superseded where one of its drives was stopped since, or is another one by now; one that is gone is for
-    its handler to tell."""
+    """Raise Superseded where a drive was stopped, or replaced by a reload, since the ticket was issued.
+
+    A drive that is gone is reported by the handler.
+    """
     for runtime in ticket.drives:
         if plant.stop_counts[runtime.id] != ticket.stop_counts[runtime.id]:
             raise Superseded("plant.stopped_meanwhile", drive=runtime.id)

@@ -1,5 +1,6 @@
-"""A waiver: somebody allows starts of a drive that may run on when the host dies. It is for that drive alone: of this
-model, on this link, at this address. Another that gets its name has none.
+"""Waiver of the communication-loss check: it allows starts of a drive that may run on when this host fails.
+
+It holds for one drive only: of this model, on this link, at this address.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from drivebus.service.config.model import BusConfig, DriveConfig
 
 @dataclass(frozen=True, slots=True)
 class CommLossWaiver:
-    """``text``: the reason, and who recorded it; the rest is what the plant's file said of the drive then."""
+    """Reason and author of a waiver, and the drive it was recorded for."""
 
     text: str
     model: str = "?"
@@ -26,7 +27,7 @@ class CommLossWaiver:
 
     @classmethod
     def from_json(cls, found: str | None) -> CommLossWaiver | None:
-        """As ``to_keep`` gave it; None where there is none. A text alone, as older versions kept it, fits no drive."""
+        """Return a stored waiver, None where there is none. A bare text applies to no drive."""
         read = json.loads(found) if found else None
         return None if read is None else cls(**read) if isinstance(read, Mapping) else cls(str(read))
 
@@ -34,10 +35,10 @@ class CommLossWaiver:
         return json.dumps(asdict(self))
 
     def applies_to(self, drive: DriveConfig, bus: BusConfig) -> bool:
-        """Was it recorded for this drive?"""
+        """Return whether it was recorded for this drive."""
         return self == CommLossWaiver.for_drive(self.text, drive, bus)
 
     @property
     def recorded_for(self) -> dict[str, str]:
-        """The drive that it was recorded for, as the numbers of a sentence."""
+        """Model, link and address of the drive that it was recorded for, as message parameters."""
         return {"model": self.model, "link": self.link, "address": "?" if self.address is None else str(self.address)}

@@ -1,11 +1,9 @@
-"""Interlocks at work: what is required, whether it holds, since when, and what that forbids. Pure; ``now`` is given.
+"""Interlock engine: whether each interlock holds, since when not, and what it blocks. Pure; ``now`` is an argument.
 
-An interlock that does not hold forbids every start of its drives at once. One whose action is ``stop`` trips when it
-has not held for ``delay_s``, and is met again as soon as it holds; nothing starts by itself then.
-
-Right after the service began nothing has been read: what is unknown from the first look on trips only after
-``GRACE_S``, so that a restart stops no drive merely because it has not asked yet (ruling 7). What is known not to hold
-trips at once.
+An interlock that does not hold blocks every start of its drives at once. One whose action is ``stop`` trips when it has
+not held for ``delay_s``, and is reset as soon as it holds; no drive is started by that. After the start of the service
+an interlock whose values were never known trips only after ``STARTUP_GRACE_S``, so that a restart stops no drive merely
+because it was not polled yet; one that is known not to hold trips at once.
 """
 
 from __future__ import annotations
@@ -31,16 +29,16 @@ from drivebus.service.live.views import DriveView
 from drivebus.values import Quality
 
 STARTUP_GRACE_S = 10.0
-"""As long as a slow line may take to ask every drive once."""
+"""Time in which a slow bus has polled every drive once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """An interlock that does not hold now, and why."""
+    """An interlock that does not hold, and the reasons."""
 
     config: InterlockConfig
     since_s: float
-    """Monotonic second of the first look at which it did not hold."""
+    """Monotonic second of the first evaluation at which it did not hold."""
     tripped: bool
     """It has not held for its delay: an interlock that stops has to stop now."""
     reasons: tuple[Text, ...]
@@ -60,14 +58,14 @@ class _InterlockState:
     config: InterlockConfig
     expression: Expression
     was_known: bool = False
-    """It was certain once."""
+    """Its result was known once."""
     violation: Violation | None = None
     evaluated: bool = False
-    """Nobody knows yet whether it holds: it forbids."""
+    """An interlock that was never evaluated blocks starts."""
 
 
 class InterlockEngine:
-    """All interlocks of a plant."""
+    """Interlocks of a plant."""
 
     def __init__(self, settings: Iterable[InterlockConfig]) -> None:
         """Raises ConfigurationError for an expression that can't be read."""

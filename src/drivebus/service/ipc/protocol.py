@@ -15,8 +15,8 @@ MAX_SOCKET_PATH_BYTES = 100
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024
 """Bytes of one message."""
 SERVICE_SOCKET, STOP_SOCKET = "plant.sock", "stop.sock"
-STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"heard\n"
-"""All that ``stop.sock`` takes, and what it says at once: whoever asked knows by it that the plant does not hang."""
+STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"received\n"
+"""Only request of ``stop.sock``, and its immediate answer, which shows that the service does not hang."""
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
-"""The plant's own sockets: JSON lines for its clients, and one that takes nothing but "stop all".
+"""Sockets of the service: JSON lines for its clients, and one that accepts nothing but "stop all".
 
-Whoever may open them (the user that runs the plant, mode 0600) is trusted to say who acts. Every request is a task of
-its own: nothing that one client asks for stands in front of another's stop.
+A client (the user that runs the service; mode 0600) is trusted to name the actor. Each request is a task of its own, so
+that none delays another client's stop.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
 
 Json = dict[str, Any]
-MAX_CONCURRENT_REQUESTS = 1000
-"""So many may be under way on one connection; a stop always comes in (I12, S14)."""
+MAX_CONCURRENT_REQUESTS = 1000  # of one connection; stops do not count
 MAX_UNSENT_BYTES = 16 * 1024 * 1024
 """A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
 LOG = logging.getLogger("drivebus.service")
@@ -126,7 +125,7 @@ class _ClientConnection:
         except DrivebusError as error:
             await self._send({"id": id, "error": error_to_json(error)})
         except Exception:
-            LOG.exception("a request failed in a way that nobody foresaw")
+            LOG.exception("a request failed unexpectedly")
             await self._send({"id": id, "error": error_to_json(ServiceUnavailable("plant.internal"))})
 
     async def _live(self, id: Any, stream: str, actor: Actor) -> None:
@@ -161,7 +160,7 @@ async def _too_busy() -> Json:
 
 
 class StopServer:
-    """``stop.sock``: one line in; out come that it was heard, at once, and what became of it."""
+    """Server of ``stop.sock``: the answer is an acknowledgement at once, then the outcome."""
 
     def __init__(self, plant: ServiceClient, path: Path) -> None:
         self._service, self.path = plant, path

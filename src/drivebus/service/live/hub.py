@@ -17,7 +17,7 @@ from drivebus.types import Json
 STATE_STREAM = "state"
 """The stream of every topic but frames."""
 FRAMES_PREFIX = "frames/"
-"""Frames are decoded only while somebody subscribes: each bus has a stream of its own, ``frames/<bus>``."""
+"""Prefix of the streams of frames, one for each bus: frames are decoded only for a subscriber."""
 MAX_LIST_ITEMS = 500  # of a list (events, frames) kept for the next snapshot
 HEARTBEAT_S = 1.0  # a stream without changes sends an empty update this often
 

@@ -57,7 +57,7 @@ class LivePublisher:
 
 
 def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None = None) -> DriveView:
-    """One drive now."""
+    """Return the present view of a drive."""
     status, now, config = status or runtime.status(), plant.now(), runtime.config
     lease = plant.leases.get(runtime.id, now)
     minimum, maximum = runtime.drive.range_hz
@@ -99,7 +99,7 @@ def _directions(runtime: DriveRuntime) -> tuple[str, ...]:
 
 
 def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
-    """One bus now. A bus counts the failures of its stations as its own too."""
+    """Return the topic of a bus. Its figures include the failures of its stations."""
     bus, config = bus_runtime.bus, bus_runtime.config
     found = bus.statistics()
     own = [_station_json(runtime, found.stations[runtime.config.address]) for runtime in bus_runtime.drives.values()]
@@ -145,7 +145,7 @@ def _station_json(runtime: DriveRuntime, found: Any) -> Json:
 
 
 def plant_topic(plant: Plant) -> Json:
-    """Topic ``plant``."""
+    """Return the topic of the plant."""
     return {
         "id": plant.config.id,
         "title": text_json(plant.config.title),

@@ -1,4 +1,4 @@
-"""What every surface sees of the plant at one moment: values that know their JSON. The hub publishes these.
+"""Views of drives, signals, leases and samples: values with their JSON.
 
 Times are UTC milliseconds (``time_ms``) of the plant's own clock, for labels; ages are seconds of the monotonic one.
 """
@@ -67,7 +67,7 @@ class CommLossView:
     after_s: float | None
     text: Text
     waiver: str | None = None
-    """Why somebody allows a start all the same, and who; None: no waiver."""
+    """Reason and author of a waiver that permits starts, None: no waiver."""
 
     def as_json(self) -> Json:
         return {"kind": self.kind, "after_s": self.after_s, "text": text_json(self.text), "waiver": self.waiver}

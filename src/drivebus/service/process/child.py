@@ -1,4 +1,4 @@
-"""The web process: started, started again with growing pauses when it ends, ended with the plant (6.6)."""
+"""Child process of the service: restarted with growing pauses when it exits, and ended with the service."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ import contextlib
 import logging
 from collections.abc import Callable, Sequence
 
-FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0
-"""Pauses before it is started again, doubling."""
-STEADY_RUN_S = 60.0
-"""It ran for so long: the next pause is the first one again."""
-TERMINATE_TIMEOUT_S = 2.0
-"""It is killed when it has not ended by then."""
+FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
+STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
+TERMINATE_TIMEOUT_S = 2.0  # before it is killed
 LOG = logging.getLogger("drivebus.service")
 
 
@@ -20,7 +17,7 @@ class ChildProcess:
     """One child process. Its output is the plant's own."""
 
     def __init__(self, command: Sequence[str], now: Callable[[], float], on_exit: Callable[[int], None]) -> None:
-        """``told`` is called with the exit code whenever it ends by itself."""
+        """``on_exit`` is called with the exit code when it exits by itself."""
         self._command, self._now, self._on_exit = tuple(command), now, on_exit
         self._task: asyncio.Task[None] | None = None
         self.process: asyncio.subprocess.Process | None = None
@@ -40,8 +37,10 @@ class ChildProcess:
             pause_s = min(MAX_RESTART_PAUSE_S, 2 * pause_s)
 
     async def _run_once(self) -> int:
-        """Its exit code; 127 where it can't be started. A terminal's Ctrl-C is the plant's, which then ends it. Linux
-        shares the processor by sessions first: in one of its own the web process would be as near as the plant (G06).
+        """Run it once and return its exit code, 127 where it can't be started.
+
+        A process group of its own keeps a terminal's Ctrl-C from it; the service ends it. It gets no session of its
+        own: Linux would give that as much processor time as the service.
         """
         try:
             self.process = await asyncio.create_subprocess_exec(

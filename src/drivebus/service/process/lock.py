@@ -1,4 +1,4 @@
-"""One plant runs once: a lock on its state directory, let go by the system however the process ends."""
+"""Lock on a state directory: one service at a time. The system releases it however the process ends."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def single_instance(directory: Path) -> Iterator[None]:
             flock(file, LOCK_EX | LOCK_NB)
         except OSError:
             raise ConfigurationError("plant.runs_already", directory=str(directory)) from None
-        with suppress(OSError):  # a full disk; only people read it, and the lock holds without it (G14)
+        with suppress(OSError):  # a full disk; the number is for people, the lock holds without it
             os.write(file.fileno(), f"{os.getpid()}\n".encode())
         yield

@@ -1,4 +1,4 @@
-"""One line a happening on standard error: text for people, JSON for machines; no text can forge a line (S13)."""
+"""Log of the service: one line per event on standard error, as text or JSON. No text can forge a line."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from drivebus.clock import wall_clock
 
 Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.service")
-MAX_QUEUED_RECORDS = 10_000
-"""So many lines wait for a log that hangs; what comes then is dropped (I12)."""
+MAX_QUEUED_RECORDS = 10_000  # while the log hangs; further lines are dropped
 FLUSH_TIMEOUT_S = 1.0
 EVENT_LEVELS = {"fault": logging.ERROR, "alarm": logging.WARNING, "presence": logging.WARNING}
 
 
 def configure_logging(form: str, stream: TextIO | None = None) -> None:
-    """From now on the plant's log goes to ``stream`` as ``text`` or ``json``."""
+    """Write the log to ``stream`` as ``text`` or ``json``."""
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonFormatter() if form == "json" else PlainFormatter())
     lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)
@@ -37,7 +36,7 @@ def configure_logging(form: str, stream: TextIO | None = None) -> None:
 
 
 def _flush(lines: queue.Queue[Any], listener: QueueListener) -> None:
-    """Write what waits; a log that still hangs then is left, its thread ends with the process."""
+    """Write the queued lines, unless the log still hangs after the timeout."""
     thread = listener._thread
     with contextlib.suppress(queue.Full):
         lines.put(listener._sentinel, timeout=FLUSH_TIMEOUT_S)  # type: ignore[attr-defined]
@@ -46,7 +45,7 @@ def _flush(lines: queue.Queue[Any], listener: QueueListener) -> None:
 
 
 class NonBlockingQueueHandler(QueueHandler):
-    """Hands a line to the thread that writes: whoever reads the log and hangs holds up no bus, and loses lines."""
+    """Handler that never waits: where the reader of the log hangs, lines are dropped."""
 
     def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
         return record
@@ -57,12 +56,12 @@ class NonBlockingQueueHandler(QueueHandler):
 
 
 def log_event(event: Json) -> None:
-    """An event of the plant as a line of the log."""
+    """Log an event."""
     LOG.log(EVENT_LEVELS.get(event["kind"], logging.INFO), event["text"][i18n.preferred()], extra={"event": event})
 
 
 class JsonFormatter(logging.Formatter):
-    """One object a line."""
+    """Formatter of one JSON object per line."""
 
     def format(self, record: logging.LogRecord) -> str:
         event = getattr(record, "event", None) or {}

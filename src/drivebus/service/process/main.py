@@ -1,4 +1,4 @@
-"""The plant process from its lock to its last stop: what ``drivebus serve`` runs."""
+"""Main function of ``drivebus serve``: lock, service, sockets, web process and signals."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ async def run_service(
     announce: AddressOutput = "plain",
     on_ready: Callable[[], None] = lambda: None,
 ) -> Json:
-    """Until SIGTERM or Ctrl-C; returns what became of each drive that the service had started (None: not told in time).
+    """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
-    Raises ConfigurationError: the plant runs already, its directory or a socket can't be used.
+    An outcome is None where it was not known in time. Raises ConfigurationError: the service runs already, or its
+    directory or a socket can't be used.
     """
     loop = asyncio.get_running_loop()
     notify, ending = SystemdNotifier(), asyncio.Event()
@@ -82,7 +83,7 @@ ReloadCallbacks = list[Callable[[], Any]]
 
 @contextmanager
 def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[ReloadCallbacks]:
-    """SIGTERM, Ctrl-C and a terminal that is gone set ``ending``; any other SIGHUP calls what is put into the list."""
+    """Set ``ending`` on SIGTERM, Ctrl-C and a closed terminal; call the yielded callbacks on any other SIGHUP."""
     reloads: ReloadCallbacks = []
     tasks: set[asyncio.Task[Any]] = set()
 
@@ -103,7 +104,7 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
 
 
 def terminal_is_gone() -> bool:
-    """Its window was closed, or its line broke: nobody reads here, and no Ctrl-C can come. A unit has none to lose."""
+    """Return whether the terminal was closed: no Ctrl-C can come. A systemd unit has no terminal."""
     try:
         os.tcgetpgrp(0)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Who gets the processor first: the buses, then the people, then what can wait."""
+"""Processor priorities and garbage collection: the buses come first, then the web process, then batch work."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import os
 from contextlib import suppress
 
 NICE_WEB, NICE_BATCH = 5, 10
-"""Steps of ``nice`` behind the plant's process: a third and a tenth of what it gets where the processor is short."""
+"""Steps of ``nice`` behind the service: a third and a tenth of its share of a busy processor."""
 
 
 def set_nice(steps: int) -> None:
-    """This process runs when the plant's does not want to. Nothing where the system knows no such thing (Windows)."""
+    """Lower the priority of this process; without effect on Windows."""
     with suppress(AttributeError, OSError):
         os.nice(steps)
 
 
 def relax_gc() -> None:
-    """What there is now is not looked through for garbage again, and the rest a hundredth as often.
+    """Exclude the present objects from garbage collection, and make full collections a hundred times rarer.
 
-    A full collection stands still for up to 0.1 s (60 ms for 64 drives), and came every 2 s; what a plant throws away
-    is found by the short ones, or has no circles.
+    A full collection stops the loop for up to 0.1 s (60 ms for 64 drives), and came every 2 s; short collections and
+    reference counts free what a service discards.
     """
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""One line of the plant: a bus with its drives, opened again and again until it is open, and what was last on it."""
+"""Runtime of one bus: its drives, its newest frames, and the attempts to open it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
 
-REOPEN_INTERVAL_S = 2.0
-"""A bus that can't be opened is tried again after this, for ever."""
+REOPEN_INTERVAL_S = 2.0  # between attempts to open a bus
 MAX_KEPT_FRAMES = 500
 
 
 class TracedFrame(NamedTuple):
-    """One frame on the wire, counted from 1."""
+    """A frame on the wire. Numbers count from 1."""
 
     number: int
     time_ms: int
@@ -35,9 +34,9 @@ class TracedFrame(NamedTuple):
 
 
 class BusRuntime:
-    """A bus and its units. ``profile`` gives the line what the setting and the LINK leave open.
+    """A bus and its drives. ``profile`` completes the serial settings that configuration and port leave open.
 
-    ``told`` is called with an i18n key and its numbers where it can't be opened, once.
+    ``on_problem`` is called once with an i18n key and its parameters when the bus can't be opened.
     """
 
     def __init__(
@@ -54,16 +53,16 @@ class BusRuntime:
         self.bus: Bus = open_bus(config.link, baud=bus_runtime.baud, format=bus_runtime.format)
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None
-        """Why it could not be opened, None where it was."""
+        """Reason why the bus is not open."""
         self.frames: deque[TracedFrame] = deque(maxlen=MAX_KEPT_FRAMES)
         self._stop_bound: tuple[Any, float | None] = ((), None)
-        """For which polls, and the bound: computed anew only when they change."""
+        """Polls and the bound that follows from them, computed again only when they change."""
         self.frame_count = 0
         self._opening: asyncio.Task[None] | None = None
         self._untrace = self.bus.trace(self._on_trace)
 
     def stop_bound_s(self) -> float | None:
-        """The longest time until a stop's last bit is out, for the slowest drive of the line (5.1)."""
+        """Return the longest time to the last bit of a stop, for the slowest drive of the bus."""
         polled = tuple((runtime.drive.dialect.station_config, tuple(runtime.polls)) for runtime in self.drives.values())
         if polled != self._stop_bound[0]:
             drives = estimate_bus_load(polled, self.bus.settings).drives
@@ -85,11 +84,11 @@ class BusRuntime:
         return drive
 
     def remove_drive(self, id: str) -> None:
-        """Take a drive off the line; the others' polls go on."""
+        """Remove a drive; polling of the others continues."""
         self.drives.pop(id).close()
 
     def start(self) -> None:
-        """Open the bus, now or when it can be; nobody waits for it."""
+        """Start to open the bus, and repeat it until it is open."""
         self._opening = asyncio.create_task(self._open(), name=f"open {self.config.id}")
 
     async def _open(self) -> None:
@@ -108,7 +107,7 @@ class BusRuntime:
             runtime.start_monitor()
 
     async def close(self) -> None:
-        """Sends nothing more."""
+        """Close the bus; nothing more is sent."""
         if self._opening is not None:
             self._opening.cancel()
             with contextlib.suppress(asyncio.CancelledError):

@@ -1,4 +1,4 @@
-"""One drive of the plant: the drive itself, its monitor, and what the plant knows of it besides."""
+"""Runtime of one drive: the drive, its monitor, and what the service knows of it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class DriveRuntime:
         self.id = setting.id
         self.profile = profile_of(setting)
         self.signals = polled_names(setting, self.profile)
-        """Those that are polled: the ones that the plant's file names, else every one of the model."""
+        """Polled signals: those that the configuration names, else all of the profile."""
         self.drive = Drive(
             bus,
             self.profile,
@@ -56,19 +56,19 @@ class DriveRuntime:
         self.comm_loss_read_at: float | None = None
         self.comm_loss_stale = False
         self.comm_loss_writes = 0
-        """Something was written since it was read."""
+        """Number of writes, to detect one during a read."""
         self.group_started_at: float | None = None
-        """When a group last started it."""
+        """Monotonic time of its last start by a group."""
         self.waiver: str | None = None
         self.waiver_of_another: CommLossWaiver | None = None
-        """Recorded under this name for another drive: it allows nothing."""
+        """Waiver that was recorded under this name for another drive: it allows nothing."""
         self.commanded_hz: float | None = None
         self.started_by_service = False
-        """This service started it and has not seen it stopped since."""
+        """Started by this service and not seen at standstill since."""
         self.last_motion_at = 0.0
-        """When its last start was done; while one goes on, never."""
+        """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
-        """Its state has been known at least once since this service began."""
+        """Its state was known at least once since this service started."""
         self.reported_presence: Presence | None = None
         self.reported_fault: int | None = None
         """Presence, and code of the fault, of which an event was published last."""
@@ -77,12 +77,12 @@ class DriveRuntime:
 
     @property
     def comm_loss(self) -> CommLossView:
-        """What the drive does when this host dies, with the waiver that somebody recorded."""
+        """Behaviour of the drive at communication loss, with its waiver."""
         found = CommLossView("unknown", None, COMM_LOSS_NOT_READ) if self.comm_loss_stale else self.comm_loss_read
         return replace(found, waiver=self.waiver)
 
     def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
-        """Other limits and policies from now on, and other ``polls``; everything else of the drive is as it was."""
+        """Apply changed limits and policies, and with ``polls`` changed polling."""
         self.config = setting
         if polls:
             self.profile, watched = profile_of(setting), self.monitor is not None
@@ -100,7 +100,7 @@ class DriveRuntime:
         )
 
     def status(self) -> DriveStatus:
-        """The newest, with old readings marked bad and an old state unknown."""
+        """Return the newest status; old readings are bad and an old state is unknown."""
         if self.monitor is not None:
             return self.monitor.status()
         return complete_status(
@@ -109,29 +109,29 @@ class DriveRuntime:
 
     @property
     def configured_range_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency that the profile and the plant's file allow."""
+        """Lowest and highest frequency that profile and configuration allow."""
         model, file = self.profile.limits, self.config.limits
         highest = model.maximum_hz if file.maximum_hz is None else min(model.maximum_hz, file.maximum_hz)
         return max(model.minimum_hz, file.minimum_hz), highest
 
     def set_limits(self, own: DriveLimits | None) -> None:
-        """Limits of an engineer on top of those of the plant's file, or only those (None)."""
+        """Apply limits set by an engineer; None restores those of the configuration."""
         self.drive.limits = own or self.config.limits
 
     def invalidate_comm_loss(self) -> None:
-        """Something was written, or the drive was away: what it does when this host dies is not known until read."""
+        """Mark the communication-loss behaviour as unknown until it is read again."""
         self.comm_loss_stale = True
         self.comm_loss_writes += 1
 
     def set_comm_loss(self, report: CommLossReport, now: float, doubts: int | None = None) -> None:
-        """What the drive was read to do when nobody speaks to it any more; ``doubts`` there were before it was read."""
+        """Take in a read of the communication-loss behaviour; ``doubts``: number of writes before that read."""
         self.comm_loss_stale = doubts is not None and doubts != self.comm_loss_writes
         kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]
         self.comm_loss_read = CommLossView(kind, _seconds_of(report.time), Text(report.text("en"), report.text("zh")))
         self.comm_loss_read_at = now
 
     def close(self) -> None:
-        """Off its bus; nothing is sent."""
+        """Remove the drive from its bus; nothing is sent."""
         self._stop_monitor()
         self.drive.close()
 

@@ -1,6 +1,6 @@
-"""What can wait is done in pieces, one each time round the event loop: nothing stands in front of a stop (G06, S14).
+"""Fairness on the event loop: long work is split into pieces, one per loop iteration, so that it delays no stop.
 
-Commands ask for no turn: a stop would come before a start that was asked earlier, and would not void it (6.5).
+Commands never wait for a turn: a stop must not overtake an earlier start, which it has to invalidate.
 """
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 T = TypeVar("T")
-ITEMS_PER_TURN = 8
-"""So many drives or frames are told without a pause: a millisecond or two."""
+ITEMS_PER_TURN = 8  # drives or frames without a pause: one or two milliseconds
 MAX_CHUNK_CHARS = 32 * 1024
-"""So many characters are encoded without a pause: a millisecond or less."""
+"""Characters of JSON without a pause: at most a millisecond."""
 SPLIT_LEVELS = 3
-"""Levels of an answer that are taken apart: the message, what is in it, and its list of drives or frames."""
+"""Levels of a message that are split: the message, its content, and its list of drives or frames."""
 
 
 class _TurnQueue:
-    """Who waits on one loop, the longest waiting first; questions and what tells of the drives by itself by turns."""
+    """Waiting tasks of one loop, first come first served; requests and live values take turns."""
 
     def __init__(self) -> None:
         self._kinds: deque[deque[asyncio.Future[None]]] = deque((deque(), deque()))
@@ -36,7 +35,7 @@ class _TurnQueue:
         return mine
 
     def _next(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Who was cancelled meanwhile has no turn."""
+        """Wake the next task; cancelled ones are skipped."""
         self._kinds.rotate()
         while waiting := self._kinds[0] or self._kinds[1]:
             first = waiting.popleft()
@@ -51,9 +50,9 @@ _QUEUES: WeakKeyDictionary[asyncio.AbstractEventLoop, _TurnQueue] = WeakKeyDicti
 
 
 async def yield_to_loop(*, internal: bool = False) -> None:
-    """Wait for it: of all that asks for turns on this loop, one goes on each time round.
+    """Wait for a turn: of all tasks that wait on this loop, one continues per iteration.
 
-    ``own``: live values and cases, which nobody's questions hold up: they have every second turn (G17).
+    ``internal``: live values and incidents, which get every second turn however many requests wait.
     """
     loop = asyncio.get_running_loop()
     if (turns := _QUEUES.get(loop)) is None:
@@ -67,7 +66,7 @@ COMPACT_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), al
 async def iter_cooperatively(
     many: Sequence[T], at_once: int = ITEMS_PER_TURN, *, internal: bool = False
 ) -> AsyncIterator[T]:
-    """One after another, with the buses' turn after each ``at_once`` of them."""
+    """Iterate, and yield to the loop after each ``at_once`` items."""
     for number, one in enumerate(many):
         if number % at_once == at_once - 1:
             await yield_to_loop(internal=internal)
@@ -75,9 +74,9 @@ async def iter_cooperatively(
 
 
 async def encode_json_cooperatively(message: Any, *, internal: bool = False) -> bytes:
-    """The message as compact JSON, with the buses' turn in between: a list of 300 drives takes 13 ms in one go.
+    """Return a message as compact JSON, encoded in turns: a list of 300 drives takes 13 ms at once.
 
-    Raises ValueError for a number that is none in JSON.
+    Raises ValueError for a number that JSON does not have.
     """
     parts: list[str] = []
     size = 0
@@ -91,7 +90,7 @@ async def encode_json_cooperatively(message: Any, *, internal: bool = False) -> 
 
 
 def _json_pieces(value: Any, deep: int) -> Iterator[str]:
-    """What comes one after another in the JSON of a value; a dict whose keys are no text is left whole."""
+    """Yield the JSON of a value in pieces; a dict with keys that are no text is one piece."""
     named = isinstance(value, dict) and all(isinstance(key, str) for key in value)
     if not deep or not value or not (named or isinstance(value, list)):
         yield COMPACT_ENCODER.encode(value)

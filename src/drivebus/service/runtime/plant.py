@@ -1,4 +1,4 @@
-"""What the rooms of the plant process share: its lines and drives, who owns them, the hub, and the parts around."""
+"""Shared state of a running service: buses and drives, control, events, alarms and storage."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.types import Json
 
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
-"""Alarms of what has a line of its own in the log when it begins and ends."""
+"""Alarms whose cause is logged by an event of its own."""
 
 
 @dataclass(slots=True)
 class StopCounters:
-    """Stops of single drives since the service began; a stop of everything is one of each drive."""
+    """Stops of single drives since the service started; a stop of the plant counts once for each drive."""
 
     requested: int = 0
     confirmed: int = 0
-    """The drive was read to stand."""
+    """Standstill was read."""
     acknowledged: int = 0
-    """The drive said yes, and can't be read."""
+    """The drive acknowledged the stop; its state can't be read."""
 
     def count_outcome(self, outcome: Outcome) -> None:
         self.confirmed += outcome.status is OutcomeStatus.CONFIRMED
@@ -95,15 +95,14 @@ class Plant:
     leases: ControlLeases = field(default_factory=ControlLeases)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
-    """How often somebody wished each drive to stop, by name: a start that was wished before is void. No reload takes
-    anything from it."""
+    """Drive → number of stop requests: a start with an older count is superseded. A reload keeps it."""
     state: str = "running"
     started_ms: int = 0
     last_stop_all: Json | None = None
     disk_space: Json = field(default_factory=dict)
-    """Free space of the state directory."""
+    """Free space of the state directory, in MiB."""
     command_count: int = 0
-    """Commands so far: what their ids are made of."""
+    """Number of the last command, for its id."""
     event_count: int = 0
     stop_counters: StopCounters = field(default_factory=StopCounters)
     _listeners: list[PlantListener] = field(default_factory=list)
@@ -179,12 +178,12 @@ class Plant:
         return [group for group in self.config.groups if id in group.drives]
 
     def followers(self, leader: str) -> list[tuple[GroupConfig, DriveRuntime]]:
-        """Who gets its share when this drive gets another frequency: drives of its group that this service started."""
+        """Return the drives that follow a leader's frequency: those of its group that this service started."""
         found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.drives]
         return [(group, self.drive(id)) for group, id in found if id != leader and self.drive(id).started_by_service]
 
     def command_id(self, word: str) -> str:
-        """A name for a command that nobody else has in this life of the service."""
+        """Return an id for a command, unique while the service runs."""
         self.command_count += 1
         return f"{word}-{self.command_count}"
 
@@ -199,13 +198,13 @@ class Plant:
         outcome: str | None = None,
         **params: Any,
     ) -> None:
-        """Something happened: everybody who listens is told, and the history keeps a marker."""
+        """Publish an event: to live clients, the history and the log."""
         self.publish_event_text(kind, drive, localized(key, params), actor, outcome)
 
     def publish_event_text(
         self, kind: str, drive: str | None, text: Json, actor: str | None, outcome: str | None, *, log: bool = True
     ) -> None:
-        """The same with its text ready."""
+        """Publish an event whose text is ready in both languages."""
         self.event_count += 1
         event = {
             "id": f"{self.started_ms}-{self.event_count}",
@@ -224,11 +223,11 @@ class Plant:
             log_event(event)
 
     def raise_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "", **params: Any) -> None:
-        """Raise an alarm of the plant's own."""
+        """Raise a system alarm."""
         self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), subject=subject, **params))
 
     def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
-        """What raised it is over."""
+        """Clear a system alarm; there may be none."""
         self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), subject=subject))
 
     def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
@@ -244,7 +243,7 @@ class Plant:
             )
 
     def note_stop(self, *runtimes: DriveRuntime) -> None:
-        """Somebody stops these: what was armed for them, or for a group that they are in, starts nothing any more."""
+        """Count a stop request and revoke the arm tokens of these drives and their groups."""
         for runtime in runtimes:
             self.arm_tokens.revoke(runtime.id, *(f"group:{group.id}" for group in self.groups_of(runtime.id)))
             self.stop_counts[runtime.id] += 1
@@ -253,14 +252,14 @@ class Plant:
     # --- what outlives the process ------------------------------------------------------------------------------
 
     def restore(self, runtime: DriveRuntime) -> None:
-        """Its waiver, and limits that are narrower than the file's, as recorded before."""
+        """Restore the stored waiver and limits of a drive."""
         self._restore_waiver(runtime)
         limits = self.store.get(f"limits/{runtime.id}")
         found = json.loads(limits) if limits else None
         runtime.set_limits(None if found is None else narrow_limits(DriveLimits(**found), runtime.config.limits))
 
     def _restore_waiver(self, runtime: DriveRuntime) -> None:
-        """One that was recorded for another drive of this name is left where it is, and said."""
+        """Restore a waiver; one that was recorded for another drive of this name is ignored and becomes an event."""
         waiver = CommLossWaiver.from_json(self.store.get(f"waiver/{runtime.id}"))
         fits = waiver is not None and waiver.applies_to(runtime.config, self.bus_of(runtime).config)
         runtime.waiver = waiver.text if waiver is not None and fits else None
@@ -270,7 +269,7 @@ class Plant:
 
 
 def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:
-    """Both together: limits recorded by an engineer never reach beyond those of the plant's file."""
+    """Return limits that satisfy both an engineer's and the configuration's."""
     highest = [value for value in (own.maximum_hz, file.maximum_hz) if value is not None]
     return DriveLimits(
         max(own.minimum_hz, file.minimum_hz),

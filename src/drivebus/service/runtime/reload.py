@@ -1,6 +1,6 @@
-"""A changed ``plant.toml``: looked at, checked, and taken over while the plant runs, by its difference only.
+"""Reload of a changed ``plant.toml`` while the service runs: only differences are applied.
 
-What did not change goes on as it is and misses no poll. A drive that may turn is not taken from under its stop.
+What did not change misses no poll. A drive that may be running is never removed from its bus.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from drivebus.types import Json
 
 RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms")
 RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users", "web"})
-"""Settings of the whole plant that a running one does not change: told, and taken over at the next start."""
+"""Settings of the whole plant that take effect at the next start only."""
 
 
 class ConfigReload:
-    """``configuration.*``."""
+    """Handlers of ``configuration.*``."""
 
     def __init__(self, plant: Plant, publisher: LivePublisher) -> None:
         self.plant, self.publisher = plant, publisher
@@ -50,7 +50,7 @@ class ConfigReload:
         }
 
     async def get(self, params: NoParams, actor: Actor) -> Json:
-        """The file as it is now, which may be newer than what runs. Raises ConfigurationError."""
+        """Return the text of the file, which may be newer than what runs. Raises ConfigurationError."""
         source = self.plant.config.source
         try:
             text = await self._in_thread(lambda: Path(source).read_text(encoding="utf-8"))
@@ -59,7 +59,7 @@ class ConfigReload:
         return {"text": text, "source": source}
 
     async def check(self, params: ConfigurationParams, actor: Actor) -> Json:
-        """Every mistake of a text, and what it would change; nothing is done."""
+        """Return every mistake of a text and the changes that it would make."""
         source = self.plant.config.source
         try:
             new = await self._in_thread(lambda: loads(params.text, source, Path(source).parent))
@@ -68,8 +68,11 @@ class ConfigReload:
         return {"complaints": [], "difference": difference_json(config_diff(self.plant.config, new))}
 
     async def reload(self, params: NoParams, actor: Actor) -> Json:
-        """Read the file again and do what differs. Raises ConfigurationError with every mistake; ServiceError where a
-        drive that may turn would be taken off its bus. Then nothing has changed."""
+        """Read the file again and apply the differences.
+
+        Raises ConfigurationError with every mistake, and ServiceError where a drive that may be running would be
+        removed from its bus. Then nothing has changed.
+        """
         async with self._lock:
             new = await self._in_thread(lambda: load(self.plant.config.source))
             change = config_diff(self.plant.config, new)
@@ -82,11 +85,11 @@ class ConfigReload:
         return {"difference": names, "restart": later}
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
-        """In a thread: no stop waits for the reading of a file."""
+        """Run in a thread: reading a file delays no stop."""
         return await asyncio.get_running_loop().run_in_executor(None, work)
 
     def _refuse_if_running(self, change: ConfigDiff) -> None:
-        """Raises ServiceError."""
+        """Raise ServiceError where a drive that leaves its bus may be running."""
         lost = [id for id in _leaving_drives(change) if id in self.plant.drives]
         turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
         if turning:
@@ -132,7 +135,7 @@ class ConfigReload:
                 self.plant.add_drive(drive, self.publisher.on_status)
 
     def _update_kept(self, change: ConfigDiff) -> None:
-        """Drives that stay: their new limits and policies, their new periods."""
+        """Apply new limits, policies and poll periods to the drives that stay."""
         for id, drive in change.drives.changed.items():
             runtime = self.plant.drives[id]
             if change.actions[id] in (ReloadAction.UPDATE, ReloadAction.REPOLL):
@@ -140,7 +143,7 @@ class ConfigReload:
                 self.plant.restore(runtime)
 
     def _clear_alarms(self, change: ConfigDiff) -> None:
-        """What the service had found about something that is gone is over, and about an interlock that is another."""
+        """Clear the system alarms of what was removed or replaced."""
         for alarm in self.plant.alarms.active():
             if alarm.kind in SYSTEM_ALARM_KINDS and alarm.cleared_ms is None and _subject_is_gone(alarm, change):
                 self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.subject)
@@ -156,9 +159,9 @@ class ConfigReload:
 
 
 def _leaving_drives(change: ConfigDiff) -> list[str]:
-    """Drives that are taken off their bus, for good or to be added anew."""
-    anew = [id for id, fate in change.actions.items() if fate is ReloadAction.RECREATE]
-    return [*change.drives.removed, *anew]
+    """Return the drives that leave their bus, for good or to be added again."""
+    recreated = [id for id, fate in change.actions.items() if fate is ReloadAction.RECREATE]
+    return [*change.drives.removed, *recreated]
 
 
 def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
@@ -172,7 +175,7 @@ def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
 
 
 def difference_json(change: ConfigDiff) -> Json:
-    """What came, what went, what is different, by name."""
+    """Return the names of what was added, changed and removed."""
     parts = [getattr(change, name) for name in RELOADABLE_TABLES]
     changed = [id for part in parts for id in part.changed]
     return {

@@ -1,7 +1,7 @@
-"""What a drive has done so far: hours, starts, energy, peaks, faults. Pure: time is an argument.
+"""Run statistics of drives: hours, starts, energy, peaks and faults.
 
-Only what was seen counts. A drive that does not report its state has no hours (None, not 0), one without a power in kW
-has no energy, and what happened while nobody looked is not guessed.
+Only observations count. A drive that does not report its state has no hours (None, not 0), one without a power in kW
+has no energy.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SAVE_INTERVAL_S = 60.0  # what a killed service loses at most
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_OBSERVATION_GAP_S = 5.0
-"""Between two looks; after a longer pause nobody knows what was between."""
+"""The time between two observations counts only up to this."""
 
 _TURNING_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
@@ -37,11 +37,11 @@ class RunStatistics:
     running_s: float | None = None
     starts: int | None = None
     energy_kwh: float | None = None
-    """Of the drive's output; what a braking motor gives back is taken off."""
+    """Energy of the drive's output; energy of a braking motor is subtracted."""
     maximum_current_a: float | None = None
     maximum_temperature_c: float | None = None
     faults: dict[str, int] = field(default_factory=dict)
-    """Code → how often it came."""
+    """Fault code → number of trips."""
     turned: bool | None = None
     """At the last look that knew."""
     fault: str | None = None
@@ -51,7 +51,7 @@ class RunStatistics:
 
     @classmethod
     def from_document(cls, kept: Mapping[str, Any]) -> RunStatistics:
-        """As kept by ``document``; what is no field of today is left out."""
+        """Return stored statistics; unknown fields are ignored."""
         names = {one.name for one in fields(cls)} - {"_seen", "_power_kw"}
         return cls(**{name: value for name, value in kept.items() if name in names})
 
@@ -73,7 +73,7 @@ class RunStatistics:
             self._count_state(view, passed_s)
 
     def _count_state(self, view: DriveView, passed_s: float | None) -> None:
-        """The drive says its state."""
+        """Count what follows from a known state."""
         turns = view.state in _TURNING_STATES
         self.running_s, self.starts = self.running_s or 0.0, self.starts or 0
         if turns and self.turned and passed_s is not None:
@@ -87,7 +87,7 @@ class RunStatistics:
         self.fault = code
 
     def _count_energy(self, power_kw: float | None, passed_s: float | None) -> None:
-        """The power of the last look, for the time since."""
+        """Add the power of the last observation for the time since."""
         if self._power_kw is not None and passed_s is not None:
             self.energy_kwh = (self.energy_kwh or 0.0) + self._power_kw * passed_s / 3600.0
         elif power_kw is not None and self.energy_kwh is None:
@@ -95,7 +95,7 @@ class RunStatistics:
         self._power_kw = power_kw
 
     def as_json(self) -> Json:
-        """As ``drives.statistics`` answers."""
+        """Return the result of ``drives.statistics``."""
         return {
             "running_h": None if self.running_s is None else round(self.running_s / 3600.0, 4),
             "starts": self.starts,
@@ -108,7 +108,7 @@ class RunStatistics:
 
 
 def _good_value(signal: SignalView | None, unit: str) -> float | None:
-    """Only a good value in that unit: a raw word of unknown scale is no current."""
+    """Return a good value in that unit; a raw value of unknown scale is None."""
     if signal is None or signal.quality is not Quality.GOOD or signal.unit != unit:
         return None
     return float(signal.value) if isinstance(signal.value, int | float) else None
@@ -134,12 +134,12 @@ class RunStatisticsStore:
         self.is_loaded = False
 
     async def open(self) -> None:
-        """Begin with what was kept before; a database that does not answer now is asked again."""
+        """Load the stored statistics; repeat it while the database does not answer."""
         self._task = asyncio.create_task(self._load(), name="run statistics")
         await asyncio.wait({self._task}, timeout=LOAD_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Keep everything; the historian closes after this."""
+        """Save everything; the historian closes after this."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -157,7 +157,7 @@ class RunStatisticsStore:
             self.is_loaded = True
 
     def on_view(self, view: DriveView, now: float, now_ms: int) -> None:
-        """Look at one drive. Nothing is counted, and nothing written over, before the old numbers are known."""
+        """Take in an observation. Nothing is counted, or overwritten, before the stored statistics are known."""
         if not self.is_loaded:
             return
         statistics = self._drives.setdefault(view.id, RunStatistics())
@@ -173,7 +173,7 @@ class RunStatisticsStore:
         return self._drives.get(drive, RunStatistics()).as_json()
 
     def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
-        """The operation ``drives.statistics``; that the drive exists is checked before."""
+        """Return the handler of ``drives.statistics``; the dispatcher has checked that the drive exists."""
 
         async def statistics(params: DriveParams, _actor: Any) -> Json:
             return self.statistics_json(params.drive)

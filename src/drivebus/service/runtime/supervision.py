@@ -1,4 +1,4 @@
-"""Four times a second: look at every drive, tell the hub, judge interlocks and alarms, end leases (G17, 6.6)."""
+"""Supervision cycle (4 Hz): sample every drive, publish views, evaluate interlocks and alarms, expire leases."""
 
 from __future__ import annotations
 
@@ -29,20 +29,18 @@ from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
 
 CYCLE_S = 0.25
-BUS_VIEW_CYCLES = 4
-"""Buses are looked at every so many looks."""
+BUS_VIEW_CYCLES = 4  # buses are published once a second
 DISK_CHECK_CYCLES = 40
 STORAGE_CHECK_CYCLES = 20  # files that are written in the background
 Step = Callable[[], None]
-COMM_LOSS_READ_INTERVAL_S = 3600.0
-"""What a drive does when its host dies is read from it again after so long: it costs bus time."""
+COMM_LOSS_READ_INTERVAL_S = 3600.0  # the behaviour at communication loss is read again; it costs bus time
 COMM_LOSS_RETRY_S = 60.0
 COMM_LOSS_REREAD_S = 2.0
 LOG = logging.getLogger("drivebus.service")
 
 
 class SupervisionCycle:
-    """The plant's look-out."""
+    """Supervision of a plant in steps, so that no bus waits for a whole cycle."""
 
     def __init__(
         self,
@@ -63,8 +61,7 @@ class SupervisionCycle:
         self._comm_loss_reads: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
-        """Until cancelled. In steps, so that no bus waits for a whole look; a step that fails is told and ends no other
-        (a motor may be turning)."""
+        """Run until cancelled. A step that fails is logged; the others go on, because a motor may be turning."""
         while True:
             due = self._plant.now() + CYCLE_S
             for step in self._steps():
@@ -73,7 +70,7 @@ class SupervisionCycle:
             await asyncio.sleep(max(0.0, due - self._plant.now()))
 
     def run_once(self) -> None:
-        """Once, all of it."""
+        """Run one cycle."""
         for step in self._steps():
             self._run_step(step)
 
@@ -81,7 +78,7 @@ class SupervisionCycle:
         try:
             step()
         except Exception:
-            LOG.exception("a look at the plant failed")
+            LOG.exception("a step of the supervision cycle failed")
 
     def _steps(self) -> Iterator[Step]:
         plant, now_ms = self._plant, self._plant.wall_ms()
@@ -127,7 +124,7 @@ class SupervisionCycle:
     def _supervise_plant(self, now_ms: int) -> None:
         plant = self._plant
         if self._cycles % DISK_CHECK_CYCLES == 0 and (self._disk_task is None or self._disk_task.done()):
-            self._disk_task = asyncio.create_task(self._check_disk(), name="room on the disk")
+            self._disk_task = asyncio.create_task(self._check_disk(), name="disk space")
         if plant.historian.ok:
             plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject="history")
         else:
@@ -149,7 +146,7 @@ class SupervisionCycle:
         self._schedule_comm_loss_read(runtime, status, now)
 
     def _report_presence(self, runtime: DriveRuntime) -> None:
-        """One line when it falls silent and one when it returns."""
+        """Publish an event when a drive stops answering and one when it answers again."""
         found = runtime.bus.presence(runtime.config.address)
         before, runtime.reported_presence = runtime.reported_presence, found
         if found is before or (before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE):
@@ -158,7 +155,7 @@ class SupervisionCycle:
         self._plant.publish_event("presence", runtime.id, key, drive=runtime.id)
 
     def _report_fault(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """A marker when it trips; the same fault after a silence is no new one."""
+        """Publish an event when a drive trips; the same fault after a pause in communication is no new one."""
         fault = status.fault
         if fault is None:
             if status.state is not DriveState.UNKNOWN or "status" not in runtime.profile.capabilities:
@@ -169,7 +166,7 @@ class SupervisionCycle:
             self._plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
 
     def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
-        """A port that is gone, or another master on it: an alarm and one line when it begins and when it ends (F12)."""
+        """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
         bus, plant = bus_runtime.config.id, self._plant
         is_open, was_open = bus_runtime.bus.is_open, self._was_open.get(bus)
         if is_open:
@@ -184,10 +181,10 @@ class SupervisionCycle:
         foreign = is_open and bus_runtime.bus.foreign_master
         (plant.raise_alarm if foreign else plant.clear_alarm)(SystemAlarm.FOREIGN_MASTER, subject=bus)
 
-    # --- the badge ------------------------------------------------------------------------------------------------
+    # --- communication loss ------------------------------------------------------------------------------------
 
     def _schedule_comm_loss_read(self, runtime: DriveRuntime, status: DriveStatus, now: float) -> None:
-        """Read what the drive does when this host dies: once it is there, and once in a while."""
+        """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
         if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE or runtime.monitor is None:
             return
         asked = runtime.comm_loss_requested_at
@@ -196,7 +193,7 @@ class SupervisionCycle:
         if asked is not None and now - asked < wait_s:
             return
         runtime.comm_loss_requested_at = now
-        task = asyncio.create_task(self._read_comm_loss(runtime), name=f"badge {runtime.id}")
+        task = asyncio.create_task(self._read_comm_loss(runtime), name=f"communication loss {runtime.id}")
         self._comm_loss_reads.add(task)
         task.add_done_callback(self._comm_loss_reads.discard)
 
@@ -209,7 +206,7 @@ class SupervisionCycle:
         runtime.set_comm_loss(report, self._plant.now(), doubts)
 
     async def close(self) -> None:
-        """No more reads of its own."""
+        """Cancel the reads that are under way."""
         tasks = [*self._comm_loss_reads, *([self._disk_task] if self._disk_task is not None else [])]
         for task in tasks:
             task.cancel()

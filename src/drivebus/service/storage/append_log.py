@@ -1,7 +1,4 @@
-"""An append-only file: what ``append`` returned from survives a power cut, what it raised from leaves no trace.
-
-No thread and no clock lives here.
-"""
+"""Append-only file: a record survives a power cut once ``append`` has returned, and is absent where it raised."""
 
 from __future__ import annotations
 
@@ -76,7 +73,7 @@ class AppendLog:
             os.close(fd)
 
     def _reopen_if_replaced(self) -> None:
-        """A file that somebody has removed, moved or replaced is opened again under its name."""
+        """Open the file again where it was removed, moved or replaced."""
         if self._fd < 0:
             return
         mine = os.fstat(self._fd)
@@ -89,7 +86,7 @@ class AppendLog:
             self.close()
 
     def _separator(self) -> bytes:
-        """Somebody else has written to the file, or cut it: what is ours begins on a line of its own."""
+        """Return a line break where another process has written to the file: our records start on a new line."""
         size = os.fstat(self._fd).st_size
         written, self.size = size > self.size, size
         return b"\n" if written else b""

@@ -1,4 +1,4 @@
-"""Many tasks hand something over; one thread keeps it, all that waits at a time (group commit)."""
+"""Group commit: items of many tasks are written by one thread, all waiting ones in one batch."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ R = TypeVar("R")
 V = TypeVar("V")
 
 MAX_UNATTENDED_ITEMS = 10_000
-"""So much is kept for a disk that has failed; then the oldest are dropped and counted (I12)."""
+"""Items without a waiting task that are queued while the disk fails; then the oldest are dropped and counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PendingItem(Generic[T, R]):
     item: T
     result: asyncio.Future[R] | None
-    """None: nobody waits; it is tried again until it is kept."""
+    """None: no task waits; it is tried again until it is written."""
 
 
 class BatchWriter(Generic[T, R]):
-    """``keep`` runs in a thread, with one batch at a time; it keeps all of it or raises.
+    """Writer of batches: ``write_batch`` runs in a thread with one batch at a time and writes all of it or raises.
 
-    ``put`` returns when its item is kept, or raises what ``keep`` raised. ``post`` never waits and never raises:
-    after a failure its item is tried again with the next batch, in order, before everything newer.
+    ``write`` returns when its item is written, or raises what ``write_batch`` raised. ``write_nowait`` never waits and
+    never raises: after a failure its item is tried again with the next batch, in order, before everything newer.
     """
 
     def __init__(self, name: str, write_batch: Callable[[Sequence[T]], Sequence[R]]) -> None:
@@ -38,30 +38,30 @@ class BatchWriter(Generic[T, R]):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
         self._task: asyncio.Task[None] | None = None
         self.error: Exception | None = None
-        """Why the last batch was not kept; None while all is well."""
+        """Error of the last batch, None where it was written."""
         self.dropped = 0
 
     async def write(self, item: T) -> R:
-        """Kept when it returns."""
-        told: asyncio.Future[R] = asyncio.get_running_loop().create_future()
-        self._queue.append(_PendingItem(item, told))
+        """Write an item; it is durable on return."""
+        result: asyncio.Future[R] = asyncio.get_running_loop().create_future()
+        self._queue.append(_PendingItem(item, result))
         self.retry()
-        return await told
+        return await result
 
     def write_nowait(self, item: T) -> None:
-        """Kept soon, or when the disk works again."""
+        """Queue an item; it is written soon, or when the disk works again."""
         if len(self._queue) >= MAX_UNATTENDED_ITEMS:
             self._drop_oldest()
         self._queue.append(_PendingItem(item, None))
         self.retry()
 
     def retry(self) -> None:
-        """Try what waits; called again and again by somebody's timer, it ends a failure that is over."""
+        """Write the queued items; called by a timer, it ends a failure of the disk."""
         if self._queue and (self._task is None or self._task.done()):
             self._task = asyncio.get_running_loop().create_task(self._write_pending(), name="keep what waits")
 
     async def flush(self) -> None:
-        """Keep what waits, once more; what then still waits is on no disk."""
+        """Try once to write the queued items."""
         self.retry()
         while self._task is not None and not self._task.done():
             await asyncio.wait([self._task])
@@ -77,7 +77,7 @@ class BatchWriter(Generic[T, R]):
             self._queue.clear()
             try:
                 kept = await self.run_in_thread(partial(self._write_batch, [one.item for one in batch]))
-            except Exception as error:  # whatever it is, whoever waits is told, and what was posted is not lost
+            except Exception as error:  # any error goes to the waiting tasks; the other items stay queued
                 self._on_failure(batch, error)
                 if all(one.result is None for one in self._queue):
                     return
@@ -88,11 +88,11 @@ class BatchWriter(Generic[T, R]):
                     one.result.set_result(result)
 
     async def run_in_thread(self, function: Callable[[], V]) -> V:
-        """In the same thread, between two batches."""
+        """Run a function in the thread, between two batches."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, function)
 
     def _on_failure(self, batch: list[_PendingItem[T, R]], error: Exception) -> None:
-        """Who waited for it is refused; what was posted stays first in the row."""
+        """Pass an error to the waiting tasks; the other items stay first in the queue."""
         self.error = error
         self._queue.extendleft(one for one in reversed(batch) if one.result is None)
         for one in batch:

@@ -1,1 +1,1 @@
-"""``/api/v1/live``: what the plant tells, once heard from it and told on to every WebSocket that wants it."""
+"""Live WebSocket ``/api/v1/live``: snapshots and deltas of the live cache."""

@@ -1,4 +1,4 @@
-"""What a client of the WebSocket may say, and how often: strict, small, seldom (S14)."""
+"""Messages of a WebSocket client: strict parsing, size and rate limits."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 MAX_MESSAGE_CHARS = 16_384
-"""Characters of a message."""
 MAX_PATTERNS = 100
-"""More topics than that are asked for with a star."""
 DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", "events")
 DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
 
@@ -42,7 +40,7 @@ def parse_message(text: str) -> ClientMessage:
 
 
 def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:
-    """Topics, sorted and each once, so that the same wishes share one channel. Raises ValueError."""
+    """Return topic patterns sorted, each once: equal requests share one group. Raises ValueError."""
     return tuple(sorted(set(_all_matching(_PATTERN, words))))
 
 
