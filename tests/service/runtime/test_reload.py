@@ -272,6 +272,8 @@ def test_what_the_service_found_about_something_that_is_gone_is_over(tmp_path: P
     async def story() -> None:
         async with running_service(load(file)) as kit:
             await asyncio.sleep(2)
+            task = kit.service._supervision_task
+            assert task is not None and task.cancel(), "a cycle would clear what it does not find"
             own = kit.service.plant.raise_alarm
             own(SystemAlarm.INTERLOCK_TRIP, "fan-1", subject="air")
             own(SystemAlarm.RUNNING_AT_START, "fan-2")
