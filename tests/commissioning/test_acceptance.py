@@ -91,19 +91,19 @@ def pty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     os.close(near)
 
 
-def test_g18_another_program_is_refused_the_port_with_the_owners_pid(pty: str) -> None:
+def test_another_program_is_rejected_the_port_with_the_owners_pid(pty: str) -> None:
     found = owned(pty)
     assert found.verdict is StepResult.PASSED
     assert f"pid {os.getpid()}" in found.figures["refused"]
 
 
-def test_g18_a_port_that_another_program_gets_is_told(pty: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_another_program_gets_is_reported(pty: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "_flock", lambda fd: None)
     monkeypatch.setattr(locks, "_take_lock_file", lambda device: -1)
     assert owned(pty).verdict is StepResult.FAILED
 
 
-def test_f14_another_master_is_heard(bench: SimulatedBus) -> None:
+def test_another_master_is_detected(bench: SimulatedBus) -> None:
     class Other:
         settings = None
 
@@ -132,7 +132,7 @@ def test_late_replies_fail_the_fences(bench: SimulatedBus) -> None:
     assert step("stray_replies").verdict is StepResult.FAILED
 
 
-def test_g09_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
+def test_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
     async def hands() -> None:
         await asyncio.sleep(5.0)
         bench.unplug()
@@ -145,7 +145,7 @@ def test_g09_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
     assert step("unplug").figures == {"noticed": False}
 
 
-def test_g08_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
+def test_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
     async def hands() -> None:
         await asyncio.sleep(5.0)
         bench.station(1).power_cycle(20.0)
@@ -154,7 +154,7 @@ def test_g08_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
     assert step("power").verdict is StepResult.FAILED
 
 
-def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: SimulatedBus) -> None:
+def test_a_motor_that_does_not_do_what_is_commanded_fails(bench: SimulatedBus) -> None:
     class Sceptic(AgreeingPerson):
         async def ask(self, key: str, /, **params: Any) -> str:
             return "n" if key == "acceptance.ask.turns" else "y"
@@ -163,13 +163,13 @@ def test_ruling_1_a_motor_that_does_not_do_what_is_told_fails(bench: SimulatedBu
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
 
 
-def test_f18_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None:
+def test_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None:
     found = step("comm_loss")
     assert found.figures["stop"] == "confirmed"
     assert found.figures["alone_s"] > 3.0
 
 
-def test_nothing_moves_without_leave_and_nothing_needs_a_person_where_nobody_is(bench: SimulatedBus) -> None:
+def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(bench: SimulatedBus) -> None:
     class Nobody(acceptance_command.TerminalAcceptance):
         async def ask(self, key: str, /, **params: Any) -> str:
             return ""

@@ -50,7 +50,7 @@ ANSWERS = [vector for vector in VECTORS if vector.request is not None]
 
 
 @pytest.mark.parametrize("vector", ANSWERS, ids=lambda vector: vector.id)
-def test_a_reply_without_its_request_is_still_read_and_says_what_it_may_be(vector: Vector) -> None:
+def test_a_reply_without_its_request_is_still_read_and_lists_what_it_may_be(vector: Vector) -> None:
     found = explained(vector)
     assert found.valid is vector.line.get("decodable", True)
     assert {"address"} < set(found.fields)
@@ -92,7 +92,7 @@ def test_the_misprinted_read_of_vc660_shows_what_it_meant_and_stays_invalid() ->
 
 
 @pytest.mark.parametrize(("text", "register"), [("01 03 20 0B 00 01", 0x3001), ("01 06 20 0B 00 02", 0x2000)])
-def test_register_200bh_belongs_to_no_table_of_vc660_t12(text: str, register: int) -> None:
+def test_register_200bh_belongs_to_no_table_of_vc660(text: str, register: int) -> None:
     from drivebus.protocols.modbus.rtu import build_frame
 
     found = describe_frame("vc660", build_frame(bytes.fromhex(text)))
@@ -108,13 +108,13 @@ def rtu(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("word", ["00 0C", "00 0E", "FF FF"])
-def test_df800_toggle_is_a_hazard_t16(word: str) -> None:
+def test_df800_toggle_is_a_hazard(word: str) -> None:
     found = describe_frame("df800", rtu(f"01 06 20 00 {word}"))
     assert keys(found, "hazards") == ["explain.toggle"]
 
 
 @pytest.mark.parametrize("word", ["00 02", "00 06", "00 0A", "00 0B", "00 10"])
-def test_an_absolute_direction_is_no_toggle_t16(word: str) -> None:
+def test_an_absolute_direction_is_no_toggle(word: str) -> None:
     assert keys(describe_frame("df800", rtu(f"01 06 20 00 {word}")), "hazards") == []
 
 
@@ -122,9 +122,7 @@ def test_an_absolute_direction_is_no_toggle_t16(word: str) -> None:
     ("word", "hazards"),
     [(0x01F4, []), (0x01F5, ["protocols.dzb100.hazard.tenfold"]), (0x03E8, ["protocols.dzb100.hazard.tenfold"])],
 )
-def test_dzb100_start_above_50_hz_under_the_default_coding_is_the_tenfold_trap_t08(
-    word: int, hazards: list[str]
-) -> None:
+def test_dzb100_start_above_50_hz_under_the_default_coding_is_the_tenfold_trap(word: int, hazards: list[str]) -> None:
     found = describe_frame("dzb100", b"C\x03\x010101" + b"%04X" % word)
     assert keys(found, "hazards") == hazards
     assert found.fields["frequency_hz"] == word / 10
@@ -196,7 +194,7 @@ def test_a_frame_without_a_fault_names_none(vector: Vector) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_any_bytes_are_explained(model: str) -> None:
-    """I8: nothing crashes the reader, whatever frame and request are."""
+    """No bytes crash the reader, whatever frame and request are."""
     rng = random.Random(3)
     family = [each for each in VECTORS if each.model == model] or list(load_vectors("c320"))
     for turn in range(700):

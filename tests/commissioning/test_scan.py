@@ -59,7 +59,7 @@ def test_each_family_is_found_with_its_address_and_line_settings(
     assert (sure.models[0], sure.encoding, sure.address, str(sure.settings)) == (model, encoding, address, settings)
 
 
-def test_a_c320_answers_in_both_of_its_encodings_and_both_are_told() -> None:
+def test_a_c320_answers_in_both_of_its_encodings_and_both_are_reported() -> None:
     found, _ = walk("sim://c320@1?name=a&drives=9600-8E1", plan("c320", addresses=(1,), bauds=(9600,)))
     assert {one.encoding for one in found if not one.doubtful} == {"ascii", "hex"}
 
@@ -70,13 +70,13 @@ def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None
     assert [one.models for one in found] == [("vc660",)]
 
 
-def test_a_df800_that_refuses_the_status_register_of_others_is_still_found() -> None:
+def test_a_df800_that_rejects_the_status_register_of_others_is_still_found() -> None:
     passes = plan("vc660", "df800", addresses=(1,), encodings=("rtu",), bauds=(9600,), formats=("8N1",))
     found, _ = walk("sim://df800@1?name=a&drives=9600-8N1", passes)
     assert [one.models for one in found] == [("df800",)]
 
 
-def test_an_empty_line_takes_as_long_as_the_plan_said() -> None:
+def test_an_empty_line_takes_as_long_as_planned() -> None:
     passes = plan("c320", addresses=range(1, 9), bauds=(9600,), formats=("8E1",))
 
     async def timed() -> float:
@@ -89,7 +89,7 @@ def test_an_empty_line_takes_as_long_as_the_plan_said() -> None:
     assert virtual_time.run(timed()) == pytest.approx(sum(one.duration_s for one in passes), rel=0.1)
 
 
-def test_once_somebody_answered_other_line_settings_are_not_tried() -> None:
+def test_after_a_reply_no_other_serial_settings_are_tried() -> None:
     """A pair of wires has one setting."""
     found, progress = walk(
         "sim://vc660@1?name=a&drives=9600-8N1", plan("vc660", addresses=range(1, 4), bauds=(9600, 19200))
@@ -105,7 +105,7 @@ def test_factory_settings_are_tried_first() -> None:
     assert {str(one.settings) for one in passes if one.has_factory_settings} == {"9600 8E1", "9600 8N1"}
 
 
-def test_the_broadcast_address_is_never_asked() -> None:
+def test_the_broadcast_address_is_never_probed() -> None:
     for one in plan():
         broadcasts = {candidate.profile.broadcast for candidate in one.candidates}
         assert not broadcasts & set(one.addresses)
@@ -125,7 +125,7 @@ def test_the_question_is_a_pure_read_of_every_model_in_every_encoding(model: str
 
 
 def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
-    """I11: poll and read frames have no command effect in any station."""
+    """Poll and read frames have no command effect in any station."""
     link = "sim://c320@1-2?name=quiet&drives=9600-8E1"
 
     async def go() -> list[tuple[int, int]]:
@@ -162,7 +162,7 @@ def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
     assert progress.left_s > 0
 
 
-def test_another_master_is_heard_before_anything_is_said() -> None:
+def test_another_master_is_detected_before_anything_is_sent() -> None:
     link = "sim://c320@1?name=shared&drives=9600-8E1"
 
     async def go() -> tuple[int, int]:
@@ -182,7 +182,7 @@ def test_another_master_is_heard_before_anything_is_said() -> None:
     assert 64 >= first > 0
 
 
-def test_silence_is_told_as_silence() -> None:
+def test_no_reply_is_reported_as_no_reply() -> None:
     async def go() -> int:
         return (await scan.sniff(ports.open_port("sim://c320@1?name=a"), 2.0)).count
 

@@ -111,7 +111,7 @@ evidence = "user: DF800 manual, monitor list"
     ],
 )
 @pytest.mark.parametrize("entry", ["signals.output_current", 'parameters."F1.00"'])
-def test_whoever_writes_a_factor_vouches_for_it(tmp_path: Path, entry: str, keys: str, uncertain: bool) -> None:
+def test_a_factor_marks_its_scale_as_published(tmp_path: Path, entry: str, keys: str, uncertain: bool) -> None:
     """DF800's manual gives neither step; a unit alone gives none either."""
     profile = profiles.load(write(tmp_path, f'format = 1\nextends = "df800"\n[{entry}]\n{keys}\n'))
     found = profile.signals["output_current"] if entry.startswith("signals") else profile.parameters["F1.00"]
@@ -159,7 +159,7 @@ def test_a_users_profile_may_extend_another_of_the_users(own: Path) -> None:
     assert profiles.load("line3").limits.maximum_hz == 400.0
 
 
-def test_nobodys_vc660_changes_silently(own: Path) -> None:
+def test_a_users_file_can_not_replace_a_built_in_model(own: Path) -> None:
     path = write(own, VC660_SIZES, "vc660.toml")
     with pytest.raises(ProfileError) as caught:
         profiles.load("vc660")
@@ -175,7 +175,7 @@ def test_an_unknown_model_is_answered_with_the_nearest_names() -> None:
     assert "vc660" in complaint.remedy.en and "dzb100" in complaint.expected.en
 
 
-def test_a_missing_file_says_so() -> None:
+def test_a_missing_file_is_reported() -> None:
     with pytest.raises(ProfileError) as caught:
         profiles.load("./nowhere/own.toml")
     assert caught.value.params["complaints"][0].kind == "no_file"

@@ -51,7 +51,7 @@ def test_every_kind_of_wire_address_has_its_word(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_every_claim_has_its_evidence_and_says_where_it_stands(model: str) -> None:
+def test_every_claim_has_its_evidence_and_its_place(model: str) -> None:
     profile = profiles.load(model)
     claims = [*profile.signals.values(), *profile.parameters.values(), *profile.caveats]
     for evidence in [claim.evidence for claim in claims] + list(profile.evidence.values()):
@@ -81,7 +81,7 @@ def test_the_sisters_differ_in_frequency_step_and_monitor_table() -> None:
     assert dict(profiles.load("e550").roles) == {"protocol": "F4.00"}
 
 
-def test_f18_a_silent_hosts_parameters_are_those_of_each_models_own_manual() -> None:
+def test_a_silent_hosts_parameters_are_those_of_each_models_own_manual() -> None:
     """C320 manual 2.2.4 (3): time and action. Only the E300's publishes the action's values and the time's unit."""
     known = {model: profiles.load(model).comm_loss for model in MODELS}
     named = {model: (loss.time_notation, loss.action_notation) for model, loss in known.items() if loss.time_notation}
@@ -130,7 +130,7 @@ def test_preconditions_are_ruling_4s() -> None:
     }
 
 
-def test_a_precondition_that_can_not_be_read_says_what_to_supply() -> None:
+def test_a_precondition_that_can_not_be_read_names_what_to_supply() -> None:
     conditions = {p.notation: p for p in profiles.load("vc660").preconditions}
     assert conditions["F00.01"].unreadable is None
     missing = conditions["F01.00"].unreadable
@@ -146,7 +146,7 @@ def test_what_can_be_read_of_the_preconditions_is_a_listed_parameter(model: str)
 
 
 def test_addresses_and_broadcast_never_meet() -> None:
-    """T10: neither 0 of DZB100 and VC660 nor 31 of C320 can be asked anything."""
+    """Neither 0 of DZB100 and VC660 nor 31 of C320 can be asked anything."""
     found = {model: (p.addresses, p.broadcast) for model in MODELS[:4] if (p := profiles.load(model))}
     assert found == {
         "c320": ((0, 30), 31),
@@ -157,7 +157,6 @@ def test_addresses_and_broadcast_never_meet() -> None:
 
 
 def test_vc660_commands_are_the_control_table() -> None:
-    """T13."""
     commands = profiles.load("vc660").commands
     assert commands is not None
     assert {name for name, bit in commands.bits.items() if bit.pulse} == {
@@ -186,7 +185,6 @@ def test_vc660_commands_are_the_control_table() -> None:
 
 
 def test_vc660_may_write_exactly_what_its_tables_mark_as_writable() -> None:
-    """T12."""
     assert profiles.load("vc660").writable_registers() == {1, 2, *range(0x2000, 0x200A)}
 
 
@@ -288,7 +286,7 @@ def test_vc660_publishes_only_bit_0_of_its_fault_words() -> None:
 
 @pytest.mark.parametrize(("setting", "forward", "reverse"), [("b3b2", 0x8, 0x4), ("b2b3", 0x4, 0x8)])
 def test_df800_direction_depends_on_the_open_setting(setting: str, forward: int, reverse: int) -> None:
-    """T16: never 11 in the direction field."""
+    """The direction field is never 11, which toggles."""
     commands = profiles.load("df800").commands
     assert commands is not None and "forward" not in commands.bits
     bits = commands.resolved({"direction_field": setting}).bits
@@ -305,7 +303,6 @@ def test_df800_start_and_stop_are_those_of_the_worked_frames() -> None:
 
 
 def test_df800_claims_no_status_and_no_scale_for_its_monitors() -> None:
-    """T17."""
     profile = profiles.load("df800")
     assert profile.status is None and "status" not in profile.capabilities
     assert {s.uncertain for s in profile.signals.values()} == {"profiles.scale_unpublished"}
@@ -346,7 +343,6 @@ def test_c320_fault_codes_carry_the_keypads_label() -> None:
 
 
 def test_dzb100_codings_start_unsettled() -> None:
-    """T08."""
     settings = profiles.load("dzb100").settings
     assert {settings[f"{what}_coding"] for what in ("setpoint", "query", "parameter")} == {"unknown"}
 
@@ -398,7 +394,7 @@ def test_the_address_of_a_worked_frame_is_that_of_the_parameter_it_names(name: s
         assert notation.parse_notation(fields["parameter"], profile.notation) == ("holding", fields["register"])
 
 
-def test_a_fault_that_nobody_describes_still_has_its_number_in_both_languages() -> None:
+def test_a_fault_that_is_not_described_still_has_its_number_in_both_languages() -> None:
     bare = replace(profiles.load("vc660"), faults={}, fault_text=None, fault_label="")
     assert (bare.fault(5).text.en, bare.fault(5).text.zh) == (
         "fault 5, not described in the manual",

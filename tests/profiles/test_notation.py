@@ -72,7 +72,7 @@ def test_a_notation_of_the_manual_becomes_its_address(text: str, rule: NotationR
         ("d.0", REGISTER),
     ],
 )
-def test_what_the_manual_would_not_write_is_refused(text: str, rule: NotationRule) -> None:
+def test_what_the_manual_would_not_write_is_rejected(text: str, rule: NotationRule) -> None:
     with pytest.raises(ProfileError) as caught:
         notation.parse_notation(text, rule)
     assert caught.value.key == "profiles.notation"
@@ -142,7 +142,7 @@ def test_an_unlisted_parameter_can_be_read_and_written_raw() -> None:
 
 
 def test_an_unlisted_register_is_never_written() -> None:
-    """T12: 200BH of the guide's examples belongs to no table."""
+    """200BH of the guide's examples belongs to no table."""
     found = notation.find_entry(profiles.load("vc660"), "200BH")
     assert isinstance(found, Parameter)
     assert (found.locator, found.listed, found.writable) == (("holding", 0x200B), False, False)
@@ -156,7 +156,7 @@ def test_the_command_word_is_no_parameter_under_any_spelling() -> None:
             assert isinstance(found, Parameter) and not found.writable
 
 
-def test_a_parameter_whose_index_is_unknown_says_what_to_supply() -> None:
+def test_a_parameter_whose_index_is_unknown_names_what_to_supply() -> None:
     with pytest.raises(ProfileError) as caught:
         notation.find_entry(profiles.load("vc660"), "F01.00")
     assert caught.value.key == "profiles.unplaced"

@@ -21,18 +21,18 @@ def refusal(path: Path) -> ProfileError:
     return caught.value
 
 
-def test_there_are_at_least_twenty_refused_files_each_with_its_expectation() -> None:
+def test_there_are_at_least_twenty_rejected_files_each_with_its_expectation() -> None:
     assert len(FILES) >= 20
     check_pairs(FILES)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_bad_file_is_refused_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
+def test_a_bad_file_is_rejected_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
     check_complaints(path, refusal(path))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_refusal_is_said_in_both_languages_without_an_empty_place(path: Path) -> None:
+def test_a_rejection_is_reported_in_both_languages_without_an_empty_place(path: Path) -> None:
     error = refusal(path)
     for complaint in error.params["complaints"]:
         english, chinese = complaint.text("en"), complaint.text("zh")
@@ -59,7 +59,7 @@ def test_the_first_fault_is_in_the_params_of_the_error() -> None:
     assert Path(params["file"]).name == "max-read-zero.toml"
 
 
-def test_the_sentence_of_a_refusal() -> None:
+def test_the_sentence_of_a_rejection() -> None:
     error = refusal(REFUSED / "wrong-type.toml")
     at = REFUSED / "wrong-type.toml"
     assert str(error) == (
@@ -69,13 +69,12 @@ def test_the_sentence_of_a_refusal() -> None:
 
 
 def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
-    """T16."""
     for name in ("toggle-direction", "toggle-as-reverse"):
         assert refusal(REFUSED / f"{name}.toml").params["complaints"][0].kind == "toggle"
 
 
 def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
-    """T12, T14: else a parameter write would be a way round the gate."""
+    """Otherwise a parameter write would bypass the start permissives."""
     assert refusal(REFUSED / "command-as-parameter.toml").params["found"] == '"2000H"'
     assert refusal(REFUSED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
 

@@ -1,4 +1,4 @@
-"""Folders of profiles that can't be read just now (G12): told so, and looked at again the next time."""
+"""Folders of profiles that can't be read just now: told so, and looked at again the next time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch, folder: Path, error: OSError) -> Non
 
 @pytest.mark.parametrize("folder", [LOAD.DATA_DIRECTORY, LOAD.DATA_DIRECTORY / "sunfar"])
 @pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), OSError(24, "Too many open files")])
-def test_g12_a_folder_that_can_not_be_read_is_no_folder_without_models(
+def test_a_folder_that_can_not_be_read_is_no_folder_without_models(
     monkeypatch: pytest.MonkeyPatch, folder: Path, error: OSError
 ) -> None:
     with monkeypatch.context() as context:
@@ -47,7 +47,7 @@ def test_g12_a_folder_that_can_not_be_read_is_no_folder_without_models(
     assert profiles.load("c320").model == "c320"
 
 
-def test_g12_a_users_own_folder_that_can_not_be_read_keeps_nobody_from_what_comes_with_drivebus(
+def test_a_users_own_folder_that_can_not_be_read_does_not_hide_the_built_in_models(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A service may run under a home that is not its own."""

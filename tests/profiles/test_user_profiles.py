@@ -100,7 +100,7 @@ def test_a_df800_with_its_status_monitors_has_a_state(own: Path) -> None:
     assert run(told("df800")) == ("unknown", Quality.BAD)
 
 
-def test_a_file_that_can_not_be_read_is_refused_like_any_other(own: Path) -> None:
+def test_a_file_that_can_not_be_read_is_rejected_like_any_other(own: Path) -> None:
     (own / "gone.toml").symlink_to(own / "nowhere")
     with pytest.raises(ProfileError) as caught:
         profiles.load("gone")

@@ -1,4 +1,4 @@
-"""Check sums against their published check values and fastcrc; digit tables against every byte (T19)."""
+"""Checksums against their published check values and fastcrc; digit tables against every byte."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_hex_pairs_come_back(data: bytes) -> None:
 
 
 @pytest.mark.parametrize(("value", "width"), [(-1, 2), (256, 2), (65536, 4), (16, 1)])
-def test_a_value_that_does_not_fit_is_refused_not_cut(value: int, width: int) -> None:
+def test_a_value_that_does_not_fit_is_rejected_not_cut(value: int, width: int) -> None:
     with pytest.raises(ValueError, match="does not fit"):
         checksum.hex_digits(value, width)
     with pytest.raises(ValueError, match="does not fit"):
@@ -70,7 +70,7 @@ def test_a_value_that_does_not_fit_is_refused_not_cut(value: int, width: int) ->
     ],
 )
 @pytest.mark.parametrize("position", range(4))
-def test_t19_every_byte_in_every_position_is_a_digit_of_the_table_or_an_error(
+def test_every_byte_in_every_position_is_a_digit_of_the_table_or_an_error(
     table: bytes, alphabet: bytes, position: int
 ) -> None:
     for byte in range(256):
@@ -85,7 +85,7 @@ def test_t19_every_byte_in_every_position_is_a_digit_of_the_table_or_an_error(
 
 
 @pytest.mark.parametrize("text", ["+24D", " 249", "2_4D", "0x24", "24D "])
-def test_t19_what_python_takes_for_a_number_is_no_number_here(text: str) -> None:
+def test_text_that_python_reads_as_a_number_is_no_number_here(text: str) -> None:
     with pytest.raises(AlphabetError):
         checksum.hex_value(text.encode())
 
@@ -98,11 +98,11 @@ def test_decimal_digits_know_no_letters() -> None:
 
 
 @pytest.mark.parametrize(("digits", "value"), [(b"3:", 0x3A), (b"24=", 0x24D), (b"?f", 0xFF)])
-def test_t02_the_tolerant_table_reads_the_manuals_other_spelling(digits: bytes, value: int) -> None:
+def test_the_tolerant_table_reads_the_manuals_other_spelling(digits: bytes, value: int) -> None:
     assert checksum.hex_value(digits, checksum.TOLERANT_HEX_DIGITS) == value
 
 
-def test_an_alphabet_error_tells_byte_and_position() -> None:
+def test_an_alphabet_error_carries_byte_and_position() -> None:
     with pytest.raises(AlphabetError) as caught:
         checksum.hex_value(b"0G", start=3)
     assert str(caught.value) == "byte 4: 47H is not one of the digits 0-9 A-F"
@@ -113,7 +113,7 @@ READERS = [checksum.canonical_digits, checksum.hex_value, checksum.decimal_value
 
 
 @pytest.mark.parametrize("reads", READERS, ids=lambda reads: reads.__name__)
-def test_positions_count_from_0_unless_said(reads: Callable[[bytes], object]) -> None:
+def test_positions_count_from_0_unless_given(reads: Callable[[bytes], object]) -> None:
     with pytest.raises(AlphabetError) as caught:
         reads(b"12G4")
     assert caught.value.params["position"] == 2

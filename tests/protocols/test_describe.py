@@ -68,7 +68,7 @@ def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
     ]
 
 
-def test_t01_an_operation_in_a_read_is_said_to_start_the_motor() -> None:
+def test_an_operation_in_a_read_is_reported_to_start_the_motor() -> None:
     found = described(C320["c320-4.2-request-ascii"])
     assert [key for key, _ in found.hazards] == ["protocols.sunfar.hazard.starts"]
     assert found.hazards[0][1] == {"operation": 1, "name": BilingualText("run forward", "正转运行"), "kind": 1}
@@ -76,14 +76,14 @@ def test_t01_an_operation_in_a_read_is_said_to_start_the_motor() -> None:
     assert [key for key, _ in stop.hazards] == ["protocols.sunfar.hazard.acts"]
 
 
-def test_t03_the_ambiguous_frame_says_both_numbers() -> None:
+def test_the_ambiguous_frame_has_both_numbers() -> None:
     found = described(C320["c320-4.5-response-hex"])
     assert found.fields["data"] == 256
     assert [dict(reading.fields) for reading in found.interpretations] == [{"data": 16}]
     assert ("protocols.sunfar.erratum.ambiguous", {"packed": 256, "nibbles": 16}) in found.errata
 
 
-def test_t21_a_reply_that_may_be_an_echo_says_so() -> None:
+def test_a_reply_that_may_be_an_echo_is_described_as_such() -> None:
     echo = sunfar.SunfarCodec().encode_request(sunfar.SunfarWriteParameter(5, 1, 2, 0))
     assert sunfar.describe(echo).direction == "request"
     found = sunfar.describe(echo, direction="response")
@@ -92,7 +92,7 @@ def test_t21_a_reply_that_may_be_an_echo_says_so() -> None:
     assert [key for key, _ in sunfar.describe(written, request=written).problems] == ["protocols.sunfar.own_echo"]
 
 
-def test_t08_a_run_above_the_mains_frequency_names_every_coding() -> None:
+def test_a_run_above_the_mains_frequency_names_every_coding() -> None:
     found = described(DZB100["dzb100-1-request"])
     key, params = found.hazards[0]
     assert key == "protocols.dzb100.hazard.tenfold"
@@ -106,12 +106,12 @@ def test_t08_a_run_above_the_mains_frequency_names_every_coding() -> None:
     )
 
 
-def test_t09_a_p_frame_with_zeros_is_said_to_write() -> None:
+def test_a_p_frame_with_zeros_is_reported_to_write() -> None:
     found = dzb100.describe(b"P\x03\x0103230000")
     assert [key for key, _ in found.hazards] == ["protocols.dzb100.hazard.write_of_zero"]
 
 
-def test_t11_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none() -> None:
+def test_a_stop_with_a_frequency_is_a_hazard_and_its_canonical_form_has_none() -> None:
     found = dzb100.describe(b"C\x03\x01010003E8")
     assert [key for key, _ in found.hazards] == ["protocols.dzb100.hazard.carries_frequency"]
     assert found.canonical == b"C\x03\x0101000000"
@@ -132,7 +132,7 @@ def test_a_frame_that_no_drive_obeys_is_no_hazard() -> None:
     assert sunfar.describe(frame[:-2] + b"7\r").hazards == ()
 
 
-def test_t20_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_nobody_says_which() -> None:
+def test_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_the_direction_is_not_given() -> None:
     frame = DZB100["dzb100-run-10hz"].data
     (reading,) = dzb100.describe(frame).interpretations
     assert dict(reading.fields) == {"accepted": None, "digit": 1}
@@ -144,7 +144,7 @@ def test_t20_a_dzb100_command_may_be_a_reply_with_a_state_digit_where_nobody_say
 @pytest.mark.parametrize(
     "operation", [each for each in sunfar.SunfarOperation if each is not sunfar.SunfarOperation.NONE]
 )
-def test_t01_the_hazard_names_the_operation_in_each_language(operation: sunfar.SunfarOperation) -> None:
+def test_the_hazard_names_the_operation_in_each_language(operation: sunfar.SunfarOperation) -> None:
     body = b"001%02X0" % operation + b"00"
     (hazard,) = sunfar.describe(b"*%b%04X\r" % (body, sum(body))).hazards
     english, chinese = (i18n.text(hazard[0], language, **hazard[1]) for language in i18n.LANGUAGES)
@@ -185,13 +185,13 @@ def test_an_ambiguous_write_shows_both_numbers_and_the_meant_frame() -> None:
     assert found.canonical == sunfar.SunfarCodec("hex").encode_request(sunfar.SunfarWriteParameter(5, 2, 1, 0x16))
 
 
-def test_a_reply_with_a_state_that_nobody_listed_is_not_valid_in_any_reading() -> None:
+def test_a_reply_with_an_unlisted_state_is_not_valid_in_any_interpretation() -> None:
     found = sunfar.describe(ASCII.build(WRITE_LAYOUT, 5, 0, 0x07, 0, 1, 7))
     assert [key for key, _ in found.problems] == ["protocols.sunfar.state"]
     assert found.fields["state"] == 7
 
 
-def test_t08_a_queried_frequency_follows_the_query_coding() -> None:
+def test_a_queried_frequency_follows_the_query_coding() -> None:
     frame = b"Q\x03\x060701007B"
     assert dzb100.describe(frame).fields["frequency_hz"] == 12.3
     assert (
@@ -203,7 +203,7 @@ def test_t08_a_queried_frequency_follows_the_query_coding() -> None:
     )
 
 
-def test_a_state_word_that_is_not_believed_is_the_problem_of_its_reply() -> None:
+def test_a_state_word_that_is_rejected_is_the_problem_of_its_reply() -> None:
     found = dzb100.describe(b"Q\x03\x0607039000")
     assert [key for key, _ in found.problems] == ["protocols.dzb100.command_digit"]
     assert (found.fields["data"], "state" in found.fields) == (0x9000, False)
@@ -232,7 +232,7 @@ def test_every_sentence_stands_in_both_languages() -> None:
 
 
 @pytest.mark.parametrize("family", ["sunfar", "dzb100"])
-def test_i8_describe_never_raises(family: str) -> None:
+def test_describe_never_raises(family: str) -> None:
     chance = random.Random(8)
     known = [vector.data for vector in VECTORS if vector.family == family]
     for _ in range(6_000):
@@ -266,13 +266,13 @@ def test_i8_describe_never_raises(family: str) -> None:
         (2, 3, 5, "response"),
     ],
 )
-def test_t21_an_18_byte_frame_is_a_write_unless_it_reads_as_a_refusal(
+def test_an_18_byte_frame_is_a_write_unless_it_reads_as_a_rejection(
     kind: int, state: int, data: int, direction: str
 ) -> None:
     assert sunfar.describe(ASCII.build(WRITE_LAYOUT, 5, kind, state, 1, 2, data)).direction == direction
 
 
-def test_what_was_said_of_a_frame_is_believed_before_its_shape() -> None:
+def test_given_facts_of_a_frame_take_precedence_over_its_shape() -> None:
     read = ASCII.build(READ_LAYOUT, 5, 2, 0, 1, 2)
     assert sunfar.describe(read).direction == "request"
     assert sunfar.describe(read, direction="response").direction == "response"

@@ -1,4 +1,4 @@
-"""DZB100 frames: golden vectors with their verdicts, the traps T08-T11, T19 and T20, and what garbage may not do."""
+"""DZB100 frames: worked vectors, traps of the manual, and random bytes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def stated(vector: Vector) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("vector", REQUESTS, ids=repr)
-def test_a_station_hears_every_request(vector: Vector) -> None:
+def test_a_station_decodes_every_request(vector: Vector) -> None:
     verdict = CODEC.decode_request(vector.data)
     assert verdict.size == 11
     assert stated(vector).items() <= fields_of(verdict.message).items()
@@ -104,7 +104,7 @@ def test_every_answer_comes_back_against_its_request(request: dzb100.Dzb100Reque
 
 
 @given(st.sampled_from(range(9)))
-def test_t20_a_state_digit_comes_back(digit: int) -> None:
+def test_a_state_digit_comes_back(digit: int) -> None:
     reply = dzb100.Dzb100Reply("C", 1, 1, 0x64, None, digit)
     assert CODEC.decode_reply(RUN, CODEC.encode_reply(reply)) == Complete(reply, 11)
 
@@ -122,14 +122,14 @@ def test_byte_by_byte_is_the_same_as_whole_and_a_frame_ends_at_eleven_bytes(vect
 
 @pytest.mark.parametrize("command", [Dzb100Command.STOP, Dzb100Command.STOP_2])
 @given(data=words, everyone=st.booleans())
-def test_t11_a_stop_leaves_with_0000_whatever_it_is_given(command: Dzb100Command, data: int, everyone: bool) -> None:
+def test_a_stop_leaves_with_0000_whatever_it_is_given(command: Dzb100Command, data: int, everyone: bool) -> None:
     frame = CODEC.encode_request(dzb100.Dzb100Control(0 if everyone else 9, command, data, everyone))
     assert frame[7:] == b"0000"
     assert dzb100.classify_frame(frame) is Effect.STOP
 
 
 @pytest.mark.parametrize("command", [Dzb100Command.STOP, Dzb100Command.STOP_2])
-def test_t11_a_single_flip_of_a_stop_that_a_drive_obeys_as_a_run_runs_at_zero(command: Dzb100Command) -> None:
+def test_a_single_flip_of_a_stop_that_a_drive_obeys_as_a_run_runs_at_zero(command: Dzb100Command) -> None:
     frame = CODEC.encode_request(dzb100.Dzb100Control(1, command))
     runs = [
         heard
@@ -155,14 +155,14 @@ def heard_or_none(frame: bytes) -> Any:
 
 
 @given(addresses, st.integers(0, 80))
-def test_t09_a_parameter_is_read_with_r_never_with_p(address: int, parameter: int) -> None:
+def test_a_parameter_is_read_with_r_never_with_p(address: int, parameter: int) -> None:
     frame = CODEC.encode_request(dzb100.Dzb100ReadParameter(address, parameter))
     assert frame[:1] == b"R"
     assert frame[7:] == b"0000"
     assert dzb100.classify_frame(frame) is Effect.NONE
 
 
-def test_t09_the_manuals_seven_byte_p_read_is_the_beginning_of_a_write_never_a_read() -> None:
+def test_the_manuals_seven_byte_p_read_is_the_beginning_of_a_write_never_a_read() -> None:
     read = b"P\x03\x010323"
     assert CODEC.decode_request(read) == Incomplete(11)
     assert CODEC.decode_request(read + b"0000").message == dzb100.Dzb100WriteParameter(3, 23, 0)
@@ -187,7 +187,7 @@ def test_t09_the_manuals_seven_byte_p_read_is_the_beginning_of_a_write_never_a_r
     ],
     ids=repr,
 )
-def test_t10_what_no_drive_can_answer_or_obey_is_not_emitted(request_: dzb100.Dzb100Request) -> None:
+def test_what_no_drive_can_answer_or_obey_is_not_emitted(request_: dzb100.Dzb100Request) -> None:
     with pytest.raises(ValueError, match=r"expected|takes no|does not fit"):
         CODEC.encode_request(request_)
 
@@ -207,14 +207,14 @@ def test_a_reply_that_is_no_reply_is_not_emitted(reply: dzb100.Dzb100Reply) -> N
 
 
 @pytest.mark.parametrize("address", [32, 64, 99])
-def test_nobody_has_an_address_above_31(address: int) -> None:
+def test_no_station_has_an_address_above_31(address: int) -> None:
     with pytest.raises(AddressError) as caught:
         CODEC.decode_request(b"C\x03\x01%02d000000" % address)
     assert (caught.value.expected, caught.value.found) == (31, address)
 
 
-def test_t20_the_echo_of_a_c_request_reads_as_a_state_digit_and_never_as_done() -> None:
-    """A 01 reads as B = X1: position and time tell them apart, and neither counts as accepted or refused (ruling 1)."""
+def test_the_echo_of_a_c_request_reads_as_a_state_digit_and_never_as_done() -> None:
+    """A 01 reads as B = X1: position and time tell them apart, and neither counts as accepted or refused."""
     reply = CODEC.decode_reply(RUN, CODEC.encode_request(RUN)).message  # type: ignore[union-attr]
     assert (reply.accepted, reply.digit) == (None, 1)
 
@@ -227,7 +227,7 @@ def test_the_echo_of_any_other_request_is_no_reply(request_: dzb100.Dzb100Reques
         CODEC.decode_reply(request_, CODEC.encode_request(request_))
 
 
-def test_a_command_digit_that_nobody_listed_is_not_heard() -> None:
+def test_a_command_digit_that_is_not_listed_is_rejected() -> None:
     with pytest.raises(CodeError) as caught:
         CODEC.decode_request(b"C\x03\x0101090000")
     assert (caught.value.expected, caught.value.found) == ("0-8", 9)
@@ -237,11 +237,11 @@ def test_a_command_digit_that_nobody_listed_is_not_heard() -> None:
 
 
 @given(requests)
-def test_a_request_speaks_to_its_address(request: dzb100.Dzb100Request) -> None:
+def test_a_request_has_the_address_of_its_station(request: dzb100.Dzb100Request) -> None:
     assert CODEC.address_of(request) == request.address
 
 
-def test_only_commands_are_for_everybody() -> None:
+def test_only_commands_can_be_broadcast() -> None:
     with pytest.raises(CodeError) as caught:
         CODEC.decode_request(b"P\x03\x0200100000")
     assert caught.value.found == 2
@@ -251,18 +251,18 @@ def test_only_commands_are_for_everybody() -> None:
 
 
 @pytest.mark.parametrize(("mark", "digit"), [(0x01, 1), (0x31, 1), (0x36, 6), (0x38, 8), (0x00, 0)])
-def test_t20_a_state_digit_in_a_control_reply_is_neither_yes_nor_no(mark: int, digit: int) -> None:
+def test_a_state_digit_in_a_control_reply_is_neither_yes_nor_no(mark: int, digit: int) -> None:
     reply = CODEC.decode_reply(RUN, b"C\x03" + bytes((mark,)) + b"01010064").message
     assert (reply.accepted, reply.digit) == (None, digit)
 
 
-def test_t20_06_and_07_are_done_and_refused_although_the_text_lists_them_as_digits() -> None:
+def test_06_and_07_are_done_and_rejected_although_the_text_lists_them_as_digits() -> None:
     assert CODEC.decode_reply(RUN, b"C\x03\x0601010064").message.accepted is True
     assert CODEC.decode_reply(RUN, b"C\x03\x0701010000").message.accepted is False
 
 
 @pytest.mark.parametrize("head", ["P", "R", "Q"])
-def test_t20_only_a_control_reply_has_a_state_digit(head: str) -> None:
+def test_only_a_control_reply_has_a_state_digit(head: str) -> None:
     request = {
         "P": dzb100.Dzb100WriteParameter(1, 1, 0x64),
         "R": dzb100.Dzb100ReadParameter(1, 1),
@@ -300,14 +300,14 @@ def test_a_reply_must_fit_its_request_in_every_byte(frame: bytes, error: Any, ex
     assert caught.value.text("zh") not in (caught.value.key, caught.value.text("en"))
 
 
-def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size() -> None:
+def test_another_stations_whole_reply_can_be_dropped_by_its_size() -> None:
     with pytest.raises(AddressError) as caught:
         CODEC.decode_reply(RUN, b"C\x03\x0602010064")
     assert caught.value.size == 11
 
 
 @pytest.mark.parametrize("vector", REPLIES, ids=repr)
-def test_t19_every_byte_value_in_every_position_raises_nothing_but_protocol_errors(vector: Vector) -> None:
+def test_every_byte_value_in_every_position_raises_nothing_but_protocol_errors(vector: Vector) -> None:
     """And what passes differs only in B of a control reply, or in data that no request foretells."""
     request, frame = request_of(vector), bytearray(vector.data)
     free = range(7, 11) if vector.fields["head"] in "RQ" or vector.fields["accepted"] is False else range(0)
@@ -330,7 +330,7 @@ def test_t19_every_byte_value_in_every_position_raises_nothing_but_protocol_erro
         ("dzb100-3-response", 1 + 4 + 4 + 3 + 3),  # B, and the digits 0, 0, 6, 4 that stay digits
     ],
 )
-def test_g03_the_single_flips_that_a_host_cannot_see_are_these_of_88(name: str, count: int) -> None:
+def test_the_single_flips_that_a_host_cannot_see_are_these_of_88(name: str, count: int) -> None:
     vector = VECTORS[name]
 
     def passes(frame: bytes) -> bool:
@@ -342,7 +342,7 @@ def test_g03_the_single_flips_that_a_host_cannot_see_are_these_of_88(name: str, 
     assert sum(map(passes, flips(vector.data))) == count
 
 
-def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
+def test_random_bytes_raise_nothing_but_protocol_errors() -> None:
     chance = random.Random(100)
     asked = [RUN, dzb100.Dzb100WriteParameter(2, 10, 150), dzb100.Dzb100ReadParameter(3, 23), dzb100.Dzb100Query(7, 3)]
     for _ in range(20_000):
@@ -363,12 +363,12 @@ def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
 @pytest.mark.parametrize(
     ("coding", "word"), [("hex-0.1", 0x007B), ("hex-0.01", 0x04CE), ("decimal-0.1", 0x0123), ("hex-1", 0x000C)]
 )
-def test_t08_one_frequency_reads_as_four_words(coding: dzb100.FrequencyCoding, word: int) -> None:
+def test_one_frequency_reads_as_four_words(coding: dzb100.FrequencyCoding, word: int) -> None:
     assert dzb100.encode_frequency(12.3, coding) == word
     assert dzb100.decode_frequency(word, coding) == (12.0 if coding == "hex-1" else 12.3)
 
 
-def test_t08_the_manuals_example_is_ten_times_too_fast_under_the_default_coding() -> None:
+def test_the_manuals_example_is_ten_times_too_fast_under_the_default_coding() -> None:
     word = VECTORS["dzb100-1-request"].fields["data"]
     assert dzb100.decode_frequency(word, "hex-0.1") == 100.0
     assert dzb100.decode_frequency(word, "hex-0.01") == 10.0
@@ -382,7 +382,7 @@ def test_every_step_of_a_coding_comes_back(coding: dzb100.FrequencyCoding, step:
 
 @pytest.mark.parametrize("hz", [-0.1, 65536.0, math.nan, math.inf])
 @pytest.mark.parametrize("coding", dzb100.FREQUENCY_CODINGS)
-def test_a_frequency_that_is_no_word_is_refused(hz: float, coding: dzb100.FrequencyCoding) -> None:
+def test_a_frequency_that_is_no_word_is_rejected(hz: float, coding: dzb100.FrequencyCoding) -> None:
     with pytest.raises(ValueError, match="does not fit"):
         dzb100.encode_frequency(hz, coding)
 
@@ -409,7 +409,7 @@ def test_the_state_word_names_command_state_bits_and_fault() -> None:
     ("word", "coding", "found"),
     [(0x9000, "decimal", 9), (0x000A, "decimal", "0A"), (0x21, "decimal", 21), (21, "hex", 21)],
 )
-def test_a_state_word_with_an_unlisted_digit_is_not_believed(
+def test_a_state_word_with_an_unlisted_digit_is_rejected(
     word: int, coding: dzb100.FaultCoding, found: int | str
 ) -> None:
     with pytest.raises(CodeError) as caught:
@@ -464,7 +464,7 @@ def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
         (0x1015, "hex", "protocols.dzb100.fault_code", 20, 21),
     ],
 )
-def test_a_state_word_is_refused_with_both_numbers(
+def test_a_state_word_is_rejected_with_both_numbers(
     word: int, coding: dzb100.FaultCoding, key: str, expected: object, found: object
 ) -> None:
     with pytest.raises(CodeError) as caught:
@@ -489,7 +489,7 @@ LAST: list[dzb100.Dzb100Request] = [
 
 
 @pytest.mark.parametrize("asked", LAST, ids=str)
-def test_the_last_lawful_value_of_every_field_is_sent_and_answered(asked: dzb100.Dzb100Request) -> None:
+def test_the_last_valid_value_of_every_field_is_sent_and_answered(asked: dzb100.Dzb100Request) -> None:
     frame = CODEC.encode_request(asked)
     assert CODEC.decode_request(frame) == Complete(asked, 11)
     if asked.address:
@@ -528,7 +528,7 @@ UNHEARD = [
 
 
 @pytest.mark.parametrize(("frame", "kind", "key", "expected", "found", "position"), UNHEARD, ids=repr)
-def test_a_station_refuses_a_frame_with_both_numbers_and_the_place(
+def test_a_station_rejects_a_frame_with_both_numbers_and_the_place(
     frame: bytes, kind: type[ProtocolError], key: str, expected: object, found: object, position: int | None
 ) -> None:
     """Also the first bytes alone are refused at once: no later byte can mend them."""
@@ -551,7 +551,7 @@ def test_a_reply_comes_from_one_of_31_drives(address: int) -> None:
 
 
 @pytest.mark.parametrize("digit", [None, -1, 9])
-def test_t20_a_state_digit_is_one_of_nine(digit: int | None) -> None:
+def test_a_state_digit_is_one_of_nine(digit: int | None) -> None:
     with pytest.raises(ValueError, match="only a C reply has one, 0 to 8"):
         CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, digit))
     for lawful in (0, 8):
@@ -638,7 +638,7 @@ def test_what_is_no_frame_at_all_is_shown_with_nothing() -> None:
         assert (dict(found.fields), found.valid, found.canonical) == ({}, False, None)
 
 
-def test_the_direction_is_what_was_said_else_what_byte_2_says() -> None:
+def test_the_direction_is_the_given_one_else_byte_2_decides() -> None:
     control = b"C\x03\x0103010064"
     assert dzb100.describe(control, direction="response").direction == "response"
     assert dzb100.describe(control, request=control).direction == "response"
@@ -647,7 +647,7 @@ def test_the_direction_is_what_was_said_else_what_byte_2_says() -> None:
     assert dzb100.describe(b"C\x03\x0303010064").direction == "response"
 
 
-def test_t20_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
+def test_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
     """Only where nobody said what it is, and only a whole frame that a drive could have sent."""
     control = b"C\x03\x0103010064"
     (reading,) = dzb100.describe(control).interpretations
@@ -684,7 +684,7 @@ def test_a_reply_is_described_against_a_whole_request() -> None:
     assert [key for key, _ in dzb100.describe(reply + b"0", request=asked).problems] == ["protocols.trailing"]
 
 
-def test_i8_a_reset_that_somebody_else_sent_with_a_frequency_raises_nothing_in_its_reply() -> None:
+def test_a_reset_of_another_sender_with_a_frequency_raises_nothing_in_its_reply() -> None:
     """We never send one, but a recording may hold it."""
     asked, reply = b"C\x03\x0101089000", b"C\x03\x0601089000"
     assert dzb100.describe(reply, request=asked).valid
@@ -693,13 +693,13 @@ def test_i8_a_reset_that_somebody_else_sent_with_a_frequency_raises_nothing_in_i
     assert [key for key, _ in found.problems] == ["protocols.dzb100.data"]
 
 
-def test_t08_only_a_setpoint_above_the_mains_frequency_deserves_a_second_look() -> None:
+def test_only_a_setpoint_above_the_mains_frequency_deserves_a_second_look() -> None:
     at, above = b"C\x03\x01010101F4", b"C\x03\x01010101F5"
     assert dzb100.describe(at).fields["frequency_hz"] == 50.0 and dzb100.describe(at).hazards == ()
     assert [key for key, _ in dzb100.describe(above).hazards] == ["protocols.dzb100.hazard.tenfold"]
 
 
-def test_a_codec_says_what_it_is() -> None:
+def test_a_codec_names_its_family_and_encoding() -> None:
     assert (CODEC.family, CODEC.encoding, CODEC.broadcast_address) == ("dzb100", "ascii", 0)
 
 

@@ -77,7 +77,7 @@ REFUSED = [
 @pytest.mark.parametrize(
     ("asked", "octets", "error", "expected", "found"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
 )
-def test_a_reply_that_differs_from_its_request_is_refused_with_both_numbers(
+def test_a_reply_that_differs_from_its_request_is_rejected_with_both_numbers(
     codec: Codec, asked: ModbusRequest, octets: str, error: type[ProtocolError], expected: object, found: object
 ) -> None:
     with pytest.raises(error) as caught:
@@ -98,7 +98,7 @@ FOREIGN = [
 
 @every_codec
 @pytest.mark.parametrize(("asked", "octets"), [row[1:] for row in FOREIGN], ids=[row[0] for row in FOREIGN])
-def test_another_stations_whole_frame_tells_its_size_f02(codec: Codec, asked: ModbusRequest, octets: str) -> None:
+def test_another_stations_whole_frame_carries_its_size(codec: Codec, asked: ModbusRequest, octets: str) -> None:
     data = frame(codec, octets)
     with pytest.raises(AddressError) as caught:
         codec.decode_reply(asked, data + b"\x01\x03")
@@ -118,7 +118,7 @@ def test_another_stations_frame_with_a_bad_check_is_noise(codec: Codec, asked: M
 
 @pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
 @pytest.mark.parametrize(("asked", "function"), [(WriteRegister(1, 2, 3), 16), (ReadRegisters(1, 0, 2), 6)])
-def test_a_short_error_of_another_function_is_none_t15(codec: Codec, asked: ModbusRequest, function: int) -> None:
+def test_a_short_error_of_another_function_is_none(codec: Codec, asked: ModbusRequest, function: int) -> None:
     with pytest.raises(EchoError) as caught:
         codec.decode_reply(asked, frame(codec, f"01 {function:02X} 00") + b"000000")
     assert (caught.value.expected, caught.value.found) == (asked.function, function)
@@ -136,7 +136,7 @@ def test_an_unknown_function_ends_at_the_largest_frame_even_where_a_later_check_
     assert ModbusRtuCodec().decode_request(data[:5]) == Incomplete(6)
 
 
-def test_a_codec_says_what_it_is() -> None:
+def test_a_codec_names_its_family_and_encoding() -> None:
     for codec, encoding in ((ModbusRtuCodec(), "rtu"), (ModbusAsciiCodec(), "ascii")):
         assert (codec.family, codec.encoding, codec.broadcast_address) == ("modbus", encoding, 0)
         assert (codec.error_form, codec.max_read) == ("exception", 125)
@@ -144,19 +144,19 @@ def test_a_codec_says_what_it_is() -> None:
 
 
 @pytest.mark.parametrize("third", ["01", "04", "FF"])
-def test_a_short_rtu_error_says_00_and_nothing_else_t15(third: str) -> None:
+def test_a_short_rtu_error_is_00_and_nothing_else(third: str) -> None:
     codec = ModbusRtuCodec("short")
     assert codec.decode_reply(WriteRegister(1, 2, 3), frame(codec, f"01 06 {third}")) == Incomplete(8)
 
 
 @pytest.mark.parametrize("third", ["01", "04", "FF"])
-def test_a_short_error_says_00_and_nothing_else_t15(third: str) -> None:
+def test_a_short_error_is_00_and_nothing_else(third: str) -> None:
     codec = ModbusAsciiCodec("short")
     assert codec.decode_reply(WriteRegister(1, 2, 3), frame(codec, f"01 06 {third}")) == Incomplete(17)
 
 
 @every_codec
-def test_nobody_answers_for_everybody_f10(codec: Codec) -> None:
+def test_no_station_replies_for_the_broadcast_address(codec: Codec) -> None:
     """A reply from address 0 is none, whoever was asked; with a broadcast even our own echo is not one."""
     echo = codec.encode_request(WriteRegister(0, 2, 3))
     with pytest.raises(HeaderError):
@@ -167,7 +167,7 @@ def test_nobody_answers_for_everybody_f10(codec: Codec) -> None:
 
 @pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
 @pytest.mark.parametrize("function", ["03", "06"])
-def test_another_stations_short_error_tells_its_size_f02(codec: Codec, function: str) -> None:
+def test_another_stations_short_error_carries_its_size(codec: Codec, function: str) -> None:
     asked = ReadRegisters(1, 0, 2) if function == "03" else WriteRegister(1, 0, 2)
     data = frame(codec, f"07 {function} 00")
     with pytest.raises(AddressError) as caught:
@@ -180,8 +180,8 @@ def test_another_stations_short_error_tells_its_size_f02(codec: Codec, function:
     [WriteRegister(1, 0x23, 0xA001), WriteRegisters(3, 0x8C, (1, 2)), WriteBits(225, 0x24, (True,) * 0x601)],
     ids=["06", "10H", "0FH"],
 )
-def test_t15_a_short_error_that_is_the_beginning_of_an_echo_asks_for_silence(asked: Any) -> None:
-    """Ruling 11: only these writes; the error's check has the bytes of register and value, or count."""
+def test_a_short_error_that_is_the_beginning_of_an_echo_asks_for_silence(asked: Any) -> None:
+    """Only these writes; the error's check has the bytes of register and value, or count."""
     codec = ModbusRtuCodec("short")
     error = codec.encode_reply(ExceptionReply(asked.address, asked.function, None))
     word = asked.value if isinstance(asked, WriteRegister) else len(asked.values)
@@ -194,7 +194,7 @@ def test_t15_a_short_error_that_is_the_beginning_of_an_echo_asks_for_silence(ask
     assert codec.decode_reply(asked, echo) == Complete(done, 8)
 
 
-def test_t15_a_short_error_of_a_read_needs_no_silence_although_the_request_begins_like_it() -> None:
+def test_a_short_error_of_a_read_needs_no_silence_although_the_request_begins_like_it() -> None:
     """No read is answered by its own echo."""
     codec, asked = ModbusRtuCodec("short"), ReadRegisters(3, 0x83, 1, 4)
     error = codec.encode_reply(ExceptionReply(3, 4, None))
@@ -203,7 +203,7 @@ def test_t15_a_short_error_of_a_read_needs_no_silence_although_the_request_begin
 
 
 @every_codec
-def test_a_foreign_frame_whose_length_nobody_can_tell_is_refused_at_once(codec: Codec) -> None:
+def test_a_foreign_frame_of_unknown_length_is_rejected_at_once(codec: Codec) -> None:
     with pytest.raises(AddressError) as caught:
         codec.decode_reply(ReadRegisters(1, 0, 2), frame(codec, "07 42 01 02 03 04"))
     assert caught.value.size == 0
@@ -220,7 +220,7 @@ def test_exceptions_are_replies_in_both_error_forms(codec: Codec, function: int)
 
 @pytest.mark.parametrize("codec", CODECS[2:], ids=NAMES[2:])
 @pytest.mark.parametrize("function", [1, 2, 3, 4, 5, 6, 8, 15, 16])
-def test_short_errors_are_replies_to_every_function_t15(codec: Codec, function: int) -> None:
+def test_short_errors_are_replies_to_every_function(codec: Codec, function: int) -> None:
     asked = next(each for each in REQUESTS if each.function == function)
     reply = ExceptionReply(asked.address, function, None)
     data = codec.encode_reply(reply)
@@ -279,7 +279,7 @@ def test_ascii_lengths_are_those_of_the_df800_table() -> None:
 
 
 @every_codec
-def test_nobody_answers_a_broadcast_f10(codec: Codec) -> None:
+def test_no_station_answers_a_broadcast(codec: Codec) -> None:
     stop = WriteRegister(0, 0x2000, 2)
     assert codec.reply_size(stop) == codec.largest_reply(stop) == 0
     assert codec.broadcast_address == 0
@@ -289,7 +289,7 @@ def test_nobody_answers_a_broadcast_f10(codec: Codec) -> None:
 
 
 @every_codec
-def test_t15_a_short_error_of_nobody_answers_no_broadcast(codec: Codec) -> None:
+def test_a_short_error_is_no_reply_to_a_broadcast(codec: Codec) -> None:
     for octets in ("00 06 00", "00 86 02", "00 06 20 00 00 02"):
         with pytest.raises(HeaderError):
             codec.decode_reply(WriteRegister(0, 0x2000, 2), frame(codec, octets))
@@ -363,7 +363,7 @@ def test_a_field_out_of_range_is_named_with_its_limits(message: Any, sentence: s
         (encode or codec.encode_request)(message)
 
 
-def test_i11_only_a_whole_read_of_its_own_encoding_is_harmless() -> None:
+def test_only_a_whole_read_of_its_own_encoding_is_harmless() -> None:
     read = ModbusRtuCodec().encode_request(ReadRegisters(1, 2, 3))
     assert registers_written(read) == ()
     for data, encoding in ((read[:7], "rtu"), (read + b"\x00", "rtu"), (read, "ascii"), (b":" + read[1:], "ascii")):
@@ -372,7 +372,7 @@ def test_i11_only_a_whole_read_of_its_own_encoding_is_harmless() -> None:
 
 
 @pytest.mark.parametrize("high", range(1, 5))
-def test_i11_a_write_to_any_register_is_never_taken_for_a_read(high: int) -> None:
+def test_a_write_to_any_register_is_never_taken_for_a_read(high: int) -> None:
     """The high byte of its register looks like a function that only reads."""
     asked = WriteRegister(1, high << 8 | 3, 0x0304)
     assert registers_written(ModbusRtuCodec().encode_request(asked)) == (("holding", high << 8 | 3, 0x0304),)
@@ -400,7 +400,7 @@ AT_THE_LIMIT: list[ModbusRequest] = [
 
 @every_codec
 @pytest.mark.parametrize("asked", AT_THE_LIMIT, ids=lambda asked: str(asked)[:60])
-def test_the_last_lawful_value_of_every_field_goes_there_and_back(codec: Codec, asked: ModbusRequest) -> None:
+def test_the_last_valid_value_of_every_field_goes_there_and_back(codec: Codec, asked: ModbusRequest) -> None:
     data = codec.encode_request(asked)
     assert codec.decode_request(data) == Complete(asked, len(data))
 
@@ -434,7 +434,7 @@ LAST_REPLIES: list[Any] = [
 
 
 @pytest.mark.parametrize("reply", LAST_REPLIES, ids=lambda reply: str(reply)[:60])
-def test_the_last_lawful_value_of_every_field_of_a_reply_is_written(reply: Any) -> None:
+def test_the_last_valid_value_of_every_field_of_a_reply_is_written(reply: Any) -> None:
     octets = ModbusRtuCodec().encode_reply(reply)[:-2]
     fields = {
         RegisterValues: lambda: (
@@ -505,7 +505,7 @@ BAD_REQUESTS = [
 
 @every_codec
 @pytest.mark.parametrize(("octets", "code"), [row[1:] for row in BAD_REQUESTS], ids=[row[0] for row in BAD_REQUESTS])
-def test_a_bad_request_tells_the_station_its_exception(codec: Codec, octets: str, code: int) -> None:
+def test_a_bad_request_carries_the_exception_of_the_station(codec: Codec, octets: str, code: int) -> None:
     data = frame(codec, octets)
     with pytest.raises(IllegalRequest) as caught:
         codec.decode_request(data)
@@ -542,7 +542,7 @@ REFUSED_NUMBERS = [
 
 @every_codec
 @pytest.mark.parametrize(("octets", "key", "expected", "found"), REFUSED_NUMBERS, ids=lambda value: str(value)[:24])
-def test_a_bad_request_says_what_is_wrong_with_both_numbers(
+def test_a_bad_request_reports_both_numbers(
     codec: Codec, octets: str, key: str, expected: object, found: object
 ) -> None:
     data = frame(codec, octets)
@@ -570,7 +570,7 @@ FOREIGN_EXTENTS = [
 
 
 @pytest.mark.parametrize(("octets", "exception", "short"), FOREIGN_EXTENTS, ids=lambda value: str(value))
-def test_f02_another_stations_frame_has_a_size_only_where_its_function_tells_one(
+def test_another_stations_frame_has_a_size_only_where_its_function_decides_one(
     octets: str, exception: int | None, short: int | None
 ) -> None:
     for codec, size in ((ModbusRtuCodec(), exception), (ModbusRtuCodec("short"), short)):
@@ -582,7 +582,7 @@ def test_f02_another_stations_frame_has_a_size_only_where_its_function_tells_one
 
 @every_codec
 @pytest.mark.parametrize("address", [0, 1, 247, 248, 255])
-def test_a_request_speaks_to_a_station_or_to_everybody(codec: Codec, address: int) -> None:
+def test_a_request_addresses_a_station_or_all(codec: Codec, address: int) -> None:
     data = frame(codec, f"{address:02X} 06 00 01 00 02")
     if address < 248:
         assert codec.decode_request(data) == Complete(WriteRegister(address, 1, 2), len(data))
@@ -608,7 +608,7 @@ def test_the_exception_to_an_unknown_function_is_the_manuals() -> None:
     assert ModbusRtuCodec().encode_reply(refusal) == bytes.fromhex("01 96 01 8E 60")
 
 
-def test_an_unknown_function_without_an_end_is_refused_at_the_largest_frame() -> None:
+def test_an_unknown_function_without_an_end_is_rejected_at_the_largest_frame() -> None:
     rtu, ascii_ = b"\x01\x2b" + b"\x55" * 300, b":012B" + b"0" * 600
     assert isinstance(ModbusRtuCodec().decode_request(rtu[:255]), Incomplete)
     for codec, data, largest in ((ModbusRtuCodec(), rtu, 256), (ModbusAsciiCodec(), ascii_, 513)):
@@ -625,7 +625,7 @@ def test_a_reserved_address_is_no_station(codec: Codec) -> None:
 
 
 @pytest.mark.parametrize("place", range(1, 15))
-def test_every_byte_that_is_no_upper_case_digit_is_refused_in_every_place_t19(place: int) -> None:
+def test_every_byte_that_is_no_upper_case_digit_is_rejected_in_every_place(place: int) -> None:
     codec, asked = ModbusAsciiCodec(), ReadRegisters(1, 0, 1)
     whole = codec.encode_reply(RegisterValues(1, 3, (0xAB,)))
     if place >= len(whole) - 2:
@@ -643,7 +643,7 @@ def test_every_byte_that_is_no_upper_case_digit_is_refused_in_every_place_t19(pl
 
 
 @pytest.mark.parametrize("place", range(1, 21))
-def test_a_station_says_which_byte_of_a_request_is_no_digit_t19(place: int) -> None:
+def test_a_station_reports_which_byte_of_a_request_is_no_digit(place: int) -> None:
     whole = ModbusAsciiCodec().encode_request(WriteRegisters(1, 2, (0xAB,)))
     data = whole[:place] + b"g" + whole[place + 1 :]
     with pytest.raises(AlphabetError) as caught:
@@ -672,7 +672,6 @@ def test_ascii_is_strict_at_offset_0() -> None:
 
 @pytest.mark.parametrize("junk", [b"", b"\x00", b"\xff\xfe", b"01\r\n"])
 def test_resync_forgives_a_little_junk_once_when_it_is_switched_on(junk: bytes) -> None:
-    """Ruling 10."""
     codec, asked = ModbusAsciiCodec(tolerate_leading_noise=True), ReadRegisters(1, 0, 1)
     reply = codec.encode_reply(RegisterValues(1, 3, (7,)))
     assert codec.decode_reply(asked, junk + reply) == Complete(RegisterValues(1, 3, (7,)), len(junk + reply))
@@ -696,7 +695,7 @@ def test_resync_ends_after_four_bytes_and_at_the_first_colon() -> None:
         codec.decode_reply(asked, b"::" + reply)
 
 
-def test_nobody_answers_a_broadcast_junk_or_not() -> None:
+def test_no_station_answers_a_broadcast_with_or_without_noise() -> None:
     assert ModbusAsciiCodec(tolerate_leading_noise=True).largest_reply(WriteRegister(0, 1, 2)) == 0
     assert ModbusAsciiCodec(tolerate_leading_noise=True).largest_reply(WriteRegister(1, 1, 2)) == 17 + 4
     assert ModbusAsciiCodec().largest_reply(WriteRegister(1, 1, 2)) == 17
@@ -732,7 +731,7 @@ CHANGES = [
 
 @pytest.mark.parametrize("codec", CODECS[:2], ids=NAMES[:2])
 @pytest.mark.parametrize(("asked", "changes"), CHANGES, ids=[str(row[0]) for row in CHANGES])
-def test_what_a_frame_writes_is_told_from_its_bytes(codec: Codec, asked: ModbusRequest, changes: object) -> None:
+def test_the_registers_written_follow_from_the_bytes(codec: Codec, asked: ModbusRequest, changes: object) -> None:
     assert registers_written(codec.encode_request(asked), codec.encoding) == changes
     assert parse_request_frame(codec.encode_request(asked), codec.encoding) == asked
 
@@ -778,6 +777,6 @@ def test_an_exception_has_a_code_that_the_standard_knows(codec: Codec) -> None:
         assert (caught.value.key, caught.value.found) == ("modbus.exception_code", code)
 
 
-def test_whoever_names_no_count_reads_one() -> None:
+def test_a_read_without_a_count_reads_one_register() -> None:
     assert (ReadRegisters(5, 0).count, ReadRegisters(5, 0).function) == (1, 3)
     assert (ReadBits(5, 0).count, ReadBits(5, 0).function) == (1, 1)

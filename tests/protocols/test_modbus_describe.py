@@ -38,19 +38,19 @@ def test_a_vector_is_read_with_its_request_and_without(vector: Vector) -> None:
             assert found.fields["registers"] == [0xC388, 2, 5000, 0]
 
 
-def test_a_read_reply_without_its_request_says_what_is_missing() -> None:
+def test_a_read_reply_without_its_request_reports_what_is_missing() -> None:
     found = describe(bytes.fromhex("01 03 06 13 88 0F 9E 00 80 A0 93"), "rtu", "response")
     assert [(reading.note[0], reading.fields) for reading in found.interpretations] == [
         ("modbus.reading.registers", {"function": 3, "count": 3})
     ]
 
 
-def test_a_write_reply_is_its_request_or_an_echo_f03() -> None:
+def test_a_write_reply_is_its_request_or_an_echo() -> None:
     found = describe(bytes.fromhex("01 06 20 00 00 01 43 CA"), "rtu", "response")
     assert [reading.note[0] for reading in found.interpretations] == ["modbus.reading.echo"]
 
 
-def test_a_short_error_may_be_the_beginning_of_an_echo_t15() -> None:
+def test_a_short_error_may_be_the_beginning_of_an_echo() -> None:
     found = describe(bytes.fromhex("01 06 00 23 A0"), "rtu", "response", None, "short")
     assert found.fields == {"address": 1, "function": 6, "error": True}
     assert found.interpretations[0].note == ("modbus.reading.cut_echo", {"register": 0x23, "high": 0xA0})
@@ -88,7 +88,7 @@ def test_what_is_wrong_with_a_request_is_named(text: str, key: str) -> None:
         ("01 06 20 00 00 01 00 00", "request"),
     ],
 )
-def test_the_shape_tells_the_direction_even_of_a_frame_with_a_bad_check(text: str, direction: str) -> None:
+def test_the_shape_decides_the_direction_even_of_a_frame_with_a_bad_check(text: str, direction: str) -> None:
     assert describe(bytes.fromhex(text), "rtu").direction == direction
 
 
@@ -117,7 +117,7 @@ def test_a_spoiled_exception_is_still_a_reply() -> None:
         assert (found.direction, found.fields) == ("response", {"address": 1, "function": function, "exception": 2})
 
 
-def test_t15_five_bytes_are_a_short_error_only_with_00_and_a_good_check() -> None:
+def test_five_bytes_are_a_short_error_only_with_00_and_a_good_check() -> None:
     assert describe(frame("01 06 00"), "rtu", "response", None, "short").valid
     for data in (frame("01 06 01"), frame("01 06 00")[:-1] + b"\x00"):
         found = describe(data, "rtu", "response", None, "short")
@@ -147,7 +147,7 @@ def test_bytes_of_rtu_are_no_digits_in_any_case() -> None:
     assert describe(frame("61 03 00 01 00 02"), "rtu", "request").errata == ()
 
 
-def test_what_a_reply_may_answer_is_told_by_its_size() -> None:
+def test_what_a_reply_may_answer_is_decided_by_its_size() -> None:
     (bits,) = describe(frame("01 01 01 05"), "rtu", "response").interpretations
     assert (bits.note[1], bits.fields) == ({"count": 8}, {"function": 1, "count": 8})
     (echo,) = describe(frame("01 10 00 01 00 02"), "rtu", "response").interpretations
@@ -158,7 +158,7 @@ def test_what_a_reply_may_answer_is_told_by_its_size() -> None:
     assert echo.fields == {"address": 1, "function": 5, "register": 1, "value": 0xFF00}
 
 
-def test_t15_an_ascii_short_error_is_no_beginning_of_an_echo() -> None:
+def test_an_ascii_short_error_is_no_beginning_of_an_echo() -> None:
     """Its CR LF stands where the echo has digits."""
     found = describe(b":010600F9\r\n", "ascii", "response", None, "short")
     assert found.valid and found.interpretations == ()

@@ -73,7 +73,7 @@ def answer_to(request: ModbusRequest, draw: Any) -> Any:
 @every_codec
 @quick
 @given(request_strategy)
-def test_a_station_hears_what_the_master_says(codec: Codec, request: Any) -> None:
+def test_a_station_decodes_what_the_master_sends(codec: Codec, request: Any) -> None:
     sent = codec.encode_request(request)
     assert codec.decode_request(sent) == Complete(request, len(sent))
     if not isinstance(request, WriteRegister | WriteRegisters | WriteBit | WriteBits):
@@ -97,10 +97,10 @@ def test_the_master_reads_what_the_station_answers_in_pieces_or_whole(
 @every_codec
 @quick
 @given(st.data(), request_strategy)
-def test_a_reply_to_another_request_is_believed_only_where_both_are_answered_alike(
+def test_a_reply_to_another_request_is_accepted_only_where_both_are_answered_alike(
     codec: Codec, data: st.DataObject, request: Any
 ) -> None:
-    """F01: FC03 carries no register; everything that a reply does carry is compared."""
+    """A reply to function 03 carries no register; every field that a reply carries is compared."""
     other = data.draw(request_strategy)
     received = codec.encode_reply(answer_to(other, data.draw))
     try:
@@ -148,7 +148,6 @@ garbage = st.one_of(
 def test_garbage_raises_protocol_errors_only_whole_and_byte_by_byte_alike(
     codec: Codec, data: bytes, request: Any
 ) -> None:
-    """G01, I8."""
     whole = outcome_of(codec, request, data)
     stepped = fed_by_need(codec, request, data)
     assert stepped == whole or (isinstance(whole, Incomplete) and stepped == "waits")
@@ -173,8 +172,8 @@ def test_any_function_gets_an_answer_or_an_exception(codec: Codec, function: int
 
 
 @every_codec
-def test_a_request_without_an_end_is_refused_alike_however_much_follows(codec: Codec) -> None:
-    """G01: nobody can tell the length of an unknown function; the error counts the bytes that a frame may have."""
+def test_a_request_without_an_end_is_rejected_alike_however_much_follows(codec: Codec) -> None:
+    """The length of an unknown function is not known; the error counts the bytes that a frame may have."""
     head, largest = (b"\x01\x63", 256) if codec.encoding == "rtu" else (b":0163", 513)
     refusals = {outcome_of(codec, None, (head + b"0" * 600)[:size]) for size in (largest, largest + 1, 600)}
     assert refusals == {(LengthError, "modbus.too_long", largest, largest, 0)}

@@ -94,7 +94,7 @@ SHORT_ERRORS = [each for each in REPLIES if each.fields.get("error")]
 
 
 @pytest.mark.parametrize("vector", SHORT_ERRORS, ids=names(SHORT_ERRORS))
-def test_a_short_error_is_the_reply_to_any_request_of_its_function_t15(vector: Vector) -> None:
+def test_a_short_error_is_the_reply_to_any_request_of_its_function(vector: Vector) -> None:
     function = vector.fields["function"]
     asked = ReadRegisters(1, 101, 2) if function == 3 else WriteRegister(1, 101, 5)
     verdict = codec_for(vector).decode_reply(asked, vector.data)
@@ -121,8 +121,8 @@ def exchanges(family: str, encoding: str) -> list[CodecExchange]:
 
 
 @pytest.mark.parametrize(("family", "encoding"), [("vc660", "rtu"), ("df800", "rtu"), ("df800", "ascii")])
-def test_the_codec_kit_finds_no_fault_and_no_believed_flip(family: str, encoding: str) -> None:
-    """Whole, byte by byte, glued, noise, every single-bit flip (G03), sizes, foreign exceptions (I8)."""
+def test_the_codec_kit_finds_no_fault_and_no_accepted_flip(family: str, encoding: str) -> None:
+    """Whole, byte by byte, glued, noise, every single-bit flip, sizes, foreign exceptions."""
     made = exchanges(family, encoding)
     codec = codec_for(next(each for each in load_vectors(family) if each.encoding == encoding))
     report = check_codec(codec, made, garbage_frames=120)
@@ -151,17 +151,17 @@ def believed(vector: Vector, flips: int) -> list[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("vector", RTU, ids=names(RTU))
-def test_no_two_flipped_bits_of_an_rtu_vector_are_believed_g03(vector: Vector) -> None:
+def test_no_two_flipped_bits_of_an_rtu_vector_are_accepted(vector: Vector) -> None:
     assert believed(vector, 2) == []
 
 
 @pytest.mark.parametrize("name", ["vc660-stop", "vc660-start-reply", "df800-start-rtu"])
-def test_no_three_flipped_bits_of_a_command_are_believed_g03(name: str) -> None:
+def test_no_three_flipped_bits_of_a_command_are_accepted(name: str) -> None:
     assert believed(next(each for each in RTU if each.id == name), 3) == []
 
 
-def test_only_a_write_of_a0xxh_to_0023h_awaits_silence_at_address_1_t15() -> None:
-    """Ruling 11: the 5-byte error is decided by its request; 22 * 256 * 3 writes around the one case are tried."""
+def test_only_a_write_of_a0xxh_to_0023h_awaits_silence_at_address_1() -> None:
+    """The 5-byte error is decided by its request; 22 * 256 * 3 writes around the one case are tried."""
     codec, error = ModbusRtuCodec("short"), bytes.fromhex("01 06 00 23 A0")
     waiting = set()
     for register in range(0x15, 0x2B):

@@ -1,4 +1,4 @@
-"""Every field of a C320 frame at its limit, and every refusal with its key and both numbers (T19, F02, T21)."""
+"""Every field of a C320 frame at its limit, and every refusal with its key and both numbers ."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ AT_THE_LIMIT: list[sunfar.SunfarRequest] = [
 
 @both
 @pytest.mark.parametrize("asked", AT_THE_LIMIT, ids=str)
-def test_the_last_lawful_value_of_every_field_is_heard_as_it_was_sent(encoding: Encoding, asked: Any) -> None:
+def test_the_last_valid_value_of_every_field_is_decoded_as_it_was_sent(encoding: Encoding, asked: Any) -> None:
     codec = CODECS[encoding]
     data = codec.encode_request(asked)
     verdict = codec.decode_request(data)
@@ -100,7 +100,7 @@ UNHEARD: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, obje
 
 @both
 @pytest.mark.parametrize(("layout", "values", "kind", "key", "expected", "found"), UNHEARD)
-def test_a_station_refuses_with_key_and_both_numbers_and_answers_whom_it_can(
+def test_a_station_rejects_with_key_and_both_numbers_and_answers_whom_it_can(
     encoding: Encoding,
     layout: FrameLayout,
     values: tuple[int, ...],
@@ -119,7 +119,7 @@ def test_a_station_refuses_with_key_and_both_numbers_and_answers_whom_it_can(
         assert answer.response is (SunfarResponse.BAD_CODE if kind is UnknownItemError else SunfarResponse.BAD_COMMAND)
 
 
-def test_nobody_but_the_stations_0_to_30_complains() -> None:
+def test_only_stations_0_to_30_send_an_error_reply() -> None:
     for address, answers in ((0, True), (30, True), (31, False), (-1, False), (None, False), ("1", False)):
         found = error_reply(CodeError("protocols.sunfar.class", address=address))
         assert (found is not None) is answers
@@ -128,7 +128,7 @@ def test_nobody_but_the_stations_0_to_30_complains() -> None:
 
 @both
 @pytest.mark.parametrize("layout", [READ_LAYOUT, CONTROL_LAYOUT, WRITE_LAYOUT])
-def test_the_length_of_a_request_is_told_by_its_class(encoding: Encoding, layout: FrameLayout) -> None:
+def test_the_length_of_a_request_is_decided_by_its_class(encoding: Encoding, layout: FrameLayout) -> None:
     kind = {READ_LAYOUT: 2, CONTROL_LAYOUT: 4, WRITE_LAYOUT: 5}[layout]
     data = BUILD[encoding].build(layout, 1, kind, 0, *([0] * (len(layout.widths) - 3)))
     codec = CODECS[encoding]
@@ -245,7 +245,7 @@ UNBELIEVED: list[
 
 @both
 @pytest.mark.parametrize(("asked", "layout", "values", "kind", "key", "expected", "found", "size"), UNBELIEVED)
-def test_a_host_refuses_with_key_and_both_numbers(
+def test_a_host_rejects_with_key_and_both_numbers(
     encoding: Encoding,
     asked: Any,
     layout: FrameLayout,
@@ -264,7 +264,7 @@ def test_a_host_refuses_with_key_and_both_numbers(
 
 
 @both
-def test_a_refusal_without_data_is_a_reply_whatever_its_code(encoding: Encoding) -> None:
+def test_a_rejection_without_data_is_a_reply_whatever_its_code(encoding: Encoding) -> None:
     codec, asked = CODECS[encoding], sunfar.SunfarWriteParameter(5, 1, 2, 7)
     for response in (
         SunfarResponse.OUT_OF_RANGE,
@@ -280,7 +280,7 @@ def test_a_refusal_without_data_is_a_reply_whatever_its_code(encoding: Encoding)
 
 
 @both
-def test_the_length_of_a_reply_is_told_by_its_fourth_byte(encoding: Encoding) -> None:
+def test_the_length_of_a_reply_is_decided_by_its_fourth_byte(encoding: Encoding) -> None:
     codec = CODECS[encoding]
     full, short = (
         codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0)),
@@ -291,7 +291,7 @@ def test_the_length_of_a_reply_is_told_by_its_fourth_byte(encoding: Encoding) ->
 
 
 @both
-def test_head_sum_and_end_mark_are_refused_with_both_numbers(encoding: Encoding) -> None:
+def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding) -> None:
     codec = CODECS[encoding]
     head = {"ascii": 0x2A, "hex": 0x5A}[encoding]
     full = codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
@@ -310,7 +310,7 @@ def test_head_sum_and_end_mark_are_refused_with_both_numbers(encoding: Encoding)
 
 
 @pytest.mark.parametrize("place", [1, 2, 4, 9, 13, 16])
-def test_t19_the_place_of_a_byte_that_is_no_ascii_digit_is_told(place: int) -> None:
+def test_the_place_of_a_byte_that_is_no_ascii_digit_is_reported(place: int) -> None:
     full = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
     with pytest.raises(AlphabetError) as caught:
         CODECS["ascii"].decode_reply(ASKED, spoiled(full, place, ord("g")))
@@ -321,7 +321,7 @@ def test_t19_the_place_of_a_byte_that_is_no_ascii_digit_is_told(place: int) -> N
 
 
 @pytest.mark.parametrize(("place", "byte"), [(1, 1), (4, 0x10), (6, 0x10), (7, 1), (9, 1), (10, 255)])
-def test_t19_the_place_of_a_bit_that_a_packed_field_leaves_0_is_told(place: int, byte: int) -> None:
+def test_the_place_of_a_bit_that_a_packed_field_leaves_0_is_reported(place: int, byte: int) -> None:
     full = CODECS["hex"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(ASKED, spoiled(full, place, byte))
@@ -340,12 +340,12 @@ def test_a_parameter_is_named_as_in_the_manual(notation: str, place: tuple[int, 
 
 
 @pytest.mark.parametrize("notation", ["FA.1", "F0.256", "F0", "F0.", "G0.1", "F00.1", "F0.-1", "F0.²", "F.1", ""])
-def test_what_is_no_parameter_of_the_manual_is_refused(notation: str) -> None:
+def test_what_is_no_parameter_of_the_manual_is_rejected(notation: str) -> None:
     with pytest.raises(ValueError, match=r"expected a parameter such as F0\.1 or FC\.12"):
         sunfar.parse_parameter(notation)
 
 
-def test_a_monitor_is_asked_for_in_binary_or_as_printed() -> None:
+def test_a_monitor_is_requested_in_binary_or_as_printed() -> None:
     for index, coding, item in (
         (0, "binary", 0),
         (255, "binary", 255),
@@ -388,7 +388,7 @@ def test_an_encoding_is_one_of_two() -> None:
             SunfarCodec(encoding)  # type: ignore[arg-type]
 
 
-def test_a_codec_says_what_it_is() -> None:
+def test_a_codec_names_its_family_and_encoding() -> None:
     for encoding in ENCODINGS:
         codec = SunfarCodec(encoding)
         assert (codec.family, codec.encoding, codec.broadcast_address) == ("sunfar", encoding, 31)
@@ -396,7 +396,7 @@ def test_a_codec_says_what_it_is() -> None:
 
 
 @pytest.mark.parametrize("place", range(-5, -1))
-def test_t03_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place: int) -> None:
+def test_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place: int) -> None:
     codec = SunfarCodec("hex", nibble=True)
     full = codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
     assert codec.decode_reply(ASKED, full) == Complete(
@@ -406,7 +406,7 @@ def test_t03_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place
         codec.decode_reply(ASKED, spoiled(full, place, full[place] ^ 1))
 
 
-def test_t03_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None:
+def test_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None:
     body = bytes((0, 5, 0, 0, 3, 0x10, 0, 10, 0, 0, 0, 0))
     frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
     with pytest.raises(AlphabetError) as caught:
@@ -416,7 +416,7 @@ def test_t03_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None
 
 
 @both
-def test_t05_an_identity_in_a_fault_is_sent_with_the_fault_code_in_its_place(encoding: Encoding) -> None:
+def test_an_identity_in_a_fault_is_sent_with_the_fault_code_in_its_place(encoding: Encoding) -> None:
     reply = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 2, fault_code=0x1F, info="--ABCD")
     data = CODECS[encoding].encode_reply(reply)
     assert data == BUILD[encoding].build(WRITE_LAYOUT, 5, 0, 0x20, 2, 0x1F, 0xABCD)
@@ -454,7 +454,7 @@ def test_a_full_reply_needs_all_its_fields(encoding: Encoding) -> None:
 
 
 @pytest.mark.parametrize(("place", "address"), [(1, None), (2, None), (5, 5), (6, 5)])
-def test_t02_a_station_complains_of_a_bad_digit_in_its_own_name_or_not_at_all(place: int, address: int | None) -> None:
+def test_a_station_complains_of_a_bad_digit_in_its_own_name_or_not_at_all(place: int, address: int | None) -> None:
     data = CODECS["ascii"].encode_request(ASKED)
     with pytest.raises(AlphabetError) as caught:
         CODECS["ascii"].decode_request(spoiled(data, place, ord("g")))

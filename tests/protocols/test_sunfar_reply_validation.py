@@ -1,4 +1,4 @@
-"""What a C320 host believes: echoes, enumerated values, T04-T06, T21."""
+"""Validation of Sunfar replies: echoed fields, enumerated values, lengths, and the echo of an own write."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def test_every_reply_comes_back(
         else SunfarReply(address, response, state, group, item, data)
     )
     frame = CODECS[encoding].encode_reply(reply)
-    assert len(frame) == (11 if response.is_short else 18)  # T06
+    assert len(frame) == (11 if response.is_short else 18)
     assert decode_accepted(sunfar.SunfarReadParameter(address, group, item), frame, encoding) == reply
 
 
 @given(encodings, addresses, groups, items, words)
-def test_t05_every_fault_comes_back_with_its_code_and_no_item(
+def test_every_fault_comes_back_with_its_code_and_no_item(
     encoding: Encoding, address: int, group: int, code: int, data: int
 ) -> None:
     reply = SunfarReply(address, SunfarResponse.OK, SunfarState.FAULT, group, None, data, fault_code=code)
@@ -70,7 +70,7 @@ def test_every_identity_comes_back(encoding: Encoding, address: int, group: int,
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("code", [0x0C, 0x2F])
-def test_t05_an_identity_in_a_fault_has_neither_the_digits_nor_a_fault_code(encoding: Encoding, code: int) -> None:
+def test_an_identity_in_a_fault_has_neither_the_digits_nor_a_fault_code(encoding: Encoding, code: int) -> None:
     """[OPEN] whether digits 7-8 are the code or the information: neither is believed."""
     frame = CODECS[encoding].encode_reply(
         SunfarReply(3, SunfarResponse.OK, SunfarState.FAULT, 0, data=0x0185, fault_code=code)
@@ -121,7 +121,7 @@ def test_a_field_that_the_drive_echoes_must_fit(
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: Encoding) -> None:
+def test_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: Encoding) -> None:
     for reply, size in (
         (SunfarReply(6, SunfarResponse.OK, SunfarState.STOPPED, 0, 0x0F, 7), 18),
         (SunfarReply(6, SunfarResponse.BAD_CODE), 11),
@@ -132,7 +132,7 @@ def test_f02_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: E
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_f10_nobody_answers_a_broadcast(encoding: Encoding) -> None:
+def test_no_station_answers_a_broadcast(encoding: Encoding) -> None:
     form, stop = FORMS[encoding], sunfar.SunfarControl(sunfar.BROADCAST, SunfarOperation.STOP)
     for frame in (
         form.build(WRITE_LAYOUT, 31, 0, SunfarState.STOPPED, 0, 0, 0),
@@ -144,7 +144,7 @@ def test_f10_nobody_answers_a_broadcast(encoding: Encoding) -> None:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_only_enumerated_states_and_responses_are_believed(encoding: Encoding) -> None:
+def test_only_enumerated_states_and_responses_are_accepted(encoding: Encoding) -> None:
     form = FORMS[encoding]
     states = {int(state) for state in SunfarState}
     for state in range(256):
@@ -173,7 +173,7 @@ def test_a_short_reply_with_a_state_is_none() -> None:
     assert (caught.value.expected, caught.value.found) == (0, 3)
 
 
-def test_t06_the_end_mark_is_only_looked_for_where_the_length_puts_it() -> None:
+def test_the_end_mark_is_only_looked_for_where_the_length_puts_it() -> None:
     frame = CODECS["hex"].encode_reply(SunfarReply(0x0D, SunfarResponse.OK, SunfarState.STOPPED, 0xD, 0x0D, 0x2A5A))
     assert frame.count(b"\r") == 4
     assert decode_accepted(sunfar.SunfarReadParameter(0x0D, 0xD, 0x0D), frame, "hex").data == 0x2A5A
@@ -204,8 +204,8 @@ def test_the_data_of_a_control_reply_are_published_only_under_the_expected_item(
     assert (found.item, found.data) == ((item, 540) if published else (None, None))
 
 
-def test_t04_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -> None:
-    """The shape can't tell them apart: that is why no command is confirmed by its own reply (ruling 1)."""
+def test_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -> None:
+    """Their bytes are the same, so no command is confirmed by its own reply ()."""
     frame = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 2, 7))
     asked: list[sunfar.SunfarRequest] = [
         sunfar.SunfarControl(5, SunfarOperation.STOP, expected_item=2),
@@ -219,7 +219,7 @@ def test_t04_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @given(request=requests)
-def test_t21_the_echo_of_ones_own_request_is_never_taken_for_success(
+def test_the_echo_of_ones_own_request_is_never_taken_for_success(
     encoding: Encoding, request: sunfar.SunfarRequest
 ) -> None:
     codec = CODECS[encoding]
@@ -234,7 +234,7 @@ def test_t21_the_echo_of_ones_own_request_is_never_taken_for_success(
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding) -> None:
+def test_a_rejected_write_is_accepted_as_reply_and_its_echo_is_not(encoding: Encoding) -> None:
     request = sunfar.SunfarWriteParameter(5, 2, 1, 7)
     refused = SunfarReply(5, SunfarResponse.PASSWORD, SunfarState.NOT_READY, 2, 1, 0)
     assert decode_accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
@@ -246,7 +246,7 @@ def test_t21_a_refused_write_is_believed_and_its_echo_is_not(encoding: Encoding)
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("save", [False, True])
 @pytest.mark.parametrize("response", [r for r in SunfarResponse if r is not SunfarResponse.OK and not r.is_short])
-def test_t21_a_refused_write_carries_0000_and_nothing_else(
+def test_a_rejected_write_carries_0000_and_nothing_else(
     encoding: Encoding, save: bool, response: SunfarResponse
 ) -> None:
     """Note of section 3 (4). A refusal with data is a damaged "done", or our own echo."""
@@ -259,13 +259,13 @@ def test_t21_a_refused_write_carries_0000_and_nothing_else(
         assert (caught.value.key, caught.value.found) == ("protocols.sunfar.refused_data", data)
 
 
-def test_t21_a_write_of_0_is_refused_like_its_echo() -> None:
+def test_a_write_of_0_is_rejected_like_its_echo() -> None:
     refused = SunfarReply(5, SunfarResponse.PASSWORD, SunfarState.NOT_READY, 2, 1, 0)
     request = sunfar.SunfarWriteParameter(5, 2, 1, 0)
     assert decode_accepted(request, CODECS["ascii"].encode_reply(refused)) == refused
 
 
-def test_two_neighbours_that_change_places_do_not_turn_done_into_refused() -> None:
+def test_two_neighbours_that_change_places_do_not_turn_done_into_rejected() -> None:
     """No sum sees it: "done, accelerating" becomes "out of range, running forward"."""
     request = sunfar.SunfarWriteParameter(5, 2, 1, 7)
     done = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.ACCELERATING_FORWARD, 2, 1, 7))
@@ -293,14 +293,14 @@ def test_a_hex_class_or_response_is_one_digit() -> None:
         (b"*0500300F0007028B\n", "byte 17: 0AH where the end mark 0DH belongs", "第 17 字节为 0AH，应为帧尾 0DH"),
     ],
 )
-def test_an_error_tells_what_happened_with_both_numbers(frame: bytes, english: str, chinese: str) -> None:
+def test_an_error_carries_both_numbers(frame: bytes, english: str, chinese: str) -> None:
     with pytest.raises(ProtocolError) as caught:
         CODECS["ascii"].decode_reply(MONITOR, frame)
     assert (caught.value.text("en"), caught.value.text("zh")) == (english, chinese)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_t05_a_command_that_expects_no_monitor_believes_no_data_of_a_fault_either(encoding: Encoding) -> None:
+def test_a_command_that_expects_no_monitor_takes_no_data_of_a_fault_either(encoding: Encoding) -> None:
     told = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, None, 7, fault_code=3)
     found = decode_accepted(
         sunfar.SunfarControl(5, SunfarOperation.STOP), CODECS[encoding].encode_reply(told), encoding
@@ -308,7 +308,7 @@ def test_t05_a_command_that_expects_no_monitor_believes_no_data_of_a_fault_eithe
     assert (found.state, found.fault_code, found.item, found.data) == (SunfarState.FAULT, 3, None, None)
 
 
-def test_t05_an_identity_with_a_byte_that_is_no_digit_is_one_of_a_fault_or_none() -> None:
+def test_an_identity_with_a_byte_that_is_no_digit_is_one_of_a_fault_or_none() -> None:
     frame = FORMS["hex"].build(WRITE_LAYOUT, 5, 0, SunfarState.STOPPED, 2, 0x10, 0)
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(sunfar.ReadIdentity(5, 2), frame)

@@ -1,4 +1,4 @@
-"""What a C320 host can send, and what that does to a drive: T01, T07."""
+"""Frames that a Sunfar host sends, and their effect: only a control frame carries an operation."""
 
 from __future__ import annotations
 
@@ -30,16 +30,14 @@ from fixtures.sunfar_messages import (
 
 
 @given(encodings, reads)
-def test_t01_bytes_4_and_5_of_a_read_are_always_the_digits_00(
-    encoding: Encoding, request: sunfar.SunfarRequest
-) -> None:
+def test_bytes_4_and_5_of_a_read_are_always_the_digits_00(encoding: Encoding, request: sunfar.SunfarRequest) -> None:
     frame = CODECS[encoding].encode_request(request)
     assert frame[4:6] == (b"00" if encoding == "ascii" else b"\x00\x00")
     assert sunfar.classify_frame(frame) is Effect.NONE
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_t01_no_read_that_there_is_carries_an_operation(encoding: Encoding) -> None:
+def test_no_read_that_there_is_carries_an_operation(encoding: Encoding) -> None:
     """Every address, group and item: 135,408 frames."""
     none = b"00" if encoding == "ascii" else b"\x00\x00"
     encode = CODECS[encoding].encode_request
@@ -51,7 +49,7 @@ def test_t01_no_read_that_there_is_carries_an_operation(encoding: Encoding) -> N
 
 
 @given(encodings, writes)
-def test_t07_a_write_carries_no_operation(encoding: Encoding, request: sunfar.SunfarWriteParameter) -> None:
+def test_a_write_carries_no_operation(encoding: Encoding, request: sunfar.SunfarWriteParameter) -> None:
     frame = CODECS[encoding].encode_request(request)
     assert frame[4:6] == (b"00" if encoding == "ascii" else b"\x00\x00")
     assert sunfar.classify_frame(frame) is Effect.SETTING
@@ -60,20 +58,20 @@ def test_t07_a_write_carries_no_operation(encoding: Encoding, request: sunfar.Su
 @pytest.mark.parametrize(
     "message", [sunfar.ReadIdentity, sunfar.ReadMonitor, sunfar.SunfarReadParameter, sunfar.SunfarWriteParameter]
 )
-def test_t01_only_control_has_a_field_for_an_operation(message: Any) -> None:
+def test_only_control_has_a_field_for_an_operation(message: Any) -> None:
     assert "operation" not in {field.name for field in dataclasses.fields(message)}
     assert "operation" in {field.name for field in dataclasses.fields(sunfar.SunfarControl)}
 
 
 @given(encodings, requests)
-def test_a_station_hears_what_a_host_sends(encoding: Encoding, request: sunfar.SunfarRequest) -> None:
+def test_a_station_decodes_what_a_host_sends(encoding: Encoding, request: sunfar.SunfarRequest) -> None:
     frame = CODECS[encoding].encode_request(request)
     operation = request.operation if isinstance(request, sunfar.SunfarControl) else SunfarOperation.NONE
     assert CODECS[encoding].decode_request(frame) == Complete(sunfar.ReceivedRequest(request, operation), len(frame))
 
 
 @given(encodings, st.integers(0, 31), st.sampled_from(STOPS), st.integers())
-def test_a_stop_is_never_refused_and_carries_0000(
+def test_a_stop_is_never_rejected_and_carries_0000(
     encoding: Encoding, address: int, operation: SunfarOperation, data: int
 ) -> None:
     frame = CODECS[encoding].encode_request(sunfar.SunfarControl(address, operation, data))
@@ -112,7 +110,7 @@ def test_a_broadcast_expects_no_reply(encoding: Encoding, request: sunfar.Sunfar
     assert codec.address_of(request) == request.address
 
 
-def test_an_unknown_encoding_is_refused() -> None:
+def test_an_unknown_encoding_is_rejected() -> None:
     with pytest.raises(ValueError, match="ascii or hex"):
         SunfarCodec("rtu")  # type: ignore[arg-type]
 
@@ -146,7 +144,7 @@ def test_what_is_not_one_whole_canonical_frame_counts_as_motion(
         assert sunfar.classify_frame(wrong) is Effect.MOTION
 
 
-def test_t02_a_tolerated_spelling_counts_as_motion() -> None:
+def test_a_tolerated_spelling_counts_as_motion() -> None:
     assert sunfar.classify_frame(b"*0010000:018:\r") is Effect.MOTION
 
 
@@ -163,7 +161,7 @@ def test_the_sixteen_groups_have_these_letters(notation: str, place: tuple[int, 
 
 
 @pytest.mark.parametrize("notation", ["", "F1", "F1.", "FA.1", "G1.1", "F1.256", "F1.1.1", "F1.-1", "F1.٣"])
-def test_what_is_no_parameter_is_refused(notation: str) -> None:
+def test_what_is_no_parameter_is_rejected(notation: str) -> None:
     with pytest.raises(ValueError, match="expected a parameter"):
         sunfar.parse_parameter(notation)
 

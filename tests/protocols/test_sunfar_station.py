@@ -1,4 +1,4 @@
-"""What a C320 station hears and answers (T01), and nibble frames (T03)."""
+"""Requests that a Sunfar station decodes and answers, and frames with one nibble a byte."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def nibble_reply(state: int, item: int, data: int, packed_sum: bool) -> bytes:
         (0x03, 0x01, 0x0006, True, 0x0006, None),  # both readings agree
     ],
 )
-def test_t03_each_field_tells_how_it_is_written_or_the_others_do(
+def test_each_field_or_the_others_decide_how_it_is_written(
     state: int, item: int, data: int, packed_sum: bool, read: int, other: int | None
 ) -> None:
     frame = nibble_reply(state, item, data, packed_sum)
@@ -58,7 +58,7 @@ def test_t03_each_field_tells_how_it_is_written_or_the_others_do(
     assert (found.state, found.item, found.data, found.nibble_data) == (state, item, read, other)
 
 
-def test_t03_data_stay_packed_and_ambiguous_where_the_other_fields_disagree() -> None:
+def test_data_stay_packed_and_ambiguous_where_the_other_fields_disagree() -> None:
     body = bytes.fromhex("00 10 00 01 01 02 00 01 00 00 01 06")  # the address says packed, the state says nibbles
     frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
     found = decode_accepted(sunfar.SunfarReadParameter(16, 2, 1), frame, "hex", nibble=True)
@@ -66,7 +66,7 @@ def test_t03_data_stay_packed_and_ambiguous_where_the_other_fields_disagree() ->
 
 
 @given(addresses, states, groups, items, words)
-def test_t03_a_packed_frame_is_read_as_packed_whatever_its_data(
+def test_a_packed_frame_is_read_as_packed_whatever_its_data(
     address: int, state: SunfarState, group: int, item: int, data: int
 ) -> None:
     reply = SunfarReply(address, SunfarResponse.OK, state, group, item, data)
@@ -78,7 +78,7 @@ def test_t03_a_packed_frame_is_read_as_packed_whatever_its_data(
         assert data >> 8
 
 
-def test_t03_527_volts_are_ambiguous_with_nibbles_and_plain_without() -> None:
+def test_527_volts_are_ambiguous_with_nibbles_and_plain_without() -> None:
     frame = CODECS["hex"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 4, 527))
     assert decode_accepted(sunfar.ReadMonitor(5, 4), frame, "hex").nibble_data is None
     assert decode_accepted(sunfar.ReadMonitor(5, 4), frame, "hex", nibble=True).nibble_data == 0x2F
@@ -93,7 +93,7 @@ def answer(data: bytes, encoding: Encoding = "ascii") -> SunfarReply | None:
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("kind", range(6))
 @pytest.mark.parametrize("operation", list(SunfarOperation), ids=lambda operation: operation.name)
-def test_t01_a_station_hears_the_operation_in_every_class(
+def test_a_station_decodes_the_operation_in_every_class(
     encoding: Encoding, kind: int, operation: SunfarOperation
 ) -> None:
     form = FORMS[encoding]
@@ -155,7 +155,7 @@ def test_an_illegal_character_is_answered_with_code_7_where_the_address_can_be_r
 @pytest.mark.parametrize(
     "frame", [b"#071000000188\r", b"*071000000189\r", b"*071000000188\n", b"*2010000001 3\r", b"*3F100000019A\r"]
 )
-def test_a_wrong_head_sum_or_end_and_nobodys_address_are_not_answered(frame: bytes) -> None:
+def test_a_wrong_head_sum_or_end_and_a_foreign_address_are_not_answered(frame: bytes) -> None:
     assert answer(frame) is None
 
 
@@ -163,7 +163,7 @@ def test_an_error_that_is_no_requests_gets_no_short_reply() -> None:
     assert sunfar.error_reply(ChecksumError("protocols.checksum", expected=1, found=2, address=7)) is None
 
 
-def test_nobody_complains_about_a_broadcast() -> None:
+def test_no_station_sends_an_error_reply_to_a_broadcast() -> None:
     assert answer(FORMS["ascii"].build(CONTROL_LAYOUT, 31, 4, 0x30, 0)) is None
 
 

@@ -60,7 +60,7 @@ def named(vector: Vector, *derived: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("vector", REQUESTS, ids=repr)
-def test_a_station_hears_every_request_and_the_operation_in_it(vector: Vector) -> None:
+def test_a_station_decodes_every_request_and_the_operation_in_it(vector: Vector) -> None:
     verdict = tolerant(vector).decode_request(vector.data)
     assert isinstance(verdict, Complete)
     assert verdict.size == len(vector.data)
@@ -68,7 +68,7 @@ def test_a_station_hears_every_request_and_the_operation_in_it(vector: Vector) -
 
 
 @pytest.mark.parametrize("vector", REQUESTS, ids=repr)
-def test_t01_a_request_is_emitted_in_its_canonical_form_without_an_operation(vector: Vector) -> None:
+def test_a_request_is_emitted_in_its_canonical_form_without_an_operation(vector: Vector) -> None:
     request = tolerant(vector).decode_request(vector.data).message.request
     assert strict(vector).encode_request(request) == vector.correct
 
@@ -98,7 +98,7 @@ def test_what_the_strict_codec_reads_of_a_clean_frame_is_what_the_tolerant_one_r
         assert strict(vector).decode_reply(request, vector.data) == tolerant(vector).decode_reply(request, vector.data)
 
 
-def test_t02_a_strict_station_answers_code_7_to_the_manuals_digits() -> None:
+def test_a_strict_station_answers_code_7_to_the_manuals_digits() -> None:
     vector = VECTORS["c320-4.5-request-ascii"]
     with pytest.raises(AlphabetError) as caught:
         strict(vector).decode_request(vector.data)
@@ -107,7 +107,7 @@ def test_t02_a_strict_station_answers_code_7_to_the_manuals_digits() -> None:
 
 
 @pytest.mark.parametrize(("name", "error"), [("4.5", ChecksumError), ("4.6", AlphabetError)])
-def test_t03_a_strict_station_does_not_answer_frames_printed_nibble_by_nibble(
+def test_a_strict_station_does_not_answer_frames_printed_nibble_by_nibble(
     name: str, error: type[ProtocolError]
 ) -> None:
     vector = VECTORS[f"c320-{name}-request-hex"]
@@ -116,21 +116,21 @@ def test_t03_a_strict_station_does_not_answer_frames_printed_nibble_by_nibble(
     assert sunfar.error_reply(caught.value) is None
 
 
-def test_t02_a_strict_host_refuses_the_manuals_digits() -> None:
+def test_a_strict_host_rejects_the_manuals_digits() -> None:
     vector = VECTORS["c320-4.5-response-ascii"]
     with pytest.raises(AlphabetError) as caught:
         strict(vector).decode_reply(request_of(vector), vector.data)
     assert (caught.value.found, caught.value.params["position"]) == (0x3A, 8)
 
 
-def test_t03_a_strict_host_takes_the_ambiguous_frame_for_packed_and_so_for_another_value() -> None:
+def test_a_strict_host_reads_the_ambiguous_frame_as_packed_and_so_for_another_value() -> None:
     vector = VECTORS["c320-4.5-response-hex"]
     with pytest.raises(EchoError) as caught:
         strict(vector).decode_reply(request_of(vector), vector.data)
     assert (caught.value.expected, caught.value.found) == (16, 256)
 
 
-def test_t05_the_item_of_a_fault_is_the_fault_code_and_no_echo() -> None:
+def test_the_item_of_a_fault_is_the_fault_code_and_no_echo() -> None:
     vector = VECTORS["c320-fault-12-ascii"]
     reply = strict(vector).decode_reply(sunfar.ReadMonitor(3, 4), vector.data).message
     assert (reply.state, reply.fault_code, reply.item) == (SunfarState.FAULT, 12, None)
@@ -158,7 +158,7 @@ def in_pieces(vector: Vector, data: bytes, cuts: list[int]) -> Any:
 
 
 @pytest.mark.parametrize("vector", VECTORS.values(), ids=repr)
-def test_t06_byte_by_byte_is_the_same_as_whole(vector: Vector) -> None:
+def test_byte_by_byte_is_the_same_as_whole(vector: Vector) -> None:
     data = vector.data
     assert in_pieces(vector, data, list(range(len(data)))) == decode(vector, data)
 
@@ -186,13 +186,13 @@ def single_flips(frame: bytes) -> Iterator[bytes]:
 
 @pytest.mark.parametrize("vector", VECTORS.values(), ids=repr)
 def test_no_single_flipped_bit_passes_for_a_frame(vector: Vector) -> None:
-    """G03: the sum catches every one of them."""
+    """The checksum detects every one of them."""
     for flipped in single_flips(vector.correct):
         assert not isinstance(decode(vector, flipped, strict(vector)), Complete), flipped.hex(" ")
 
 
 @pytest.mark.parametrize("vector", VECTORS.values(), ids=repr)
-def test_a_flipped_bit_that_a_tolerant_reader_takes_changes_no_number(vector: Vector) -> None:
+def test_a_flipped_bit_that_a_tolerant_reader_accepts_changes_no_number(vector: Vector) -> None:
     """Only the case of a letter in the sum itself: 43H for 63H."""
     meant = decode(vector, vector.data)
     for flipped in single_flips(vector.data):
@@ -201,7 +201,7 @@ def test_a_flipped_bit_that_a_tolerant_reader_takes_changes_no_number(vector: Ve
 
 
 @pytest.mark.parametrize("vector", REPLIES, ids=repr)
-def test_t19_every_byte_value_in_every_position_of_a_reply_raises_nothing_but_protocol_errors(vector: Vector) -> None:
+def test_every_byte_value_in_every_position_of_a_reply_raises_nothing_but_protocol_errors(vector: Vector) -> None:
     codec, request, frame = strict(vector), request_of(vector), bytearray(vector.correct)
     for position, original in enumerate(vector.correct):
         for byte in range(256):
@@ -216,7 +216,7 @@ def test_t19_every_byte_value_in_every_position_of_a_reply_raises_nothing_but_pr
         frame[position] = original
 
 
-def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
+def test_random_bytes_raise_nothing_but_protocol_errors() -> None:
     chance = random.Random(320)
     codecs = [SunfarCodec(e, d, n) for e in ("ascii", "hex") for d in ("strict", "tolerant") for n in (False, True)]
     asked = [sunfar.ReadIdentity(0, 0), sunfar.ReadMonitor(5, 0), sunfar.SunfarWriteParameter(5, 1, 2, 3)]
@@ -233,7 +233,7 @@ def test_i8_random_bytes_raise_nothing_but_protocol_errors() -> None:
                 assert str(error) != error.key
 
 
-def test_the_sum_is_told_with_both_numbers() -> None:
+def test_the_checksum_error_carries_both_numbers() -> None:
     with pytest.raises(ChecksumError) as caught:
         SunfarCodec().decode_reply(sunfar.ReadMonitor(0, 0), b"*0000100003E70261\r")
     assert str(caught.value) == "checksum 0261H received, 0260H computed"

@@ -120,7 +120,7 @@ def test_every_id_is_used_once_and_every_family_has_frames() -> None:
         ({"direction": "both"}, "'both' breaks"),
     ],
 )
-def test_a_bad_vector_is_refused(change: dict[str, Any], expected: str) -> None:
+def test_a_bad_vector_is_rejected(change: dict[str, Any], expected: str) -> None:
     good = next(each for each in load_vectors("vc660") if each.plain).line
     assert faults(good, SCHEMA) == []
     assert any(expected in each for each in faults(good | change, SCHEMA))
