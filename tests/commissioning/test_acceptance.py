@@ -49,7 +49,7 @@ def step(
     rig: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
 ) -> StepFinding:
     async def told() -> StepFinding:
-        target = Target(ACCEPTANCE_LINK, "vc660", 1)
+        target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
         other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
         found = await run_step(name, rig(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
         if other is not None:
@@ -76,7 +76,7 @@ def owned(path: str) -> StepFinding:
         run_step(
             "exclusive",
             acceptance_command.TerminalAcceptance(
-                Target(path, "vc660", 1), ShutdownSignal(), motor=False, frequency_hz=5.0
+                Target(port=path, model="vc660", address=1), ShutdownSignal(), motor=False, frequency_hz=5.0
             ),
         )
     )
@@ -191,7 +191,7 @@ def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> Non
 
 def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     found = [step("port"), step("parity")]
-    acceptance_command.write_report(tmp_path, Target(ACCEPTANCE_LINK, "vc660", 1), found)
+    acceptance_command.write_report(tmp_path, Target(port=ACCEPTANCE_LINK, model="vc660", address=1), found)
     [written] = tmp_path.glob("drivebus-acceptance-*.json")
     document = json.loads(written.read_text(encoding="utf-8"))
     assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]

@@ -31,12 +31,12 @@ from drivebus.protocols.family import (
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.ipc.client import SocketClient
+from fixtures.child_process import COMMAND
 from fixtures.service import plant_config, running_service
 from fixtures.web_app import WebAppHarness
 
 TOY_FOLDER = Path(__file__).parents[1] / "fixtures" / "toy_family"
 SOURCE_FOLDER = Path(profiles.__file__).parents[1]
-COMMAND = [sys.executable, "-m", "drivebus"]
 RUN_FRAME = "{01C0107D0E0}"
 """Run forward at 20.00 Hz, to station 1."""
 ACTOR = local_actor("tester", "t-1")
@@ -87,7 +87,7 @@ def simulated_drive() -> Iterator[str]:
         "1",
         "--ramp",
         "0.5",
-        "--listen",
+        "--bind",
         "tcp://127.0.0.1:0",
     ]
     child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, text=True, env=environment())
@@ -158,7 +158,7 @@ def test_decode_names_what_is_wrong() -> None:
 
 
 def test_scan_finds_the_drive() -> None:
-    words = ("scan", "sim://toy1@3", "--models", "toy1,vc660", "--addresses", "1-4", "--listen", "0.1")
+    words = ("scan", "sim://toy1@3", "--models", "toy1,vc660", "--addresses", "1-4", "--listen-seconds", "0.1")
     code, found = command(*words)
     assert code == 0
     drives = [one for one in found["found"] if not one["doubtful"]]
@@ -189,7 +189,7 @@ def test_serve_polls_starts_and_stops_the_drive(tmp_path: Path) -> None:
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert line.startswith("Plant toys runs"), (line, process.stderr and process.stderr.read())
+        assert line.startswith("Plant toys"), (line, process.stderr and process.stderr.read())
         asyncio.run(asyncio.wait_for(_start_and_stop(tmp_path / "state" / "plant.sock"), 60))
     finally:
         process.terminate()
