@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drivebus.cli import output
-from drivebus.cli.demo import dashboard
+from drivebus.cli.demo import host
 
 
 async def _nothing(*_: Any) -> None:
@@ -21,16 +21,16 @@ def test_the_address_is_told_however_late_the_page_answers(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output.parse_global_options(["--lang", "en"])
-    port = dashboard.free_port(0)
+    port = host.free_port(0)
     setting: Any = SimpleNamespace(web=SimpleNamespace(port=port), directory=tmp_path)
-    monkeypatch.setattr(dashboard, "WEB_S", 0.01)
-    monkeypatch.setattr(dashboard, "_story", _nothing)
+    monkeypatch.setattr(host, "PAGE_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(host, "_play", _nothing)
 
     async def late() -> None:
         waited = asyncio.Event()
         monkeypatch.setattr(output, "print_note", lambda *_, **__: waited.set())
         plant: Any = None
-        telling = asyncio.create_task(dashboard._tell(setting, "C0DE", "pass-word", plant))
+        telling = asyncio.create_task(host._announce_and_play(setting, "C0DE", "pass-word", plant))
         await waited.wait()
         async with await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", port):
             await telling

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,10 +16,7 @@ from drivebus import ports, profiles
 from drivebus.bus import Bus
 from drivebus.capture.dbcap import BytesRecord, Capture, CaptureHeader
 from drivebus.cli import output
-from drivebus.cli.demo.layout import LINES
-from drivebus.cli.demo.plant import MemoryDemoPlant, PtyDemoPlant
-from drivebus.cli.demo.script import END_S, STORY
-from drivebus.cli.demo.stage import Stage
+from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
@@ -33,7 +29,6 @@ from drivebus.drives import Drive
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses
-from drivebus.testing import virtual_time
 from drivebus.values import Quality, Reading, missing_reading
 
 
@@ -220,77 +215,9 @@ async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> No
         await ThreadedRowSource(Broken()).start()
 
 
-def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
-    assert sum(len(line.drives) for line in LINES) >= 8
-    assert {profiles.load(line.model).family for line in LINES} == {"sunfar", "dzb100", "modbus"}
-    assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
-    assert len({line.name for line in LINES}) == 4
-
-
-def test_the_story_has_starts_ramps_a_trip_its_reset_and_an_adapter_pulled_and_put_back() -> None:
-    actions = [scene.action for scene in STORY]
-    assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
-    assert [scene.at_s for scene in STORY] == sorted(scene.at_s for scene in STORY)
-    assert 35.0 <= END_S <= 45.0
-
-
-def play(until_s: float = END_S + 3.0, hand: Any = None) -> Stage:
-    """The story in virtual time, on lines in memory."""
-    stage = Stage(MemoryDemoPlant())
-
-    async def go() -> None:
-        await stage.start()
-        begun = stage.now()
-        while not stage.over and stage.now() < begun + until_s:
-            await asyncio.sleep(0.25)
-            if hand is not None:
-                hand(stage, stage.now() - begun)
-        stage.seen = (stage.drives(), stage.lines())  # type: ignore[attr-defined]
-        await stage.close()
-
-    virtual_time.run(go())
-    return stage
-
-
-def test_the_whole_story_plays_and_ends_with_every_drive_stopped() -> None:
-    stage = play()
-    assert stage.over
-    drives, lines = stage.seen  # type: ignore[attr-defined]
-    told = {row.name: row.state for row in drives}
-    assert {state for name, state in told.items() if not name.startswith("pump")} == {"stopped"}
-    assert {state for name, state in told.items() if name.startswith("pump")} == {"unknown"}
-    assert all(row.up for row in lines)
-    news = "\n".join(stage.news())
-    for scene in (
-        "its motor jams",
-        "the fault is gone",
-        "pulls the adapter",
-        "the adapter is back",
-        "End of the story",
-    ):
-        assert scene in news
-    assert "NOT CONFIRMED" not in news
-
-
-def test_the_users_first_key_ends_the_story_and_the_plant_obeys() -> None:
-    def hand(stage: Stage, at: float) -> None:
-        if 5.0 <= at < 5.25:
-            stage.run("spindle-2")
-        if 12.0 <= at < 12.25:
-            stage.stop_all()
-
-    stage = play(30.0, hand)
-    news = "\n".join(stage.news())
-    assert "taken over" in news
-    assert "spindle 2: run" in news
-    assert "pulls the adapter" not in news
-    drives, _ = stage.seen  # type: ignore[attr-defined]
-    assert {row.state for row in drives if not row.name.startswith("pump")} == {"stopped"}
-
-
-async def until(true: Callable[[], bool]) -> None:
-    """Wait for it; the test's own timeout ends a wait in vain."""
-    while not true():  # noqa: ASYNC110  nobody tells
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition; the timeout of the test ends a wait in vain."""
+    while not condition():  # noqa: ASYNC110
         await asyncio.sleep(0.02)
 
 
@@ -303,9 +230,9 @@ async def test_the_plant_on_ptys_loses_and_gets_back_a_line_and_nothing_is_left_
         async with Bus(ports.open_port(plant.links[2])) as bus:
             drive = Drive(bus, "vc660", 1)
             assert (await drive.status()).state == "stopped"
-            plant.do({"do": "unplug", "line": 2})
+            plant.apply({"do": "unplug", "line": 2})
             await until(lambda: not bus.is_open)
-            plant.do({"do": "plug", "line": 2})
+            plant.apply({"do": "plug", "line": 2})
             await until(lambda: bus.is_open)
             assert (await drive.status()).state == "stopped"
             drive.close()
@@ -414,35 +341,6 @@ def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
     documents = [json.loads(line) for line in result.stdout.splitlines()]
     assert documents[-1]["drives"][0]["readings"]["output_frequency"]["value"] == 50.0
     assert any("End of the capture" in document.get("event", "") for document in documents)
-
-
-def test_no_task_of_the_demo_outlives_it() -> None:
-    async def go() -> set[str]:
-        stage = Stage(MemoryDemoPlant())
-        await stage.start()
-        await asyncio.sleep(3.0)
-        await stage.close()
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(asyncio.sleep(0.1), 1)
-        return {task.get_name() for task in asyncio.all_tasks() if task is not asyncio.current_task()}
-
-    assert virtual_time.run(go()) == set()
-
-
-def test_who_stopped_all_is_told_how_to_get_a_drive_back() -> None:
-    """A bus stop stays latched: run says which key takes it back, and that key starts nothing."""
-    steps: list[tuple[float, str]] = [(1.0, "stop_all"), (8.0, "run"), (9.0, "reset"), (11.0, "run")]
-
-    def hand(stage: Stage, now: float) -> None:
-        while steps and now >= steps[0][0]:
-            _, verb = steps.pop(0)
-            getattr(stage, verb)(*(() if verb == "stop_all" else (LINES[0].drives[0].key,)))
-
-    news = [line.partition("  ")[2] for line in play(15.0, hand).news()]
-    held = news.index("fan 1: the bus stop holds it; x (reset) gives it back")
-    back = news.index("fan 1: the bus stop is taken back for this drive; nothing starts by itself")
-    assert held < back
-    assert any("accelerating" in line or "running" in line for line in news[back:])
 
 
 def test_a_long_name_of_a_line_keeps_its_end_and_a_gap_before_the_settings() -> None:

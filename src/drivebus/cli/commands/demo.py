@@ -12,20 +12,15 @@ from drivebus.cli.options import PERIOD, CheckedType
 
 def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> ExitCode:
     if terminal or plain or memory:
-        return _in_terminal(plain, memory, period)
+        from drivebus.cli.demo.terminal import DemoClient
+        from drivebus.cli.tui.view import run_view
+
+        client = DemoClient(memory)
+        return run_view(client, client, plain, period)
     require_extra("server")
-    from drivebus.cli.demo.dashboard import show
+    from drivebus.cli.demo.host import run_demo
 
-    return show(port)
-
-
-def _in_terminal(plain: bool, memory: bool, period: float) -> ExitCode:
-    from drivebus.cli.demo.plant import MemoryDemoPlant, create_demo_plant
-    from drivebus.cli.demo.stage import Stage
-    from drivebus.cli.tui.view import run_view
-
-    stage = Stage(MemoryDemoPlant() if memory else create_demo_plant())
-    return run_view(stage, stage, plain, period)
+    return run_demo(port)
 
 
 command = CliCommand(

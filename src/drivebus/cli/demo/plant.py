@@ -24,7 +24,7 @@ class DemoPlant(Protocol):
 
     async def close(self) -> None: ...
 
-    def do(self, order: dict[str, Any]) -> None:
+    def apply(self, order: dict[str, Any]) -> None:
         """``unplug`` or ``plug`` a line, or ``trip`` a drive."""
         ...
 
@@ -62,7 +62,7 @@ class PtyDemoPlant:
         assert self._child.stdout is not None
         self.links = json.loads(await self._child.stdout.readline())["urls"]
 
-    def do(self, order: dict[str, Any]) -> None:
+    def apply(self, order: dict[str, Any]) -> None:
         if self._child is not None and self._child.stdin is not None:
             self._child.stdin.write((json.dumps(order) + "\n").encode())
 
@@ -91,7 +91,7 @@ class MemoryDemoPlant:
     async def start(self) -> None:
         self.links = [_sim_link(index) for index in range(len(LINES))]
 
-    def do(self, order: dict[str, Any]) -> None:
+    def apply(self, order: dict[str, Any]) -> None:
         from drivebus.cli.demo.stations import obey
         from drivebus.simulator.port import find_simulated_bus
 

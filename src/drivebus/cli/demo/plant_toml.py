@@ -29,7 +29,7 @@ def text(links: Sequence[str], directory: Path, port: int) -> str:
 
 
 def _bus(line: DemoBus, link: str) -> str:
-    own = f"[bus.{line.name.lower()}]\nlink = {json.dumps(link)}\ntitle = {_title('demo.line', line=line.name)}"
+    own = f"[bus.{line.name.lower()}]\nlink = {json.dumps(link)}\ntitle = {_title('demo.bus', bus=line.name)}"
     return f"{own}\nbaud = {line.baud}\nformat = {json.dumps(line.format)}"
 
 

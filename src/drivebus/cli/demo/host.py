@@ -1,0 +1,264 @@
+"""Host of the demo: simulated drives, the service of a real plant, and a script that commands them.
+
+Everything lives in a temporary directory and ends with the demo. The script and the terminal view are clients of the
+service's socket.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drivebus import i18n, profiles
+from drivebus.cli import output
+from drivebus.cli.demo import plant_toml
+from drivebus.cli.demo.history import HOURS, DemoEvent, HistoryGenerator
+from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
+from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer, ScriptStep
+from drivebus.cli.errors import ExitCode
+from drivebus.clock import wall_ms
+from drivebus.drives.store import FileStore
+from drivebus.service.api.errors import localized
+from drivebus.service.auth.actor import local_actor
+from drivebus.service.auth.rights import Role
+from drivebus.service.auth.service import AuthService
+from drivebus.service.config import load
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.historian import Historian
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.ipc.protocol import SERVICE_SOCKET
+from drivebus.service.process.logging_setup import configure_logging
+from drivebus.service.process.main import run_service
+from drivebus.types import Json
+
+LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
+USER = "demo"
+PASSWORD_BYTES = 9  # the password is new each time and printed
+PAGE_TIMEOUT_S = 30.0  # then a note says that the page is late
+SEED = 1
+
+
+# --- in the browser -----------------------------------------------------------------------------------------------
+
+
+def run_demo(port: int) -> ExitCode:
+    """Run the demo with its page until Ctrl-C."""
+    configure_logging("text")
+    with _directory() as directory:
+        return asyncio.run(_run_with_page(directory, port))
+
+
+@contextmanager
+def _directory() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="drivebus-plant-") as folder:
+        directory = Path(folder) / "demo"  # the key of the audit trail lies beside it
+        directory.mkdir(mode=0o700)
+        yield directory
+
+
+async def _run_with_page(directory: Path, port: int) -> ExitCode:
+    plant = create_demo_plant()
+    await plant.start()
+    try:
+        config = _write_config(plant, directory, free_port(port))
+        code, password = await prepare(config)
+        tasks: list[asyncio.Task[None]] = []
+
+        def on_ready() -> None:
+            tasks.append(asyncio.create_task(_announce_and_play(config, code, password, plant)))
+
+        await run_service(config, announce="not", on_ready=on_ready)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    finally:
+        await plant.close()
+    return ExitCode.DONE
+
+
+def _write_config(plant: DemoPlant, directory: Path, port: int) -> PlantConfig:
+    file = directory / "plant.toml"
+    file.write_text(plant_toml.text(plant.links, directory, port), encoding="utf-8")
+    return load(file)
+
+
+def free_port(wanted: int) -> int:
+    """Return ``wanted``, or any free port if it is in use."""
+    for port in (wanted, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            found: int = probe.getsockname()[1]
+            return found
+    return wanted
+
+
+async def _announce_and_play(config: PlantConfig, code: str, password: str, plant: DemoPlant) -> None:
+    """Print the address when the page answers; play the script then, or after a timeout."""
+    address = asyncio.create_task(_print_address(config.web.port, code, password))
+    try:
+        await asyncio.wait({address}, timeout=PAGE_TIMEOUT_S)
+        if not address.done():
+            output.print_note("demo.web_late", limit_s=f"{PAGE_TIMEOUT_S:g}")
+        await _play(config, plant, OPENING, None, lambda message: None)
+        await address
+    finally:
+        address.cancel()
+
+
+async def _print_address(port: int, code: str, password: str) -> None:
+    await _wait_for_page(port)
+    address = f"http://127.0.0.1:{port}/#login={code}"
+    output.print_json({"url": address, "user": USER, "password": password}, stream=True)
+    output.print_message("demo.address", url=address, user=USER, password=password)
+
+
+async def _wait_for_page(port: int) -> None:
+    while True:
+        try:
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+        except OSError:
+            await asyncio.sleep(0.1)
+        else:
+            writer.close()
+            return
+
+
+async def _play(
+    config: PlantConfig,
+    plant: DemoPlant,
+    steps: tuple[ScriptStep, ...],
+    end_s: float | None,
+    report: Callable[[str], None],
+    on_player: Callable[[ScriptPlayer], None] = lambda player: None,
+) -> None:
+    """Play steps over the socket of the service."""
+    client, actor = SocketClient(config.directory / SERVICE_SOCKET), local_actor("demo", "demo")
+
+    async def call(operation: str, params: Json) -> Json:
+        return await client.call(operation, params, actor)
+
+    player = ScriptPlayer(call, plant, report)
+    on_player(player)
+    try:
+        await player.play(steps, end_s)
+    finally:
+        await client.close()
+
+
+# --- history, waivers, user ---------------------------------------------------------------------------------------
+
+
+async def prepare(config: PlantConfig) -> tuple[str, str]:
+    """Write history, waivers and a user; return the code that logs in once, and the user's password."""
+    output.print_message("demo.preparing")
+    config.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+    await _write_history(config)
+    _write_waivers(config)
+    auth = AuthService(config.directory)
+    password = secrets.token_urlsafe(PASSWORD_BYTES)
+    user = await auth.new_user(USER, Role.ADMINISTRATOR, password)
+    await auth.change(lambda database: database.with_user(user))
+    return await auth.issue_code(USER, LOGIN_CODE_LIFETIME_S), password
+
+
+def _write_waivers(config: PlantConfig) -> None:
+    """Allow the start of simulated drives, whose reaction to a communication loss harms nobody."""
+    store = FileStore(config.directory / "plant.json")
+    buses = {bus.id: bus for bus in config.buses}
+    reason = " · ".join(i18n.text("demo.waiver", language) for language in i18n.LANGUAGES)
+    for drive in config.drives:
+        store.put(f"waiver/{drive.id}", CommLossWaiver.for_drive(reason, drive, buses[drive.bus]).to_json())
+
+
+async def _write_history(config: PlantConfig) -> None:
+    start_ms = wall_ms() - int(HOURS * 3_600_000)
+    async with Historian(config.history, config.directory) as historian:
+        for bus in LINES:
+            for drive in bus.drives:
+                generator = HistoryGenerator(bus, drive, profiles.load(bus.model), start_ms, SEED)
+                historian.append(list(generator.samples()))
+                for number, event in enumerate(generator.happened):
+                    historian.put_event(_event_json(event, number))
+                await historian.flush()
+
+
+def _event_json(event: DemoEvent, number: int) -> Json:
+    return {
+        "id": f"shift-{event.drive}-{number}",
+        "time_ms": event.time_ms,
+        "kind": "fault" if event.kind == "trip" else "command",
+        "drive": event.drive,
+        "text": localized(f"demo.{event.kind}", {"name": event.drive, "hz": f"{event.frequency_hz:g}"}),
+        "actor": "demo",
+        "outcome": None,
+    }
+
+
+# --- for the terminal view ----------------------------------------------------------------------------------------
+
+
+async def serve_terminal(memory: bool) -> None:
+    """Run the service without its page for a parent process that shows it.
+
+    Prints JSON lines: ``{"socket": …}`` when the service is ready, ``{"message": …}`` for the script, and
+    ``{"finished": true}`` at its end. A line on standard input ends the script; its end ends the demo.
+    """
+    plant = MemoryDemoPlant() if memory else create_demo_plant()
+    await plant.start()
+    tasks: list[asyncio.Task[None]] = []
+    try:
+        with _directory() as directory:
+            config = _write_config(plant, directory, 8080)
+            _write_waivers(config)
+
+            def on_ready() -> None:
+                tasks.append(asyncio.create_task(_serve_parent(config, plant)))
+
+            await run_service(config, web=False, announce="not", on_ready=on_ready)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+    finally:
+        await plant.close()
+
+
+async def _serve_parent(config: PlantConfig, plant: DemoPlant) -> None:
+    loop = asyncio.get_running_loop()
+    players: list[ScriptPlayer] = []
+
+    def send(message: Json) -> None:
+        print(json.dumps(message, ensure_ascii=False), flush=True)
+
+    async def read_parent() -> None:
+        while await loop.run_in_executor(None, sys.stdin.readline):
+            for player in players:
+                player.take_over()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    reading = asyncio.create_task(read_parent())
+    send({"socket": str(config.directory / SERVICE_SOCKET)})
+    await _play(config, plant, OPENING + CONTINUATION, END_S, lambda text: send({"message": text}), players.append)
+    if not players[0].taken_over:
+        send({"finished": True})
+    await reading
+
+
+if __name__ == "__main__":
+    output.parse_global_options(sys.argv[1:])
+    configure_logging("text")
+    asyncio.run(serve_terminal("--memory" in sys.argv))

@@ -1,0 +1,111 @@
+"""The demo: its plant, its script, and the terminal view as a client of the service."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivebus import profiles
+from drivebus.cli import output
+from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.plant import MemoryDemoPlant
+from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer
+from drivebus.cli.demo.terminal import DemoClient
+from drivebus.testing import virtual_time
+from drivebus.types import Json
+
+pytest.importorskip("pty")
+
+
+@pytest.fixture(autouse=True)
+def english() -> Iterator[None]:
+    output.parse_global_options(["--lang", "en"])
+    yield
+    output.parse_global_options([])
+
+
+def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
+    assert sum(len(line.drives) for line in LINES) >= 8
+    assert {profiles.load(line.model).family for line in LINES} == {"sunfar", "dzb100", "modbus"}
+    assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
+    assert len({line.name for line in LINES}) == 4
+
+
+def test_the_script_has_starts_ramps_a_trip_its_reset_and_an_adapter_pulled_and_plugged_in() -> None:
+    steps = OPENING + CONTINUATION
+    actions = [step.action for step in steps]
+    assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
+    assert [step.at_s for step in steps] == sorted(step.at_s for step in steps)
+    assert 35.0 <= END_S <= 45.0
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition; the timeout of the test ends a wait in vain."""
+    while not condition():  # noqa: ASYNC110
+        await asyncio.sleep(0.1)
+
+
+async def test_the_whole_script_plays_and_ends_with_every_drive_stopped() -> None:
+    client = DemoClient()
+    await client.start()
+    try:
+        await until(lambda: client.over)
+        await asyncio.sleep(1.5)  # the rows are fetched once a second
+        states = {row.name: row.state for row in client.drives()}
+        buses_up = [row.up for row in client.lines()]
+    finally:
+        await client.close()
+    assert {state for name, state in states.items() if not name.startswith("pump")} == {"stopped"}
+    assert {state for name, state in states.items() if name.startswith("pump")} == {"unknown"}
+    assert buses_up == [True] * 4
+    messages = "\n".join(client.news())
+    for part in ("its motor jams", "the fault is gone", "pulled out", "the adapter is back", "End of the script"):
+        assert part in messages
+    assert "NOT CONFIRMED" not in messages
+
+
+async def test_the_first_key_ends_the_script_and_reset_releases_the_start_inhibit_of_a_stop_of_all() -> None:
+    client = DemoClient()
+    await client.start()
+    news = client.news()
+    try:
+        await until(lambda: any(row.key == "spindle-3" and row.state == "stopped" for row in client.drives()))
+        client.run("spindle-3")
+        await until(lambda: any(line.startswith("spindle 3: the drive reports") for line in news))
+        client.stop_all()
+        await until(lambda: any(line.startswith("All drives:") for line in news))
+        client.run("spindle-3")
+        await until(lambda: any("x (reset) releases it" in line for line in news))
+        client.reset("spindle-3")
+        await until(lambda: any("is released" in line for line in news))
+        before = len(news)
+        await asyncio.sleep(1.0)
+        client.run("spindle-3")
+        await until(lambda: any("accelerating" in line or "running" in line for line in news[before:]))
+    finally:
+        await client.close()
+    messages = "\n".join(news)
+    assert "You have control" in messages and "pulled out" not in messages
+    assert not client._tasks and client._process is None
+
+
+def test_a_script_that_is_taken_over_sends_no_further_command() -> None:
+    calls: list[tuple[str, Json]] = []
+
+    async def call(operation: str, params: Json) -> Json:
+        calls.append((operation, params))
+        return {"outcome": {"status": "confirmed", "text": {"en": "ok", "zh": "ok"}, "notes": [], "frames": []}}
+
+    async def play() -> None:
+        messages: list[str] = []
+        player = ScriptPlayer(call, MemoryDemoPlant(), messages.append)
+        playing = asyncio.create_task(player.play(OPENING + CONTINUATION, END_S))
+        await asyncio.sleep(4.5)
+        player.take_over()
+        await playing
+        assert "You have control" in messages[-1] or "You have control" in messages[-2]
+
+    virtual_time.run(play())
+    assert [params["drive"] for name, params in calls if name == "drive.run"] == ["fan-1", "spindle-1", "conveyor-1"]
