@@ -17,10 +17,12 @@ class LocalizedEnum(StrEnum):
 
     @property
     def en(self) -> str:
+        """The text in English."""
         return i18n.text(self._key, "en")
 
     @property
     def zh(self) -> str:
+        """The text in Chinese."""
         return i18n.text(self._key, "zh")
 
     @property
