@@ -29,7 +29,7 @@ def reads(dialect: Any) -> list[Any]:
 def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> None:
     async def main() -> None:
         profile = profiles.load(model)
-        port = open_port(f"sim://{model}@1-3?weather={weather}&seed=5&echo=detect")
+        port = open_port(f"sim://{model}@1-3?line_quality={weather}&seed=5&echo=detect")
         bus = Bus(port)
         seen: dict[int, list[BusResult]] = {}
         async with bus:

@@ -64,7 +64,7 @@ async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcom
 @pytest.mark.parametrize("model", MODELS)
 def test_a_drive_runs_and_stops_on_every_line(model: str, weather: str) -> None:
     async def scenario() -> None:
-        async with SimulatedDrives(model, query=f"weather={weather}&seed=7") as bench:
+        async with SimulatedDrives(model, query=f"line_quality={weather}&seed=7") as bench:
             drive, clean = bench.drive(), weather not in ("late", "lossy")
             ran = await again(lambda: drive.run(SAFE_HZ[model]), 1 if clean else 8)
             assert ran.succeeded and bench.station().running
@@ -299,7 +299,7 @@ def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: st
     """10 % of all frames are lost each way."""
 
     async def scenario() -> None:
-        async with SimulatedDrives(model, query=f"weather=loss=0.1&seed={seed}") as bench:
+        async with SimulatedDrives(model, query=f"line_quality=loss=0.1&seed={seed}") as bench:
             drive = bench.drive()
             for _ in range(4):
                 told = watch(bench)

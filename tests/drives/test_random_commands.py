@@ -40,7 +40,7 @@ class Hammer:
 
     def __init__(self, model: str, weather: str, seed: int) -> None:
         self.model, self.hz = model, SAFE_HZ[model]
-        self.bench = SimulatedDrives(model, query=f"weather={weather}&seed={seed}&ramp=2")
+        self.bench = SimulatedDrives(model, query=f"line_quality={weather}&seed={seed}&ramp=2")
         self.rng = random.Random(seed)
         self.done = 0
         """So often a start or stop was told to be done."""

@@ -65,7 +65,7 @@ class RecordedBus:
                 station.keypad_set(int(key), value)
             self._watch(station)
         line = SerialSettings.parse(given["baud"], given.get("format", "8N1"))
-        self.bench = SimulatedBus(stations, line, weather=given.get("weather", "clean"))
+        self.bench = SimulatedBus(stations, line, line_quality=given.get("line_quality", "clean"))
         self.servers: list[PtyServer] = []
         self.marked: MarkedPort | None = None
 

@@ -98,7 +98,7 @@ async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_a
     plants: Plants, model: str, frames: dict[str, str], adapter: int
 ) -> None:
     """A program that asks for no lock, on an adapter of its own or on ours: no port can refuse it."""
-    more = {"keypad": {}, "weather": "clean" if adapter else "echo"}
+    more = {"keypad": {}, "line_quality": "clean" if adapter else "echo"}
     plant = plants(c320(**more) if model == "c320" else vc660(**more), adapters=2)
     async with Bus(open_port(plant.url(), echo="off" if adapter else "on")) as bus:
         drive = made(bus, model)

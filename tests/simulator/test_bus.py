@@ -61,7 +61,7 @@ def test_a_sim_port_is_a_port() -> None:
     assert port.capabilities.has_line_timing and port.capabilities.parity
     assert port.url == "sim://c320@1"
     assert port.echo == "off"
-    assert open_port("sim://c320@1?weather=echo").echo == "detect"
+    assert open_port("sim://c320@1?line_quality=echo").echo == "detect"
 
 
 def test_families_can_share_a_wire() -> None:
@@ -186,7 +186,7 @@ def test_an_open_port_is_not_opened_twice() -> None:
 
 def test_f03_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
     async def told() -> None:
-        async with SimulatorClient("sim://vc660@1?weather=echo") as desk:
+        async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             frame = desk.codec.encode_request(STATUS)
             sent = asyncio.get_running_loop().time()
             data = await desk.raw(frame)
@@ -198,7 +198,7 @@ def test_f03_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
 
 def test_f03_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledgement() -> None:
     async def told() -> Any:
-        async with SimulatorClient("sim://vc660@1?weather=echo") as desk:
+        async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
             return await desk.request(modbus.WriteRegister(1, 0x2000, 1))
 
@@ -279,7 +279,7 @@ def test_a_stuck_drive_shows_what_it_showed() -> None:
 
 def test_g20_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
     async def told() -> None:
-        async with SimulatorClient("sim://c320@1?weather=flip=1") as desk:
+        async with SimulatorClient("sim://c320@1?line_quality=flip=1") as desk:
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             assert desk.station().frame_count == 0
             desk.simulated_bus.line_quality = "clean"
@@ -291,7 +291,7 @@ def test_g20_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
 @pytest.mark.parametrize("weather", ["lossy,late,junk=0.1,duplicate=0.1,cut_first=0.05", "bytes,noisy"])
 def test_the_same_seed_gives_the_same_trace(weather: str) -> None:
     async def told(seed: int) -> str:
-        async with SimulatorClient(f"sim://vc660@1-3?weather={weather}&seed={seed}") as desk:
+        async with SimulatorClient(f"sim://vc660@1-3?line_quality={weather}&seed={seed}") as desk:
             trace = hashlib.sha256()
             for n in range(120):
                 request = modbus.WriteRegister(1, 0x2000, n % 2) if n % 7 == 0 else STATUS
@@ -333,7 +333,7 @@ def test_c300_shows_its_current_where_c320_shows_its_voltage() -> None:
         ("sim://c320", "sim.target"),
         ("sim://df800@1?direction_field=b1b0", "sim.setting"),
         ("sim://c320@1?load=rocket", "sim.setting"),
-        ("sim://c320@1?weather=rain", "sim.weather-word"),
+        ("sim://c320@1?line_quality=rain", "sim.line_quality_word"),
         ("sim://c320@1?drives=fast", "sim.drives"),
         ("sim://c320@1?colour=red", "ports.option-unknown"),
     ],

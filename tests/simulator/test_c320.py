@@ -270,7 +270,7 @@ def test_all_stations_obey_a_broadcast_stop_and_none_answers() -> None:
 
 def test_the_first_byte_of_a_reply_comes_within_eight_characters() -> None:
     async def told() -> float:
-        async with SimulatorClient("sim://c320@1?weather=bytes") as desk:
+        async with SimulatorClient("sim://c320@1?line_quality=bytes") as desk:
             sent = asyncio.get_running_loop().time()
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             return desk.received[0][0] - sent
@@ -526,7 +526,7 @@ def test_its_identity_is_class_voltage_and_decimal_power() -> None:
 
 def test_t21_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> None:
     async def told() -> bytes:
-        async with SimulatorClient("sim://c320@1?weather=echo") as desk:
+        async with SimulatorClient("sim://c320@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
             request = desk.codec.encode_request(sunfar.SunfarWriteParameter(1, 4, 0, 0))
             data = await desk.raw(request)

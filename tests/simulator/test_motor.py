@@ -159,7 +159,7 @@ def test_a_gentle_deceleration_does_not_raise_the_bus() -> None:
     assert m.bus_v == pytest.approx(nominal, rel=0.01)
 
 
-def test_a_lowered_winch_load_drives_the_motor() -> None:
+def test_a_lowered_hanging_load_drives_the_motor() -> None:
     lifting, lowering = motor(MotorLoad.hoist(0.6)), motor(MotorLoad.hoist(0.6))
     lowering.brake_resistor_w = 5000.0
     lifting.run(50.0)
@@ -173,7 +173,7 @@ def test_a_lowered_winch_load_drives_the_motor() -> None:
     assert lowering.trip is None
 
 
-def test_a_lowered_winch_load_without_a_brake_resistor_trips_on_over_voltage() -> None:
+def test_a_lowered_hanging_load_without_a_brake_resistor_trips_on_over_voltage() -> None:
     m = motor(MotorLoad.hoist(0.6))
     m.run(-50.0)
     m.step(10.0)

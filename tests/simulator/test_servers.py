@@ -22,8 +22,8 @@ STATUS = modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0x3000, 
 LINE = SerialSettings(19200)
 
 
-def bench(text: str = "vc660@1,2", weather: str = "clean") -> SimulatedBus:
-    return SimulatedBus(make_stations(text), LINE, weather=weather)
+def bench(text: str = "vc660@1,2", line_quality: str = "clean") -> SimulatedBus:
+    return SimulatedBus(make_stations(text), LINE, line_quality=line_quality)
 
 
 async def test_pymodbus_runs_a_drive_over_tcp() -> None:
@@ -97,7 +97,7 @@ async def test_a_pty_takes_the_time_that_the_line_takes() -> None:
     peers.need_module("serial", "pyserial")
     from drivebus.simulator.pty_server import serve_pty
 
-    server = await serve_pty(bench(weather="bytes"))
+    server = await serve_pty(bench(line_quality="bytes"))
     data, took_s = await asyncio.to_thread(asked, server.path, 19200)
     await server.close()
     assert len(data) == 13

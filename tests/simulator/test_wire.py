@@ -219,14 +219,14 @@ def test_a_weather_is_read(text: str, expected: LineQuality) -> None:
 @pytest.mark.parametrize(
     "text", ["rain", "loss", "loss=", "loss=2", "loss=-0.1", "loss=nan", "late=x:1", "batch=-1", "loss=0.1:3"]
 )
-def test_a_weather_that_makes_no_sense_is_refused(text: str) -> None:
+def test_a_line_quality_that_makes_no_sense_is_refused(text: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         parse_line_quality(text)
-    assert caught.value.key in ("sim.weather-word", "sim.weather-number")
+    assert caught.value.key in ("sim.line_quality_word", "sim.line_quality_number")
     assert caught.value.params["found"] == text
 
 
-def test_the_refusal_of_a_weather_says_what_was_found_and_expected() -> None:
+def test_the_rejection_of_a_line_quality_says_what_was_found_and_expected() -> None:
     with pytest.raises(ConfigurationError) as caught:
         parse_line_quality("loss=2")
-    assert str(caught.value) == "weather loss=2: expected a number 0 … 1, as in loss=0.05 or late=0.1:0.4"
+    assert str(caught.value) == "line quality loss=2: expected a number 0 … 1, as in loss=0.05 or late=0.1:0.4"

@@ -245,7 +245,7 @@ def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
         from drivebus.ports import open_port
         from fixtures.system_bench import WireTap
 
-        port = open_port("sim://c320@1-3+vc660@14-16?baud=9600&format=8N1&ramp=2&weather=bytes")
+        port = open_port("sim://c320@1-3+vc660@14-16?baud=9600&format=8N1&ramp=2&line_quality=bytes")
         tap = WireTap(port.simulated_bus)
         bus = Bus(port, allow_mixed=True)
         drives = [Drive(bus, "c320", n, store=MemoryStore()) for n in (1, 2, 3)]

@@ -44,7 +44,7 @@ def found(session: CampaignRun, invariant: str) -> bool:
 def test_an_honest_run_has_no_violation_and_a_story(session: CampaignRun, kind: DriveVariant) -> None:
     story: list[str] = []
     session.listener = story.append
-    here = stand(session, kind, weather="lossy")
+    here = stand(session, kind, line_quality="lossy")
     here.monitor(1)
     run = here.command(1, "run", 12.0)
     here.finish(run)
@@ -182,7 +182,7 @@ def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pyt
     """Without quarantine and fence a late reply is the answer to the next request of its shape."""
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now, *more: None)
     monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
-    here = stand(session, VC660, (1,), weather="late=0.2:0.3")
+    here = stand(session, VC660, (1,), line_quality="late=0.2:0.3")
     here.monitor(1)
     here.run(300.0)
     assert found(session, "I5")
@@ -324,7 +324,7 @@ def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkey
     monkeypatch.setattr(
         "drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.prepared))
     )
-    here = stand(session, weather="loss=0.1")
+    here = stand(session, line_quality="loss=0.1")
     here.bus.core.stations[1].unanswered_requests = kept
     here.monitor(1)
     here.run(1500.0)

@@ -29,7 +29,7 @@ class HotplugBus:
             kind,
             HOTPLUG_ADDRESSES,
             name=f"{kind.name}/{number}",
-            weather=HOTPLUG_LINE_QUALITIES[number % len(HOTPLUG_LINE_QUALITIES)],
+            line_quality=HOTPLUG_LINE_QUALITIES[number % len(HOTPLUG_LINE_QUALITIES)],
             seed=number,
             around=lambda port: self._attach_adapter(port, machine),
         )

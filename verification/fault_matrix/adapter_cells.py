@@ -50,7 +50,7 @@ def _check_missing_last_byte(at: CellRun) -> None:
 @cell("batches")
 def batched_reception(at: CellRun) -> None:
     """The gap inside an answer is the adapter's: accepted, and commands end as ever."""
-    line = at.bus(1, 2, weather="batches")
+    line = at.bus(1, 2, line_quality="batches")
     for address in (1, 2):
         line.monitored(address)
     line.run(3.0)

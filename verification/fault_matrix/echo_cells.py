@@ -18,7 +18,7 @@ ABSENT_ADDRESS = 9
 def adapter_echo(at: CellRun) -> None:
     """Removed where the adapter is known to echo; where the setting is wrong, nothing is believed. Never an answer."""
     for setting in ("on", "detect"):
-        line = at.bus(1, echo=setting, weather="echo")
+        line = at.bus(1, echo=setting, line_quality="echo")
         answer = line.read(1)
         line.expect(answer.error is None and answer.received == line.replies[-1].data, f"echo {setting}: {answer}")
         wish = line.command_to_end(1, "run", at.random_hz())
@@ -40,7 +40,7 @@ def _check_absent_drive(at: CellRun, setting: str, weather: str, paced: bool) ->
 
     Where the port can't tell when its last bit is out (TCP), an echo comes where a reply is waited for.
     """
-    line = at.bus(1, echo=setting, weather=weather)
+    line = at.bus(1, echo=setting, line_quality=weather)
     line.bus.core.has_line_timing, line.oracle.frame_rules.misled_drives = paced, not paced
     notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[at.kind.model]
     saves = at.kind.model in ("dzb100", "df800")  # T21: else a RAM write, whose echo has a reply's length in C320
@@ -64,7 +64,7 @@ def _check_not_confirmed(line: MatrixBus, address: int, what: str, *arguments: A
 
 def _check_frame_not_received(at: CellRun, setting: str) -> None:
     """The drive is there and does not hear the very frame that acts: its echo is no answer of the drive."""
-    line = at.bus(1, echo=setting, weather="echo")
+    line = at.bus(1, echo=setting, line_quality="echo")
     with suppress(DrivebusError):
         line.loop.run_until_complete(line.drives[1].preflight())
     tricks = [line.manipulate_replies(1, "deaf", does=does) for does in (RequestEffect.SETTING, RequestEffect.STOP)]
@@ -81,7 +81,7 @@ def _check_frame_not_received(at: CellRun, setting: str) -> None:
 
 def _check_unconfigured_echo(at: CellRun) -> None:
     """An echo that nobody was told of: what is believed all the same is the drive's own answer."""
-    line, hz = at.bus(1, echo="off", weather="echo"), at.random_hz()
+    line, hz = at.bus(1, echo="off", line_quality="echo"), at.random_hz()
     for _ in range(3):
         answer = line.read(1)
         line.expect(answer.error is not None or answer.received == line.replies[-1].data, f"believed: {answer}")

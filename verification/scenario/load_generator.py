@@ -36,7 +36,13 @@ class LoadGenerator:
         )
         weather = LOAD_LINE_QUALITIES[turn % len(LOAD_LINE_QUALITIES)]
         self.stand = Scenario(
-            session, kind, LOAD_ADDRESSES, name=f"{kind.name}/{number}", weather=weather, ramp=self.ramp_s, seed=number
+            session,
+            kind,
+            LOAD_ADDRESSES,
+            name=f"{kind.name}/{number}",
+            line_quality=weather,
+            ramp=self.ramp_s,
+            seed=number,
         )
         self.drives_to_stop: set[int] = set()
         """Drives that nobody has started since they were told to stop."""

@@ -39,7 +39,7 @@ class SimulatedBus:
         stations: Iterable[Station],
         line: SerialSettings | None = None,
         *,
-        weather: LineQuality | str = "clean",
+        line_quality: LineQuality | str = "clean",
         seed: int = 1,
         name: str = "",
     ) -> None:
@@ -47,7 +47,7 @@ class SimulatedBus:
         self.settings = line or (self.stations[0].factory_settings if self.stations else SerialSettings())
         self.name = name
         self.rng = random.Random(seed)
-        chosen = parse_line_quality(weather) if isinstance(weather, str) else weather
+        chosen = parse_line_quality(line_quality) if isinstance(line_quality, str) else line_quality
         self.wire = Wire(self.settings, chosen, self.rng)
         self.masters: list[BusMaster] = []
         self.on_replug: list[Callable[[], None]] = []
@@ -90,8 +90,8 @@ class SimulatedBus:
         return self.wire.line_quality
 
     @line_quality.setter
-    def line_quality(self, weather: LineQuality | str) -> None:
-        self.wire.line_quality = parse_line_quality(weather) if isinstance(weather, str) else weather
+    def line_quality(self, line_quality: LineQuality | str) -> None:
+        self.wire.line_quality = parse_line_quality(line_quality) if isinstance(line_quality, str) else line_quality
 
     def unplug(self) -> None:
         """Unplug the adapter: every master loses its port, bytes on their way are lost, the drives go on."""

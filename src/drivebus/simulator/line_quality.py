@@ -54,26 +54,26 @@ class LineQuality:
 
 def parse_line_quality(text: str) -> LineQuality:
     """Parse a line quality. Raises ConfigurationError with what was found and expected."""
-    weather = LineQuality()
+    quality = LineQuality()
     for item in text.split(","):
         word = item.strip().lower()
         if word:
-            weather = _apply_word(weather, word)
-    return weather
+            quality = _apply_word(quality, word)
+    return quality
 
 
-def _apply_word(weather: LineQuality, word: str) -> LineQuality:
+def _apply_word(quality: LineQuality, word: str) -> LineQuality:
     name, separator, _ = word.partition("=")
     if not separator and name in NAMED_QUALITIES:
         if name == "clean":
             return LineQuality()
         if name in ("bytes", "echo"):
-            return replace(weather, **{"per_byte" if name == "bytes" else "echo": True})
-        return replace(weather, **_parse_pairs(NAMED_QUALITIES[name]))
+            return replace(quality, **{"per_byte" if name == "bytes" else "echo": True})
+        return replace(quality, **_parse_pairs(NAMED_QUALITIES[name]))
     if not separator or name not in (*_PROBABILITY_KEYS, "late", "batch"):
         expected = ", ".join((*NAMED_QUALITIES, *(f"{key}=" for key in (*_PROBABILITY_KEYS, "late", "batch"))))
-        raise ConfigurationError("sim.weather-word", found=word, expected=expected)
-    return replace(weather, **_parse_pairs(word))
+        raise ConfigurationError("sim.line_quality_word", found=word, expected=expected)
+    return replace(quality, **_parse_pairs(word))
 
 
 def _parse_pairs(text: str) -> dict[str, Any]:
@@ -96,5 +96,5 @@ def _parse_number(item: str, text: str, highest: float) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= highest:
-        raise ConfigurationError("sim.weather-number", found=item, expected=f"0 … {highest:g}")
+        raise ConfigurationError("sim.line_quality_number", found=item, expected=f"0 … {highest:g}")
     return value

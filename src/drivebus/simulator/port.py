@@ -76,12 +76,14 @@ def clear_simulated_buses() -> None:
 
 
 def open_port(link: Any) -> SimPort:
-    """The port of a ``sim://MODEL@ADDRESSES`` link, not yet opened. Raises PortUrlError or ConfigurationError.
+    """Return the port of a ``sim://MODEL@ADDRESSES`` URL, not yet opened. Raises PortUrlError or ConfigurationError.
 
-    Options: seed, weather, name, echo, load, ramp (seconds), drives (the stations' own line, ``19200-8E1``, where the
-    host's is wrong on purpose), and the open settings of the families (``direction_field``, ``setpoint_coding``, …).
+    Options: seed, line_quality, name, echo, load, ramp (seconds), drives (serial settings of the stations,
+    ``19200-8E1``, where the master's are wrong on purpose), and the options of the models (``direction_field``, …).
     """
-    link.reject_unknown_options("seed", "weather", "name", "echo", "load", "ramp", "drives", *station_option_names())
+    link.reject_unknown_options(
+        "seed", "line_quality", "name", "echo", "load", "ramp", "drives", *station_option_names()
+    )
     name = link.options.get("name", "")
     bus = _named_buses.get(name)
     if bus is None:
@@ -102,7 +104,7 @@ def _create_bus(link: Any, name: str) -> SimulatedBus:
         station.set_ramps(ramp_s, ramp_s)
     line = _station_settings(link, _master_settings(link, stations[0].factory_settings))
     seed = int(link.number("seed", 1, 0, 2**31))
-    return SimulatedBus(stations, line, weather=link.options.get("weather", "clean"), seed=seed, name=name)
+    return SimulatedBus(stations, line, line_quality=link.options.get("line_quality", "clean"), seed=seed, name=name)
 
 
 def _master_settings(link: Any, factory: SerialSettings) -> SerialSettings:

@@ -70,9 +70,9 @@ class Transmission:
 class Wire:
     """One pair of wires with its noise. ``settings`` are those of the stations."""
 
-    def __init__(self, settings: SerialSettings, weather: LineQuality, rng: Rng) -> None:
+    def __init__(self, settings: SerialSettings, quality: LineQuality, rng: Rng) -> None:
         self.settings = settings
-        self.line_quality = weather
+        self.line_quality = quality
         self.station_delays: tuple[float, ...] = (0.0,)
         """Delays after which stations decide on a frame: RTU 3.5 characters, 0 where its length decides."""
         self.plugged = True
@@ -117,14 +117,14 @@ class Wire:
 
     def transmit_reply(self, source: object, data: bytes, now: float, at: float) -> Transmission:
         """Transmit a reply at ``at``, subject to lateness, stray bytes and duplication; replies keep their order."""
-        weather = self.line_quality
-        late = at + (self._rng.random() * weather.late_s if self._chance(weather.late) else 0.0)
-        if self._chance(weather.junk):
+        quality = self.line_quality
+        late = at + (self._rng.random() * quality.late_s if self._chance(quality.late) else 0.0)
+        if self._chance(quality.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
         pause = self.settings.seconds(_PAUSE_CHARACTERS)
         at = max((recent.end + pause for recent in self._recent if recent.talker is source), default=at)
         transmission = self.transmit(source, data, now, (Side.MASTERS,), at=max(at, late))
-        if self._chance(weather.duplicate):
+        if self._chance(quality.duplicate):
             self.transmit(source, data, now, (Side.MASTERS,), at=transmission.end + pause)
         return transmission
 
@@ -158,19 +158,19 @@ class Wire:
         return share > 0.0 and self._rng.random() < share
 
     def _impair(self, transmission: Transmission, foreign: bool) -> None:
-        weather, rng, size = self.line_quality, self._rng, len(transmission.data)
+        quality, rng, size = self.line_quality, self._rng, len(transmission.data)
         if foreign:
             for index in range(size):
                 transmission.corrupt(index, rng.randrange(0, 256), True)
-        if weather.flip > 0.0:
+        if quality.flip > 0.0:
             for index in range(size):
-                if rng.random() < weather.flip:
+                if rng.random() < quality.flip:
                     transmission.corrupt(
                         index, transmission.data[index] ^ 1 << rng.randrange(0, 8), self.settings.parity != "N"
                     )
-        if size and self._chance(weather.cut_first):
+        if size and self._chance(quality.cut_first):
             transmission.dropped.add(0)
-        if size and self._chance(weather.cut_last):
+        if size and self._chance(quality.cut_last):
             transmission.dropped.add(size - 1)
 
     def _collide(self, transmission: Transmission) -> None:

@@ -64,7 +64,7 @@ def make_bus(
         station.set_ramps(ramp_s, ramp_s)
     factory = stations[0].factory_settings
     line = SerialSettings.parse(baud or factory.baud, format or factory.format)
-    return SimulatedBus(stations, line, weather=line_quality, seed=seed)
+    return SimulatedBus(stations, line, line_quality=line_quality, seed=seed)
 
 
 async def _serve(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | None) -> ExitCode:
