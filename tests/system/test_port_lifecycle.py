@@ -52,7 +52,7 @@ def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_repla
             await asyncio.sleep(20.0)
             assert len(here.tap.requests_sent) - asked <= 12, "fences at most"
             assert here.motor.starts == starts and here.motor.energised == energised
-            effects = {here.link().effect(one.data).value for one in here.tap.requests_sent[asked:]}
+            effects = {here.link().effect_of(one.data).value for one in here.tap.requests_sent[asked:]}
             assert effects <= {"none"}
             assert (await here.drive.status()).state == (
                 "unknown" if not kind.reports_running else "running" if energised else "stopped"

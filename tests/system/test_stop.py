@@ -210,7 +210,7 @@ def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: SystemVarian
             await asyncio.sleep(10.0)
             assert not here.motor.energised and here.motor.starts <= 1
             late = [one.data for one in here.tap.requests_sent if one.start > stopped_at]
-            assert {here.link().effect(data).value for data in late} <= {"none", "stop"}
+            assert {here.link().effect_of(data).value for data in late} <= {"none", "stop"}
 
     for step in range(8):
         run_virtual(told(0.15 * step + 0.003))
@@ -237,7 +237,7 @@ def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
             await asyncio.sleep(5.0)
             assert not here.motor.energised and here.motor.starts <= 1
             late = [one.data for one in here.tap.requests_sent if one.start > stopped_at]
-            assert {here.link().effect(data).value for data in late} <= {"none", "stop"}
+            assert {here.link().effect_of(data).value for data in late} <= {"none", "stop"}
 
     for step in range(8):
         run_virtual(told(0.11 * step + 0.003))
