@@ -17,20 +17,12 @@ class LocalizedEnum(StrEnum):
 
     @property
     def en(self) -> str:
-<<<<<<< HEAD
         """The text in English."""
-=======
-        """Text in English."""
->>>>>>> bfe192d8 (docs: Python reference of the drives in both languages)
         return i18n.text(self._key, "en")
 
     @property
     def zh(self) -> str:
-<<<<<<< HEAD
         """The text in Chinese."""
-=======
-        """Text in Chinese."""
->>>>>>> bfe192d8 (docs: Python reference of the drives in both languages)
         return i18n.text(self._key, "zh")
 
     @property
