@@ -1,4 +1,4 @@
-"""The README's table of drives, and the sisters of a family."""
+"""Table of drives for the README, and of the related models for a protocol page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
 def shipped() -> list[DriveProfile]:
-    """The profiles that come with drivebus, whatever the user has of their own."""
+    """Return the built-in profiles, without those of the user."""
     data = profiles.load("c320").source.rsplit("/", 2)[0]
     names = {name for name in profiles.models() if profiles.load(name).source.startswith(data)}
     return [profiles.load(name) for name in [*ORDER, *sorted(names - set(ORDER))]]
@@ -27,12 +27,12 @@ def table_of(found: list[DriveProfile], language: str, link: str) -> str:
 
 
 def table(language: str) -> str:
-    """All drives, for the README."""
+    """Return the table of all drives."""
     return table_of(shipped(), language, "docs/protocols/")
 
 
 def sisters(profile: DriveProfile, language: str) -> str:
-    """Models that speak this page's protocol."""
+    """Return the table of the models with this page's protocol."""
     same = [other for other in shipped() if _page(other) == profile.model]
     return table_of(same, language, "")
 

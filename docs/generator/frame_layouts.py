@@ -1,4 +1,4 @@
-"""How the bytes of a worked frame divide into fields, by family, encoding, direction and length; from the manuals."""
+"""Division of a worked frame into fields by model, encoding, direction and length, from the manuals."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Layout = list[tuple[Text, int]]
 
 
 def layout(vector: dict[str, Any]) -> Layout:
-    """The fields of this frame. Raises ValueError where the sizes do not add up to the frame."""
+    """Return the fields of a frame. Raises ValueError where their sizes do not add up."""
     size = len(bytes.fromhex(vector["hex"]))
-    family = vector["model"]
-    found = _c320(vector, size) if family == "c320" else _dzb(vector) if family == "dzb100" else _modbus(vector)
+    model = vector["model"]
+    found = _c320(vector, size) if model == "c320" else _dzb100(vector) if model == "dzb100" else _modbus(vector)
     if sum(length for _, length in found) != size:
         raise ValueError(f"{vector['id']}: {size} bytes, {found}")
     return found
@@ -58,7 +58,7 @@ def _c320(vector: dict[str, Any], size: int) -> Layout:
     return [(HEAD, 1), (ADDRESS, 2), (RESPONSE, 1), (STATE, 2), (GROUP, 1), *tail, (SUM, 4), (END, 1)]
 
 
-def _dzb(vector: dict[str, Any]) -> Layout:
+def _dzb100(vector: dict[str, Any]) -> Layout:
     """Manual §2.2 (5)."""
     third = ASK if vector["direction"] == "request" else ANSWER
     fourth = {"C": COMMAND, "Q": QUERY}.get(vector["fields"]["head"], PARAMETER)

@@ -1,4 +1,4 @@
-"""The worked frames as byte tables, and the list of what the manuals print wrong; all from ``vectors/``."""
+"""Byte tables of the worked frames, and the list of misprints of the manuals, from ``vectors/``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def load_vectors(path: Path) -> list[Vector]:
 
 
 def frame_tables(vectors: list[Vector], language: str) -> str:
-    """One byte table a vector, requests followed by their answers."""
+    """Return one byte table per vector, requests followed by their replies."""
     return "\n".join(_one(vector, language) for vector in vectors)
 
 
@@ -76,7 +76,7 @@ def _rows(vector: Vector, raw: bytes, language: str) -> list[tuple[str, str, str
 
 
 def _value(part: bytes, digits: bool) -> str:
-    """Characters where the frame is made of them, else the number, which counts unused leading bytes as 0."""
+    """Return characters of an ASCII frame, else the number."""
     if digits and all(0x20 < byte < 0x7F for byte in part):
         return f'"{part.decode("ascii")}"'
     return f"{part.hex().upper()}H"
@@ -94,7 +94,7 @@ def _source(source: str, language: str) -> str:
 
 
 def errata_table(vectors: list[Vector], language: str) -> str:
-    """What is printed wrong or does something else than it says, with the frame of a correct sender."""
+    """Return the table of misprints and hazards, with the frame of a correct sender."""
     heads = [say(head, language) for head in ("frame", "printed", "wrong", "correct")]
     rows = [
         (

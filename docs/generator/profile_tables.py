@@ -1,4 +1,4 @@
-"""What a profile says, as tables: line, keypad, signals, parameters, commands, faults, caveats, open questions."""
+"""Tables of a profile: serial settings, keypad, signals, parameters, commands, faults, caveats, open questions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from generator.words import BITS, colon, evidence, say, side, table
 
 
 def line(profile: DriveProfile, language: str) -> str:
-    """Line settings, timing, limits, with their evidence."""
+    """Return serial settings, timing and limits, with their evidence."""
     return table([say(head, language) for head in ("what", "value", "source")], _line_rows(profile, language))
 
 
@@ -56,7 +56,7 @@ def _marked(choices: Iterable[object], factory: object) -> str:
 
 
 def keypad(profile: DriveProfile, language: str) -> str:
-    """Steps in order, then the wiring."""
+    """Return the keypad steps in order, then the wiring."""
     steps = "\n".join(f"{n}. {side(step, language)}" for n, step in enumerate(profile.keypad, 1))
     wiring = side(profile.wiring, language) if profile.wiring else ""
     return f"{steps}\n\n{say('wiring', language)}{colon(language)}{wiring}\n"
@@ -110,7 +110,7 @@ def _values(parameter: Parameter, language: str) -> str:
 
 
 def commands(profile: DriveProfile, language: str) -> str:
-    """Bits of the command word, those under a setting too, and of the status word."""
+    """Return the bits of the command word, also those of an option, and of the status word."""
     if profile.commands is None:
         return say("nothing", language) + "\n"
     heads = ("command", "meaning", "mask", "value", "acts", "under")
