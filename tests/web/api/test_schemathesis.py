@@ -1,6 +1,6 @@
-"""schemathesis against the whole: a real plant over simulated drives, the web part, a socket. It finds nothing.
+"""schemathesis against a real service over simulated drives, through its web app on a socket.
 
-``DRIVEBUS_API_EXAMPLES=100`` looks longer than the slice that runs with the other tests.
+``DRIVEBUS_API_EXAMPLES=100`` runs more examples than the slice beside the other tests.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def described(plant: RunningService, headers: dict[str, str], directory: Path) -
 
 
 def findings(plant: RunningService, headers: dict[str, str], directory: Path, *chosen: str) -> str:
-    """What schemathesis prints; empty where it found nothing."""
+    """Return the output of schemathesis; empty where it found nothing."""
     words = [word for name, value in headers.items() for word in ("-H", f"{name}: {value}")]
     file = described(plant, headers, directory)
     done = subprocess.run(
