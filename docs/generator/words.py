@@ -116,7 +116,7 @@ KINDS = {
 }
 GRADES = {
     "draft": Text("draft", "draft（草案）"),
-    "simulated": Text("simulated", "simulated（已仿真）"),
+    "simulated": Text("simulated", "simulated（已模拟）"),
     "verified": Text("verified", "verified（已验证）"),
 }
 CAPABILITIES = {
