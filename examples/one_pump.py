@@ -1,4 +1,4 @@
-"""Run one drive and stop it. 运行一台变频器，然后停机。 Give a LINK of your own: python one_pump.py /dev/ttyUSB0"""
+"""Run one drive and stop it. 运行一台变频器，然后停机。 Give your own port URL: python one_pump.py /dev/ttyUSB0"""
 
 import asyncio
 import sys
