@@ -1,1 +1,1 @@
-"""The plant as others see it: REST and WebSocket, each over ``ServiceClient``; they never meet."""
+"""Shared by all gateways: the cache of live values, over a ``ServiceClient``. Gateways import no other gateway."""
