@@ -273,7 +273,7 @@ def test_a_refused_write_says_why() -> None:
             return super().__call__(request)
 
     outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
-    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.sifang_response_3")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.sunfar_response_3")
 
 
 def test_a_write_only_register_is_acknowledged_at_best() -> None:

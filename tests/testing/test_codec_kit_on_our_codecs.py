@@ -21,7 +21,7 @@ from drivebus.testing.codec_kit import CodecExchange, check_codec
 from fixtures.vectors import Vector, load_vectors
 
 
-def asked_sifang(fields: dict[str, Any]) -> sunfar.SunfarRequest:
+def asked_sunfar(fields: dict[str, Any]) -> sunfar.SunfarRequest:
     """Without the operation of the manual's reads and writes, which no request of ours has."""
     address, kind = fields["address"], fields["class"]
     if kind == 0:
@@ -37,7 +37,7 @@ def asked_sifang(fields: dict[str, Any]) -> sunfar.SunfarRequest:
     return sunfar.SunfarWriteParameter(address, fields["group"], fields["item"], fields["data"], save=kind == 5)
 
 
-def answered_sifang(fields: dict[str, Any]) -> sunfar.SunfarReply:
+def answered_sunfar(fields: dict[str, Any]) -> sunfar.SunfarReply:
     item, data = (None, None) if "info" in fields else (fields["item"], fields["data"])
     state, response = sunfar.SunfarState(fields["state"]), sunfar.SunfarResponse(fields["response"])
     return sunfar.SunfarReply(fields["address"], response, state, fields["group"], item, data, info=fields.get("info"))
@@ -76,7 +76,7 @@ def answered_modbus(fields: dict[str, Any]) -> Any:
 
 
 WORDS = {
-    "c320": (asked_sifang, answered_sifang),
+    "c320": (asked_sunfar, answered_sunfar),
     "dzb100": (asked_dzb, answered_dzb),
     "vc660": (asked_modbus, answered_modbus),
     "df800": (asked_modbus, answered_modbus),

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.protocols.sunfar import frame as sifang_frame
+from drivebus.protocols.sunfar import frame as sunfar_frame
 from verification.campaign import CampaignRun
 from verification.campaigns import flips
 from verification.codec_fuzz import bit_flips, check_strength
@@ -70,7 +70,7 @@ def test_the_campaign_does_what_its_budget_says_and_again_with_the_same_seed(no_
 
 
 def test_a_sum_that_is_not_compared_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sifang_frame, "_check_checksum", lambda frame, found: None)
+    monkeypatch.setattr(sunfar_frame, "_check_checksum", lambda frame, found: None)
     assert any("codec and judge disagree" in text for text in campaign(300).violations)
 
 

@@ -17,7 +17,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
 from drivebus.protocols.dzb100 import codec as dzb_codec
 from drivebus.protocols.modbus import rtu
-from drivebus.protocols.sunfar import frame as sifang_frame
+from drivebus.protocols.sunfar import frame as sunfar_frame
 from verification.campaign import CampaignRun
 from verification.campaigns import fuzz
 from verification.codec_fuzz import decode_cost, fuzz_block
@@ -115,7 +115,7 @@ def faulty(name: str, decode: Callable[[Any, Any, bytes], DecodeResult]) -> list
 
 
 def test_a_sum_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sifang_frame, "_check_checksum", lambda frame, found: None)
+    monkeypatch.setattr(sunfar_frame, "_check_checksum", lambda frame, found: None)
     assert any(text.startswith("G02 c320-ascii reply") for text in violations(FUZZED_CODECS["c320-ascii"]))
     assert any(text.startswith("G02 c320-hex request") for text in violations(FUZZED_CODECS["c320-hex"]))
 

@@ -79,13 +79,13 @@ MOTION_OPERATIONS = frozenset(
 )
 
 REJECTION_KEYS = {
-    1: "drives.sifang_response_1",
-    2: "drives.sifang_response_2",
-    3: "drives.sifang_response_3",
-    4: "drives.sifang_response_4",
-    6: "drives.sifang_response_6",
-    7: "drives.sifang_response_7",
-    8: "drives.sifang_response_8",
+    1: "drives.sunfar_response_1",
+    2: "drives.sunfar_response_2",
+    3: "drives.sunfar_response_3",
+    4: "drives.sunfar_response_4",
+    6: "drives.sunfar_response_6",
+    7: "drives.sunfar_response_7",
+    8: "drives.sunfar_response_8",
 }
 """Manual 2.4.5; the codec lets no other code through."""
 
