@@ -79,8 +79,8 @@ def test_the_history_comes_in_pages_by_span_and_drive(tmp_path: Path) -> None:
 def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(logs, "KEPT", 10)
-    monkeypatch.setattr(logs, "LINES", 40)
+    monkeypatch.setattr(logs, "MAX_LOGGED_ALARMS", 10)
+    monkeypatch.setattr(logs, "MAX_LOG_LINES", 40)
     path = tmp_path / "alarms.jsonl"
     for _ in range(10):
         kept(path, 6)

@@ -15,9 +15,9 @@ from drivebus.service.storage.append_log import AppendLog, write_durably
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
-KEPT = 5_000
+MAX_LOGGED_ALARMS = 5_000
 """Older alarms are dropped, so that file and memory stay bounded."""
-LINES = 4 * KEPT
+MAX_LOG_LINES = 4 * MAX_LOGGED_ALARMS
 """A file with more lines is rewritten with one line for each alarm."""
 
 
@@ -51,7 +51,7 @@ class AlarmLog:
         for alarm in _decode_lines(data.split(b"\n")):
             self._remember(alarm)
         self._lines = data.count(b"\n") + (
-            LINES if data and not data.endswith(b"\n") else 0
+            MAX_LOG_LINES if data and not data.endswith(b"\n") else 0
         )  # a torn end forces a rewrite
         return [alarm for alarm in self._alarms.values() if alarm.active]
 
@@ -80,12 +80,12 @@ class AlarmLog:
 
     def _remember(self, alarm: Alarm) -> None:
         self._alarms[alarm.id] = alarm
-        if len(self._alarms) > KEPT:
+        if len(self._alarms) > MAX_LOGGED_ALARMS:
             del self._alarms[next(id for id in self._alarms)]
 
     def _append_batch(self, alarms: Sequence[Alarm]) -> list[None]:
         """Append changes on the writer's thread; rewrite the file when it has too many lines."""
-        if self._lines + len(alarms) > LINES:
+        if self._lines + len(alarms) > MAX_LOG_LINES:
             self._journal.close()
             write_durably(self._journal.path, _encode_lines([*self._alarms.values()]))
             self._lines = len(self._alarms)

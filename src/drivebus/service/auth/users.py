@@ -171,7 +171,7 @@ class UserFile:
     """File of the user database, private to its owner. Programs may share it: each change re-reads it under a lock.
 
     Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
-    one. After a successful read later read errors are ignored: a broken edit must take nobody's right to stop.
+    one. After a successful read later read errors are ignored: a broken edit must not prevent a stop.
     """
 
     def __init__(self, path: Path) -> None:
@@ -228,7 +228,7 @@ def atomic_write_private(path: Path, content: bytes) -> None:
 
 
 def _create_private(part: Path) -> IO[bytes]:
-    """Create a new file; an existing one, whoever made it, is removed first."""
+    """Create a new file; an existing one is removed first."""
     part.unlink(missing_ok=True)
     return os.fdopen(_open_private(part, os.O_EXCL), "wb")
 

@@ -44,15 +44,15 @@ def iso_time(time_ms: int) -> str:
 
 
 def export_windows(
-    reader: HistoryReader, asked: ExportParams, tags: Mapping[str, Tag], from_ms: int
+    reader: HistoryReader, params: ExportParams, tags: Mapping[str, Tag], from_ms: int
 ) -> Iterator[tuple[int, list[ExportRow]]]:
     """Yield the start (ms) and the sorted rows of each partition, from the one that contains ``from_ms``."""
-    level = LEVEL_BY_NAME[asked.resolution]
+    level = LEVEL_BY_NAME[params.resolution]
     ids = [tag.id for tag in tags.values()]
     length = RESOLUTIONS[level].partition_ms
     start = reader.next_partition(level, ids, from_ms // length * length)
-    while start is not None and start <= asked.to_ms:
-        first, last = max(start, asked.from_ms), min(start + length - 1, asked.to_ms)
+    while start is not None and start <= params.to_ms:
+        first, last = max(start, params.from_ms), min(start + length - 1, params.to_ms)
         rows = (
             _sample_rows(reader, tags, first, last)
             if level is ResolutionLevel.RAW
@@ -92,21 +92,21 @@ class HistoryExporter:
         self._running: dict[int, tuple[int, Iterator[bytes]]] = {}
         self._serial = 0
 
-    def next_part(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+    def next_part(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Return one part; ``next`` is None in the last. Raises InvalidParameters, ConfigurationError, StoreError."""
-        name = f"history-{asked.resolution}-{iso_time(asked.from_ms)[:10]}.{asked.format}"
-        made = self._csv(asked, tags) if asked.format == "csv" else self._parquet(asked, tags)
+        name = f"history-{params.resolution}-{iso_time(params.from_ms)[:10]}.{params.format}"
+        made = self._csv(params, tags) if params.format == "csv" else self._parquet(params, tags)
         return {"file": name, **made}
 
-    def _csv(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+    def _csv(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Stateless: the cursor holds the partition and the row in it."""
         text = io.StringIO()
         writer = csv.writer(text)
-        at, skip = (asked.from_ms, 0) if asked.cursor is None else decode_cursor(asked.cursor, 2)
-        if asked.cursor is None:
-            writer.writerow(EXPORT_COLUMNS[asked.resolution == "raw"])
+        at, skip = (params.from_ms, 0) if params.cursor is None else decode_cursor(params.cursor, 2)
+        if params.cursor is None:
+            writer.writerow(EXPORT_COLUMNS[params.resolution == "raw"])
         room = CSV_ROWS_PER_PART
-        for start, rows in export_windows(self._reader, asked, tags, at):
+        for start, rows in export_windows(self._reader, params, tags, at):
             part = rows[skip : skip + room]
             writer.writerows([iso_time(row[0]), *map(_csv_cell, row[1:])] for row in part)
             room -= len(part)
@@ -115,23 +115,23 @@ class HistoryExporter:
             skip = 0
         return {"text": text.getvalue(), "next": None}
 
-    def _parquet(self, asked: ExportParams, tags: Mapping[str, Tag]) -> Json:
+    def _parquet(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Stateful: the cursor holds the number of the export and of its finished parts."""
         try:
             from drivebus.service.historian.parquet import parquet_parts
         except ImportError as error:
             raise ConfigurationError("history.no_pyarrow") from error
-        if asked.cursor is None:
+        if params.cursor is None:
             self._serial, serial, gone = self._serial + 1, self._serial + 1, 0
-            rows = (rows for _, rows in export_windows(self._reader, asked, tags, asked.from_ms))
-            self._running[serial] = (0, parquet_parts(rows, EXPORT_COLUMNS[asked.resolution == "raw"]))
+            rows = (rows for _, rows in export_windows(self._reader, params, tags, params.from_ms))
+            self._running[serial] = (0, parquet_parts(rows, EXPORT_COLUMNS[params.resolution == "raw"]))
             if len(self._running) > MAX_PARQUET_EXPORTS:
                 del self._running[min(self._running)]
         else:
-            serial, gone = decode_cursor(asked.cursor, 2)
+            serial, gone = decode_cursor(params.cursor, 2)
         done, made = self._running.get(serial, (-1, iter(())))
         if done != gone:
-            raise InvalidParameters("plant.params", faults=[param_fault("cursor", asked.cursor, "export_over")])
+            raise InvalidParameters("plant.params", faults=[param_fault("cursor", params.cursor, "export_over")])
         data = next(made, None)
         if data is None:
             del self._running[serial]

@@ -91,16 +91,16 @@ class PostgresConnection:
         made = self.fetch("SELECT to_regclass('meta') IS NOT NULL")[0][0]
         return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
 
-    def fetch(self, statement: str, *given: Any) -> list[SqlRow]:
-        return [tuple(row) for row in self._run_coroutine(self._connected.fetch(_numbered(statement), *given))]
+    def fetch(self, statement: str, *values: Any) -> list[SqlRow]:
+        return [tuple(row) for row in self._run_coroutine(self._connected.fetch(_numbered(statement), *values))]
 
-    def execute(self, statement: str, *given: Any) -> int:
+    def execute(self, statement: str, *values: Any) -> int:
         """Execute a statement; the status ``DELETE 5`` or ``INSERT 0 5`` holds the number of rows."""
-        words = str(self._run_coroutine(self._connected.execute(_numbered(statement), *given))).split()
+        words = str(self._run_coroutine(self._connected.execute(_numbered(statement), *values))).split()
         return int(words[-1]) if words and words[-1].isdigit() else 0
 
-    def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None:
-        self._run_coroutine(self._connected.executemany(_numbered(statement), given))
+    def execute_many(self, statement: str, rows: Iterable[SqlRow]) -> None:
+        self._run_coroutine(self._connected.executemany(_numbered(statement), rows))
 
     @contextmanager
     def transaction(self, *, writing: bool) -> Iterator[None]:

@@ -52,14 +52,14 @@ class SqliteConnection:
         made = self.fetch("SELECT count(*) FROM sqlite_master WHERE name = 'meta'")[0][0]
         return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
 
-    def fetch(self, statement: str, *given: Any) -> list[SqlRow]:
-        return self._connected.execute(statement, given).fetchall()
+    def fetch(self, statement: str, *values: Any) -> list[SqlRow]:
+        return self._connected.execute(statement, values).fetchall()
 
-    def execute(self, statement: str, *given: Any) -> int:
-        return self._connected.execute(statement, given).rowcount
+    def execute(self, statement: str, *values: Any) -> int:
+        return self._connected.execute(statement, values).rowcount
 
-    def execute_many(self, statement: str, given: Iterable[SqlRow]) -> None:
-        self._connected.executemany(statement, given)
+    def execute_many(self, statement: str, rows: Iterable[SqlRow]) -> None:
+        self._connected.executemany(statement, rows)
 
     @contextmanager
     def transaction(self, *, writing: bool) -> Iterator[None]:
